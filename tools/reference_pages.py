@@ -133,7 +133,7 @@ def command_line() -> str:
         *_table('command', 'does'),
         *(
             f'| [`ident {name}`](#ident-{name}) | {line} |'
-            for name, (_, line) in COMMANDS.items()
+            for name, line in COMMANDS.items()
         ),
         '',
         'Exit codes: 0 done; 1 done in part, or with a result that needs attention, as each',

@@ -47,23 +47,24 @@ def names(text: str) -> tuple[str, ...]:
     return found
 
 
+def _named(text: str, count: int, form: str) -> tuple[str, list[float]]:
+    name, _, given = text.partition('=')
+    numbers = [_read(x) for x in given.split(':')]
+    if not name or len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise argparse.ArgumentTypeError(f'{text!r} has to be {form}')
+    return name, numbers
+
+
 def assignment(text: str) -> tuple[str, float]:
     """Return name and value of `tool_mass=1.4`."""
-    name, _, value = text.partition('=')
-    read = _read(value)
-    if not name or not math.isfinite(read):
-        raise argparse.ArgumentTypeError(f'{text!r} has to be NAME=VALUE, as tool_mass=1.4')
-    return name, read
+    name, (value,) = _named(text, 1, 'NAME=VALUE, as tool_mass=1.4')
+    return name, value
 
 
 def interval(text: str) -> tuple[str, tuple[float, float]]:
     """Return name and bounds of `tool_mass=1:2`."""
-    name, _, value = text.partition('=')
-    low, _, high = value.partition(':')
-    ends = _read(low), _read(high)
-    if not name or not (math.isfinite(ends[0]) and math.isfinite(ends[1])):
-        raise argparse.ArgumentTypeError(f'{text!r} has to be NAME=LOW:HIGH, as tool_mass=1:2')
-    return name, ends
+    name, (low, high) = _named(text, 2, 'NAME=LOW:HIGH, as tool_mass=1:2')
+    return name, (low, high)
 
 
 def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
@@ -126,18 +127,18 @@ def effects_at(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
     return [f'{effect}@{place}:' for effect in effects('') for place in places]
 
 
-def bags(prefix: str, **_: Any) -> list[str]:
-    """Complete directories and files that can be logs."""
-    from argcomplete.completers import FilesCompleter
+def files(*suffixes: str) -> Callable[..., list[str]]:
+    """Return what completes directories and files of some kinds."""
 
-    return list(FilesCompleter(('mcap', 'db3', 'bag', 'csv'))(prefix))
+    def complete(prefix: str, **_: Any) -> list[str]:
+        from argcomplete.completers import FilesCompleter
+
+        return list(FilesCompleter(suffixes)(prefix))
+
+    return complete
 
 
-def machine_files(prefix: str, **_: Any) -> list[str]:
-    """Complete directories and YAML files."""
-    from argcomplete.completers import FilesCompleter
-
-    return list(FilesCompleter(('yaml', 'yml'))(prefix))
+bags = files('mcap', 'db3', 'bag', 'csv')
 
 
 # ---------------------------------------------------------------------- shared arguments
@@ -151,7 +152,7 @@ SHARED: dict[str, dict[str, Any]] = {
     '--machine': {
         'required': True,
         'metavar': 'FILE',
-        'words': machine_files,
+        'words': files('yaml', 'yml'),
         'help': 'machine file: what is known and the bounds of what is not, as config/tripod.yaml',
     },
     '--out': {'metavar': 'DIR', 'help': 'directory for the results'},
@@ -183,6 +184,7 @@ SHARED: dict[str, dict[str, Any]] = {
         'help': 'what is compared: of effort, position and velocity, each with a weight, or '
         'weighted by its noise; effort alone by default',
     },
+    '--seed': {'type': whole, 'default': 0},
     '--threads': {
         'type': count, 'metavar': 'N', 'help': 'threads; by default one for each processor',
     },
@@ -246,13 +248,6 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def conditions_of(args: argparse.Namespace) -> Any:
-    """Return what differs between the bags of parsed arguments."""
-    from ros2_ident.identify.layout import read_conditions
-
-    return read_conditions(args.each, args.differences)
-
-
 def add_topics(parser: argparse.ArgumentParser) -> None:
     """Add the topics' names."""
     group = parser.add_argument_group('topics and columns, where they have other names')
@@ -306,8 +301,8 @@ def topics_of(args: argparse.Namespace) -> Any:
     )
 
 
-def add_effort(parser: argparse.ArgumentParser) -> None:
-    """Add what the effort of the log is."""
+def add_log(parser: argparse.ArgumentParser) -> None:
+    """Add what the effort of the log is, and the topics' names."""
     group = parser.add_argument_group('effort of the log, where the machine file says otherwise')
     group.add_argument('--effort-unit', metavar='UNIT', help='N m, N, A or percent (of the rated)')
     group.add_argument(
@@ -316,6 +311,7 @@ def add_effort(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--rated-torque', type=number, metavar='X', help='N m or N at 100 %%, for the unit percent'
     )
+    add_topics(parser)
 
 
 def with_effort(machine: Any, args: argparse.Namespace) -> Any:
@@ -335,6 +331,18 @@ def with_effort(machine: Any, args: argparse.Namespace) -> Any:
     return machine.with_effort_unit(args.effort_unit, args.torque_constant, args.rated_torque)
 
 
+def wished(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what the bags of a fleet are asked alike, as fields of a `jobs.Request`."""
+    from ros2_ident.identify.layout import read_conditions
+
+    return {
+        'topics': topics_of(args),
+        'conditions': read_conditions(args.each, args.differences),
+        'fixed': once(args.fix, '--fix'),
+        'seed': args.seed,
+    }
+
+
 def asked(args: argparse.Namespace) -> dict[str, Any]:
     """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`.
 
@@ -351,8 +359,6 @@ def asked(args: argparse.Namespace) -> dict[str, Any]:
         'bags': tuple(str(bag) for bag in args.bag),
         'check': tuple(str(bag) for bag in args.check),
         'drives': args.drives,
-        'topics': topics_of(args),
-        'conditions': conditions_of(args),
-        'seed': args.seed,
+        **wished(args),
         'workers': Threads(args.threads) if args.scheduler is None else Cluster(args.scheduler),
     }

@@ -4,9 +4,11 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, add_effort, add_topics, topics_of, with_effort
+from ros2_ident.cli.arguments import add, add_log, topics_of, with_effort
+from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
+    from ros2_ident.identify.data import Data
     from ros2_ident.models import Machine
 
 DESCRIPTION = (
@@ -28,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, 'bag', nargs='?')
     add(parser, '--machine', required=False)
     add(parser, '--drives')
-    add_effort(parser)
-    add_topics(parser)
+    add_log(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,7 +38,6 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from ros2_ident.commissioning import check_both, check_machine
-    from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.identify.data import gather
     from ros2_ident.models.registry import read_machine_file, travel_of
     from ros2_ident.recording import check, read_bag, render, Report
@@ -69,20 +69,18 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _estimate(machine: 'Machine', args: argparse.Namespace, data: object) -> str:
+def _estimate(machine: 'Machine', args: argparse.Namespace, data: 'Data') -> str:
     """Return how long an identification takes here, by simulating a few candidates."""
     import time
 
     import numpy as np
 
-    from ros2_ident.identify.data import Data
     from ros2_ident.identify.setup import problem_of
     from ros2_ident.lanes import WIDTH
     from ros2_ident.search import GeneticSettings, ThreadedEvaluator
     from ros2_ident.threads import processors
     from ros2_ident.words.figures import duration
 
-    assert isinstance(data, Data)
     problem = problem_of(machine, data, drives=args.drives)
     lot = WIDTH * processors()
     points = np.random.default_rng(0).random((2 * lot, len(problem.parameters)))

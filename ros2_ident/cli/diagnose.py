@@ -4,18 +4,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import (
-    add,
-    add_bags,
-    add_effort,
-    add_topics,
-    asked,
-    effects,
-    names,
-    not_negative,
-    once,
-    whole,
-)
+from ros2_ident.cli.arguments import add, add_bags, add_log, asked, effects, names, not_negative
 from ros2_ident.cli.runs import carry_out
 from ros2_ident.errors import ErrorCode, IdentError
 
@@ -81,14 +70,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='quantity whose gap is diagnosed; by default what the kind of machine compares: the '
         'effort, of a servo and an MJCF the position',
     )
-    add(parser, '--seed', type=whole, default=1, help='same seed and data, same diagnosis')
+    add(parser, '--seed', default=1, help='same seed and data, same diagnosis')
     add(
         parser, '--seconds', type=not_negative, default=0.0, metavar='N',
         help='stop after N seconds',
     )  # fmt: skip
     add(parser, '--threads', '--scheduler', '--no-overlay', '--quiet')
-    add_effort(parser)
-    add_topics(parser)
+    add_log(parser)
 
 
 def request_of(args: argparse.Namespace) -> 'Request':
@@ -99,7 +87,6 @@ def request_of(args: argparse.Namespace) -> 'Request':
 
     return Request(
         **asked(args),
-        fixed=once(args.fix, '--fix'),
         outputs={args.output: None} if args.output else None,
         without=args.without,
         settings=IdentifySettings(

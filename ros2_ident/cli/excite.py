@@ -61,12 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='d: least volume of the joint confidence region (default); worst: smallest of the '
         'largest intervals, in widths of the ranges in the machine file',
     )
-    _add_expected(parser)
-    _add_motion(parser)
-    _add_search(parser)
-
-
-def _add_expected(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('expected parameters; the middle of their ranges by default')
     add(group, '--set', help='an expected parameter')
     group.add_argument(
@@ -76,9 +70,6 @@ def _add_expected(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--rate', type=positive, metavar='HZ', help='samples of the log; one in every cycle'
     )
-
-
-def _add_motion(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('motion')
     group.add_argument(
         '--harmonics', type=whole, default=8, help='largest number of frequencies; 8 by default'
@@ -90,9 +81,6 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         '--lead', type=not_negative, default=3.0,
         help='time the trajectory gives to reach its first point, s; 3 by default',
     )  # fmt: skip
-
-
-def _add_search(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('search')
     group.add_argument('--seed', type=whole, default=0, help='of the search')
     group.add_argument(

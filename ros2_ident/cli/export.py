@@ -2,23 +2,17 @@
 """`ident export`: what was identified, in the files of simulators and controllers."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import (
-    add,
-    add_effort,
-    add_topics,
-    names,
-    positive,
-    topics_of,
-    with_effort,
-)
+from ros2_ident.cli.arguments import add, add_log, names, positive, topics_of, with_effort
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.export.estimate import Estimate
     from ros2_ident.identify.problem import Problem
+    from ros2_ident.models import Machine
 
 TARGETS = ('urdf', 'mjcf', 'isaac', 'ros2_control')
 TABLES = 'csv'
@@ -80,8 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="relative standard deviation of the description's masses; 0.3 by default, smaller "
         'stays closer to the description',
     )
-    add_effort(parser)
-    add_topics(parser)
+    add_log(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -151,10 +144,9 @@ def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
     """Return what was solved, with the effects that were found."""
     from ros2_ident.identify.run import read_data
     from ros2_ident.identify.setup import problem_of
-    from ros2_ident.models import load_machine
 
     settings = estimate.settings
-    machine = with_effort(load_machine(machine_behind(args.machine, estimate)), args)
+    machine = machine_behind(args, estimate)
     logs = args.bag or settings.get('bags') or []
     missing = next((log for log in logs if not Path(log).exists()), None)
     if not logs or missing is not None:
@@ -163,30 +155,30 @@ def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
             f'the log {missing or estimate.source or "of the results"} is not there; give the bag '
             'behind RESULTS',
         )
-    topics: dict[str, Any] = {'topics': topics_of(args)}
-    data = read_data(logs, machine, estimate.drives or None, **topics)
+    drives = estimate.drives or None
+    data = read_data(logs, machine, drives, topics=topics_of(args))
     if settings.get('method') == 'algebraic':
         data = data.without_command()
-    nominal = problem_of(machine, data, drives=estimate.drives or None, fixed=estimate.fixed)
+    nominal = problem_of(machine, data, drives=drives, fixed=estimate.fixed)
     effects = estimate.effects(nominal.names)
-    if not effects:
+    if not effects or nominal.setup is None:
         return nominal
-    return problem_of(
-        machine, data, drives=estimate.drives or None, fixed=estimate.fixed, effects=effects
-    )
+    return replace(nominal.setup, effects=effects).problem()
 
 
-def machine_behind(given: str | None, estimate: 'Estimate') -> str:
-    """Return the machine file to read: the one given, else that of the estimate.
+def machine_behind(args: argparse.Namespace, estimate: 'Estimate') -> 'Machine':
+    """Return the machine of the file that is given, else of that of the estimate.
 
     Raises:
         IdentError: INVALID_GOAL where it is not there.
     """
+    from ros2_ident.models import load_machine
+
     before = estimate.settings.get('machine_file')
-    found = given or (before if isinstance(before, str) else None)
+    found = args.machine or (before if isinstance(before, str) else None)
     if found is None or not Path(found).exists():
         raise IdentError(
             ErrorCode.INVALID_GOAL,
             f'the machine file {found or "of the results"} is not there; give it with --machine',
         )
-    return found
+    return with_effort(load_machine(found), args)

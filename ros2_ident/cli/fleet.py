@@ -6,17 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from ros2_ident.cli.arguments import (
-    add,
-    add_conditions,
-    add_topics,
-    conditions_of,
-    count,
-    once,
-    positive,
-    topics_of,
-    whole,
-)
+from ros2_ident.cli.arguments import add, add_conditions, add_topics, count, positive, wished
 from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
@@ -46,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, '--machine', required=False)
     add(parser, '--out', required=True)
     parser.add_argument('--no-diagnosis', action='store_true', help='identify only')
-    parser.add_argument('--seed', type=whole, default=1, help='of every search')
+    add(parser, '--seed', default=1, help='of every search')
     add(
         parser,
         '--scheduler',
@@ -98,11 +88,8 @@ def wish_of(args: argparse.Namespace) -> 'Wish':
     budget = Budget(evaluations=args.evaluations, seconds=args.seconds)
     return Wish(
         diagnosed=not args.no_diagnosis,
-        topics=topics_of(args),
-        conditions=conditions_of(args),
-        fixed=once(args.fix, '--fix'),
         settings=IdentifySettings(budget=budget),
-        seed=args.seed,
+        **wished(args),
     )
 
 

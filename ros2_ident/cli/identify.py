@@ -7,15 +7,13 @@ from typing import Any, TYPE_CHECKING
 from ros2_ident.cli.arguments import (
     add,
     add_bags,
-    add_effort,
-    add_topics,
+    add_log,
     asked,
     count,
     interval,
     once,
     parameters,
     positive,
-    whole,
 )
 from ros2_ident.cli.runs import carry_out
 
@@ -65,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, '--machine')
     add(parser, '--out', required=True)
     add(parser, '--drives')
-    add(parser, '--seed', type=whole, default=0, help='same seed and data, same result')
+    add(parser, '--seed', help='same seed and data, same result')
     add(parser, '--fix')
     add(
         parser,
@@ -78,12 +76,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="search here instead of in the machine file's bounds",
     )
     add(parser, '--outputs', '--no-overlay', '--no-report', '--live', '--quiet')
-    _add_search(parser)
-    add_effort(parser)
-    add_topics(parser)
-
-
-def _add_search(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('search')
     group.add_argument('--no-refine', action='store_true', help='genetic algorithm only')
     group.add_argument(
@@ -129,6 +121,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         field = _SETTINGS.get(name, name.replace('-', '_'))
         group.add_argument(f'--{name}', dest=field, type=kind, metavar='N', help=what)
     add(group, '--threads', '--scheduler')
+    add_log(parser)
 
 
 def request_of(args: argparse.Namespace) -> 'Request':
@@ -153,7 +146,6 @@ def request_of(args: argparse.Namespace) -> 'Request':
     )
     return Request(
         **asked(args),
-        fixed=once(args.fix, '--fix'),
         bounds=once(args.bounds, '--bounds'),
         outputs=read_outputs(args.outputs),
         settings=settings,

@@ -13,32 +13,25 @@ import sys
 import textwrap
 import time
 import traceback
-from typing import cast, Protocol
+from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.threads import one_thread_for_linear_algebra
 
-# Name: module and line of help. A module of a subcommand has DESCRIPTION, EXAMPLES,
-# EXIT_CODES (what 0 and 1 mean), add_arguments(parser) and run(args), and imports what is slow in
-# run only.
-COMMANDS: dict[str, tuple[str, str]] = {
-    'example': ('ros2_ident.cli.example', 'write a bag and machine files to try it on'),
-    'new-machine': ('ros2_ident.cli.new_machine', 'write a commented machine file'),
-    'check': ('ros2_ident.cli.check', 'say what is in a bag and whether it can be used'),
-    'identify': ('ros2_ident.cli.identify', "identify a machine's parameters from a bag"),
-    'diagnose': (
-        'ros2_ident.cli.diagnose',
-        'say where the gap lies, what causes it, how far it closes',
-    ),
-    'predict': ('ros2_ident.cli.predict', 'run what was found freely on any bag'),
-    'report': ('ros2_ident.cli.report', 'write one page on a result directory'),
-    'simulate': ('ros2_ident.cli.simulate', 'make a bag of a machine with known parameters'),
-    'excite': ('ros2_ident.cli.excite', 'plan the motion that determines parameters best'),
-    'export': (
-        'ros2_ident.cli.export',
-        'write what was identified for simulators and controllers',
-    ),
-    'fleet': ('ros2_ident.cli.fleet', 'identify, diagnose and compare many bags as one job'),
+# Name and line of help. The module of that name has DESCRIPTION, EXAMPLES, EXIT_CODES (what 0 and
+# 1 mean), add_arguments(parser) and run(args), and imports what is slow in run only.
+COMMANDS = {
+    'example': 'write a bag and machine files to try it on',
+    'new-machine': 'write a commented machine file',
+    'check': 'say what is in a bag and whether it can be used',
+    'identify': "identify a machine's parameters from a bag",
+    'diagnose': 'say where the gap lies, what causes it, how far it closes',
+    'predict': 'run what was found freely on any bag',
+    'report': 'write one page on a result directory',
+    'simulate': 'make a bag of a machine with known parameters',
+    'excite': 'plan the motion that determines parameters best',
+    'export': 'write what was identified for simulators and controllers',
+    'fleet': 'identify, diagnose and compare many bags as one job',
 }
 
 EXAMPLES = (
@@ -54,24 +47,8 @@ _FAILURES = {2: 'wrong use or bad input', 3: 'a defect of ident'}
 _CODES = 'An error ends with its code in brackets; docs/errors.md says what each means.\n'
 
 
-class Command(Protocol):
-    """What a subcommand's module has."""
-
-    DESCRIPTION: str
-    EXAMPLES: str
-    EXIT_CODES: Mapping[int, str]
-
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Add the subcommand's arguments."""
-        ...
-
-    def run(self, args: argparse.Namespace) -> int:
-        """Run it and return the exit code."""
-        ...
-
-
-def _load(name: str) -> Command:
-    return cast(Command, importlib.import_module(COMMANDS[name][0]))
+def _load(name: str) -> Any:
+    return importlib.import_module(f'ros2_ident.cli.{name.replace("-", "_")}')
 
 
 def exit_codes(own: Mapping[int, str]) -> str:
@@ -92,7 +69,7 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument('--version', action='store_true', help='print the version and exit')
     parsers = parser.add_subparsers(dest='command', metavar='COMMAND', title='commands')
     wanted = next((word for word in words if word in COMMANDS), None)
-    for name, (_, line) in COMMANDS.items():
+    for name, line in COMMANDS.items():
         if name != wanted:
             parsers.add_parser(name, help=line)
             continue
@@ -109,14 +86,6 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-def _complete(parser: argparse.ArgumentParser) -> None:
-    if '_ARGCOMPLETE' not in os.environ:
-        return
-    import argcomplete
-
-    argcomplete.autocomplete(parser)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `ident`.
 
@@ -130,7 +99,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     one_thread_for_linear_algebra()
     words = list(sys.argv[1:] if argv is None else argv)
     parser = make_parser([*words, *os.environ.get('COMP_LINE', '').split()])
-    _complete(parser)
+    if '_ARGCOMPLETE' in os.environ:
+        import argcomplete
+
+        argcomplete.autocomplete(parser)
     try:
         args = parser.parse_args(words)
     except SystemExit as exc:
@@ -145,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help(sys.stderr)
         return 2
     try:
-        return _load(args.command).run(args)
+        return int(_load(args.command).run(args))
     except IdentError as error:
         print(f'ident {args.command}: {error.message} [{error.code.name}]', file=sys.stderr)
         return error.code.exit_code

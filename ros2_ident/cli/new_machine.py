@@ -2,10 +2,14 @@
 """`ident new-machine`: a commented machine file to start from."""
 
 import argparse
+import os
 from pathlib import Path
+import sys
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import add, add_topics, bags, topics_of
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import write_text
 from ros2_ident.models.registry import KINDS, machine_from_mapping
 
 if TYPE_CHECKING:
@@ -52,21 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the file."""
-    import os
-
     import yaml
 
-    from ros2_ident.errors import ErrorCode, IdentError
-    from ros2_ident.files import write_text
     from ros2_ident.machine.description import description_text
-    from ros2_ident.models.new_file import (
-        arm_kind,
-        description_key,
-        followed_file,
-        new_machine_file,
-        one_joint_file,
-        ways,
-    )
+    from ros2_ident.models import new_file
 
     folder = Path(args.out).parent if args.out else Path()
     known: dict[str, Any] = {}
@@ -78,18 +71,20 @@ def run(args: argparse.Namespace) -> int:
             'and a log of it say that, --description and --bag',
         )
     follows = log is not None and log.command is not None and log.command.position is not None
-    kind, text = KINDS[args.kind] if args.kind else arm_kind(follows), None
+    kind, text = KINDS[args.kind] if args.kind else new_file.arm_kind(follows), None
     if args.description is not None:
-        description_key(kind)
+        new_file.description_key(kind)
         known['description'] = description_text(Path(args.description))
         folder.mkdir(parents=True, exist_ok=True)  # the way leads through it
         known['named'] = os.path.relpath(args.description, folder)
     if log is not None:
-        text = one_joint_file(kind, args.drives, log)
-        if kind is arm_kind(True) and args.description is not None:
-            text = followed_file(args.drives, known['description'], known['named'], log)
+        text = new_file.one_joint_file(kind, args.drives, log)
+        if kind is new_file.arm_kind(True) and args.description is not None:
+            text = new_file.followed_file(
+                args.drives, known['description'], known['named'], log
+            )
         known['states'] = log.state
-    text = text or new_machine_file(kind, args.drives, **known)
+    text = text or new_file.new_machine_file(kind, args.drives, **known)
     machine_from_mapping(yaml.safe_load(text), '--drives', folder)
     if args.out is None:
         print(text, end='')
@@ -102,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     write_text(path, text)
     print(f'written: {path}; change its values, then: ident check --machine {path}')
     if log is not None and kind.joints is not None:
-        print(ways(kind, log))
+        print(new_file.ways(kind, log))
     return 0
 
 
@@ -112,10 +107,6 @@ def _log(args: argparse.Namespace) -> 'Recording':
     Raises:
         IdentError: MISSING_STREAM where there is none.
     """
-    import sys
-
-    from ros2_ident.errors import ErrorCode, IdentError
-    from ros2_ident.files import write_text
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.columns import drafted_columns, MAP_SUFFIX, SUFFIXES
 

@@ -2,10 +2,11 @@
 """`ident predict`: how far what was found comes from a bag, run freely by its set-points."""
 
 import argparse
+from functools import partial
 import json
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, add_effort, add_topics, topics_of, whole, with_effort
+from ros2_ident.cli.arguments import add, add_log, topics_of, whole
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
@@ -57,8 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(parser, '--out', help='directory for table and picture')
     add(parser, '--effect')
-    add_effort(parser)
-    add_topics(parser)
+    add_log(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -106,10 +106,10 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
     from ros2_ident.cli.export import machine_behind
     from ros2_ident.identify.data import read_data
     from ros2_ident.identify.setup import at_rest
-    from ros2_ident.models import load_machine, make_model
+    from ros2_ident.models import make_model
     from ros2_ident.models.registry import efforts_of, follows, kind_of
 
-    machine = with_effort(load_machine(machine_behind(args.machine, estimate)), args)
+    machine = machine_behind(args, estimate)
     drives = estimate.drives or None
     # A position is all that a free run has to have beside what drives it.
     pushed = kind_of(machine).follows and not follows(machine)
@@ -120,19 +120,12 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
     machine, drives = at_rest(machine, data, drives)
     if not pushed and any(d.command_position is None for d in data):
         quantities = None
-    efforts = efforts_of(machine, data)
-    nominal = make_model(
-        machine, data[0], drives=drives, efforts=efforts, fixed=estimate.fixed,
-        quantities=quantities,
+    make = partial(
+        make_model, machine, drives=drives, efforts=efforts_of(machine, data),
+        fixed=estimate.fixed, quantities=quantities,
     )  # fmt: skip
-    effects = estimate.effects([p.name for p in nominal.parameters])
-    models = [
-        make_model(
-            machine, d, drives=drives, efforts=efforts, fixed=estimate.fixed, effects=effects,
-            quantities=quantities,
-        )
-        for d in data
-    ]  # fmt: skip
+    effects = estimate.effects([p.name for p in make(data[0]).parameters])
+    models = [make(d, effects=effects) for d in data]
     missing = [p.name for p in models[0].parameters if p.name not in estimate.values]
     if missing:
         raise IdentError(

@@ -8,6 +8,7 @@ import shlex
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import add, effects_at, not_negative, once, positive, whole
+from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.models import Machine
@@ -126,7 +127,6 @@ def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
     Raises:
         IdentError: UNKNOWN_PARAMETER where a name is not the machine's.
     """
-    from ros2_ident.errors import ErrorCode, IdentError
     from ros2_ident.models.drives.candidates import SLOTS
     from ros2_ident.models.registry import kind_of
 

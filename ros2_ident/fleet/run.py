@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed, Future
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 import hashlib
 import importlib
 import json
@@ -70,11 +70,8 @@ def run_fleet(
             on_row(row)
 
     def work(tasks: Tasks) -> None:
-        for found in (
-            _here(tasks, wish, cancel, on_start)
-            if scheduler is None
-            else _there(tasks, wish, cancel, scheduler)
-        ):
+        here = _here(tasks, wish, cancel, on_start)
+        for found in here if scheduler is None else _there(tasks, wish, cancel, scheduler):
             row = plain(found)
             take(row)
             text = json.dumps({**MARKED, **row}, indent=1, allow_nan=False) + '\n'
@@ -292,12 +289,8 @@ def _job(
         load_machine(entry.machine_file),
         bags=(entry.bag, *entry.more),
         check=(entry.check,) if entry.check else (),
-        topics=wish.topics,
-        conditions=wish.conditions,
-        fixed=wish.fixed,
-        settings=wish.settings,
-        seed=wish.seed,
         machine_file=entry.machine_file,
+        **{x.name: getattr(wish, x.name) for x in fields(wish) if x.name != 'diagnosed'},
     )
     logs = jobs.read(request)
 

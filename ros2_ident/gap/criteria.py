@@ -15,6 +15,9 @@ from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
 
+# A value as near to an end of its range as this share of it lies on that end.
+AT_BOUND = 1e-3
+
 
 def at_bound(parameter: EffectParameter, value: float) -> bool:
     """Whether an effect's size ended at a bound of its search, other than at its neutral value.
@@ -23,7 +26,7 @@ def at_bound(parameter: EffectParameter, value: float) -> bool:
         parameter: The parameter with its numbers at a place, from `FullModel.scaled`.
         value: What was fitted, in its unit.
     """
-    edge = 1e-3 * (parameter.high - parameter.low)
+    edge = AT_BOUND * (parameter.high - parameter.low)
     outside = value <= parameter.low + edge or value >= parameter.high - edge
     return parameter.role == 'size' and outside and abs(value - parameter.neutral) > edge
 

@@ -21,6 +21,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.jobs import Identified
 from ros2_ident.ros import conversion, parameters, run
 from ros2_ident.ros.goals import wanted_of
+from ros2_ident.ros.worker import attempt
 from ros2_ident.search.evaluators import Cancel
 
 Says = Callable[[Any], None]
@@ -53,7 +54,7 @@ class Kind:
     state: int
     field: str
     topic: str
-    run: Callable[..., run.Finished[Any]]
+    run: Callable[..., Any]
     feedback: Callable[..., tuple[Any, str]]
     message: Callable[..., Any]
     sentence: Callable[[Any], str]
@@ -215,20 +216,20 @@ class GoalServer:
         node = self.node
         now = parameters.snapshot(node)
         wanted = wanted_of(goal, now, receiving=node.receiving, heard=node.heard)
-        request = wanted.request
-        received = None if request.bags else node.received()
+        received = None if wanted.bags else node.received()
 
         def preview(*streams: Any) -> None:
             series = [run.messages(x) for x in streams]
-            node.worker.post(lambda: node.begin_series(*series))
+            node.worker.post(lambda: node.outlet.series(*series))
 
-        def job(cancel: Cancel, say: Says) -> tuple[run.Finished[Any], str, Exception | None]:
-            finished = self.kind.run(wanted, received, cancel, say, preview)
-            return finished, *run.attempted(lambda: run.save(finished))
+        def job(cancel: Cancel, say: Says) -> tuple[Any, ...]:
+            done = self.kind.run(wanted, received, cancel, say, preview)
+            # a result is not lost with its file
+            return done, *attempt(lambda: run.save(done))
 
         def said(progress: Any) -> None:
             feedback, node.board.sentence = self.kind.feedback(
-                progress, request.machine, self._stamp
+                progress, wanted.machine, self._stamp
             )
             if self.kind is IDENTIFY:
                 node.diagnostics.progress = feedback.progress
@@ -243,8 +244,8 @@ class GoalServer:
             done(message)
 
         node.diagnostics.progress = None  # an earlier run's would pass for this one's
-        source = ' + '.join(request.bags) or 'the data received'
-        what = f'{self.kind.doing} {", ".join(request.drives or ())} from {source}'
+        source = ' + '.join(wanted.bags) or 'the data received'
+        what = f'{self.kind.doing} {", ".join(wanted.drives or ())} from {source}'
         node.board.change(self.kind.state, what)
         node.worker.start(job, said, ended, rate=now['progress_rate'])
 
@@ -256,18 +257,20 @@ class GoalServer:
             message = self._message(None, fault)
             node.board.change(Status.STATE_FAILED, fault.message, fault)
         else:
-            finished, path, unwritten = value
-            node.last = finished
-            node.diagnostics.data = finished.done.logs.fit
-            message = self._message(finished, None, path)
-            if isinstance(finished.done, Identified):
-                self._compare(finished, path)
+            found, path, unwritten = value
+            path = path or ''
+            node.last = found
+            node.diagnostics.data = found.logs.fit
+            message = self._message(found, None, path)
+            if isinstance(found, Identified):
+                self._compare(found, path)
             code = ErrorCode(message.error_code)
             fault = IdentError(code, message.error_message) if code else None
             unwritten = unwritten and node.board.unwritten(unwritten)
             state = _STATES.get(code, Status.STATE_FAILED)
             node.board.change(state, self.kind.sentence(message), fault or unwritten)
-            node.board.warnings(message.warnings)
+            for sentence in message.warnings:
+                node.get_logger().warning(sentence)
             if unwritten is not None:
                 message.warnings = [*message.warnings, unwritten.message]
             node.pages.start(path)
@@ -275,7 +278,7 @@ class GoalServer:
         getattr(node.outlet, self.kind.topic).publish(message)
         return message
 
-    def _compare(self, finished: run.Finished[Identified], path: str) -> None:
+    def _compare(self, found: Identified, path: str) -> None:
         """Publish and write the simulated machine beside the measured one, after the result."""
         node = self.node
 
@@ -284,17 +287,15 @@ class GoalServer:
                 node.get_logger().error(node.board.fault(error).message)
                 return
             *series, scene = value
-            node.begin_series(*series)
+            node.outlet.series(*series)
             if scene is not None:
                 node.outlet.scene.publish(scene)
 
         if not node.stopping:  # a run that the node's end has cut
-            node.worker.chore(lambda: run.compare(finished, path), done)
+            node.worker.chore(lambda: run.compare(found, path), done)
 
-    def _message(
-        self, finished: run.Finished[Any] | None, error: IdentError | None, path: str = ''
-    ) -> Any:
-        return self.kind.message(finished, error, self._stamp, path)
+    def _message(self, found: Any, error: IdentError | None, path: str = '') -> Any:
+        return self.kind.message(found, error, self._stamp, path)
 
     @property
     def _stamp(self) -> Any:

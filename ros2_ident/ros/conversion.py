@@ -3,6 +3,7 @@
 
 from array import array
 from collections.abc import Mapping, Sequence
+import hashlib
 import math
 from operator import attrgetter
 from typing import Any
@@ -21,6 +22,7 @@ from ros2_ident_msgs.msg import (
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.blocks import Interval
+from ros2_ident.gap.criteria import AT_BOUND
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.gap.diagnosis import Diagnosis, Ranked, Step, Value
 from ros2_ident.identify.certainty import NOT_IDENTIFIABLE, state_of
@@ -29,7 +31,7 @@ from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.jobs import Diagnosed, Identified
 from ros2_ident.models import EffectAt, Machine, Parameter
-from ros2_ident.ros.run import Finished
+from ros2_ident.ros import run
 from ros2_ident.words.finding import where
 from ros2_ident.words.identification import message as outcome_sentence
 from ros2_ident.words.verdict import advice, sentence
@@ -47,8 +49,6 @@ _KINDS = {
     'base': ParameterEstimate.KIND_PHYSICAL,
     'measurement': ParameterEstimate.KIND_MEASUREMENT,
 }
-# A value as near to a bound as this share of the range lies on it.
-_AT_BOUND = 1e-3
 # Fields of a message without a result; 0 would be an answer.
 _COSTS = 'cost_genetic', 'cost_refined', 'missing_fraction'
 _GAPS = ('probability', 'before', 'before_low', 'before_high', 'after', 'after_low', 'after_high',
@@ -111,7 +111,7 @@ def identify_feedback(
 
 
 def result_message(
-    finished: Finished[Identified] | None,
+    done: Identified | None,
     error: IdentError | None,
     stamp: Time,
     result_file: str = '',
@@ -119,19 +119,19 @@ def result_message(
     """Return a run's end as a message: its result, or what kept it from having one.
 
     Args:
-        finished: The run, None where there is none.
+        done: The run, None where there is none.
         error: What went wrong, None for nothing.
         stamp: Of the end, node clock.
         result_file: Path of the result file, empty where it was not written.
     """
-    fields = dict.fromkeys(_COSTS, math.nan) if finished is None else _identified(finished)
+    fields = dict.fromkeys(_COSTS, math.nan) if done is None else _identified(done)
     message = _close(IdentificationResult(result_file=result_file, **fields), error, stamp)
     message.outcome_sentence = message.outcome_sentence or message.error_message
     return message
 
 
-def _identified(finished: Finished[Identified]) -> dict[str, Any]:
-    found, done = finished.done.result, finished.done
+def _identified(done: Identified) -> dict[str, Any]:
+    found, configuration = done.result, run.asked_of(done).configuration
     # undetermined parameters are no error as long as there is one that is determined
     known = found.outcome == Outcome.NOT_IDENTIFIABLE and any(
         p.identifiable for p in found.parameters
@@ -145,11 +145,10 @@ def _identified(finished: Finished[Identified]) -> dict[str, Any]:
             cost_refined='cost.refined', cost_unit='cost.unit',
             package_version='provenance.package_version',
         ),
-        **_copied(
-            finished, configuration='wanted.configuration', seconds='done.seconds',
-            bag_sha256='done.logs.sha256',
-        ),
-        'configuration_sha256': finished.configuration_sha256,
+        'configuration': configuration,
+        'configuration_sha256': hashlib.sha256(configuration.encode()).hexdigest(),
+        'seconds': done.seconds,
+        'bag_sha256': done.logs.sha256,
         'error_code': code,
         'outcome_sentence': said,
         'error_message': said if code else '',
@@ -198,17 +197,17 @@ def diagnose_feedback(
 
 
 def gap_message(
-    finished: Finished[Diagnosed] | None,
+    done: Diagnosed | None,
     error: IdentError | None,
     stamp: Time,
     result_file: str = '',
 ) -> Gap:
     """Return a diagnosis' end as a message; arguments as of `result_message`."""
-    fields = dict.fromkeys(_GAPS, math.nan) if finished is None else _diagnosed(finished)
-    if finished is not None and finished.cancelled:
+    fields = dict.fromkeys(_GAPS, math.nan) if done is None else _diagnosed(done)
+    if done is not None and done.cancelled:
         error = IdentError(
             ErrorCode.CANCELLED,
-            f'cancelled after {finished.done.seconds:.1f} s; the best so far is kept, effects '
+            f'cancelled after {done.seconds:.1f} s; the best so far is kept, effects '
             'that had not been tried by then may close more of the gap',
         )
     message = Gap(package_version=package_version(), result_file=result_file, **fields)
@@ -222,11 +221,10 @@ def gap_sentence(message: Gap) -> str:
     return str(message.sentence)
 
 
-def _diagnosed(finished: Finished[Diagnosed]) -> dict[str, Any]:
-    done, declared = finished.done, finished.declared
-    found = done.result
+def _diagnosed(done: Diagnosed) -> dict[str, Any]:
+    found, declared = done.result, done.declared
     steps = list(advice(found))
-    if not found.complete and not finished.cancelled:
+    if not found.complete and not done.cancelled:
         steps.insert(
             0,
             f'The time budget of {done.request.seconds:g} s ended the run before every effect '
@@ -305,7 +303,7 @@ def _also(found: Diagnosis, declared: Mapping[str, Parameter], at: EffectAt) -> 
 
 def _of_gap(name: str, value: Value, declared: Parameter | None) -> ParameterEstimate:
     low, high = (declared.low, declared.high) if declared else (math.nan, math.nan)
-    edge = _AT_BOUND * (high - low)
+    edge = AT_BOUND * (high - low)
     below, above = value.value <= low + edge, value.value >= high - edge
     unknown = math.isnan(value.low) or math.isnan(value.high)
     state = state_of(value.value, value.low, value.high, low, high)

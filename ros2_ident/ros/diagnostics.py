@@ -111,21 +111,18 @@ class Diagnostics:
     def _excitation(self) -> _Judged:
         if self.data is None:
             return _OK, 'judged at the end of a run', {}
-        values: dict[str, object] = {}
-        poor = []
-        for drive, (travel, speed, reversals) in excitation(self.data).items():
-            values[f'{drive}: travel'] = travel
-            values[f'{drive}: largest speed'] = speed
-            values[f'{drive}: reversals'] = reversals
-            if reversals < _REVERSALS:
-                poor.append(drive)
-        if poor:
-            text = (
-                f'{", ".join(poor)} reversed fewer than {_REVERSALS} times; friction is poorly '
-                'determined'
-            )
-            return _WARN, text, values
-        return _OK, 'sufficient', values
+        found = excitation(self.data)
+        names = 'travel', 'largest speed', 'reversals'
+        values: dict[str, object] = {
+            f'{drive}: {name}': number
+            for drive, numbers in found.items()
+            for name, number in zip(names, numbers, strict=True)
+        }
+        poor = ', '.join(drive for drive, x in found.items() if x[2] < _REVERSALS)
+        if not poor:
+            return _OK, 'sufficient', values
+        text = f'{poor} reversed fewer than {_REVERSALS} times; friction is poorly determined'
+        return _WARN, text, values
 
     def _search(self) -> dict[str, object]:
         p = self.progress
@@ -218,12 +215,8 @@ def excitation(data: Data) -> dict[str, tuple[float, float, int]]:
     """Return each drive's travel, largest speed and number of reversals, over all segments."""
     found: dict[str, tuple[float, float, int]] = {}
     for dataset in data.datasets:
-        path = (
-            dataset.command_position if dataset.command_position is not None else dataset.position
-        )
-        if path is None:
-            continue
-        for name, row in zip(dataset.names, path, strict=True):
+        paths = [x for x in (dataset.command_position, dataset.position) if x is not None]
+        for name, row in zip(dataset.names, paths[0], strict=True) if paths else ():
             row = row[~np.isnan(row)]
             if len(row) < 3:
                 continue

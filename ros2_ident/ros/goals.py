@@ -13,10 +13,9 @@ from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.identify.data import chosen_drives
-from ros2_ident.identify.layout import Conditions, read_conditions
+from ros2_ident.identify.layout import read_conditions
 from ros2_ident.identify.outputs import QUANTITIES, read_outputs
 from ros2_ident.identify.settings import IdentifySettings
-from ros2_ident.jobs import Request
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.new_file import arm_kind, new_machine_file
 from ros2_ident.models.registry import machine_from_mapping
@@ -75,25 +74,29 @@ def wanted_of(
     machine, text, description = _machine(goal, parameters, heard)
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None
     fixed, bounds = _overrides(goal, machine)
-    request = Request(
+    bag_topics = (parameters[f'bag_topics.{role}'] for role in ('state', 'effort', 'command'))
+    differences = _paths(goal.differences_file, (), 'differences_file', parameters)
+    wanted = Wanted(
         machine=machine,
         machine_file=goal.machine_file or parameters['machine_file'],
         bags=_bag_paths(goal, parameters),
         check=_paths(goal.check_bag_path, goal.more_check_bag_paths, 'check_bag_path', parameters),
         drives=chosen_drives(machine, drives),
-        topics=_topics(parameters),
-        conditions=_conditions(goal, parameters),
+        topics=Topics(*bag_topics, names=parameters['joint_names']),
+        conditions=read_conditions(tuple(goal.each), *(differences or (None,))),
         fixed=fixed,
         bounds=bounds,
         seed=goal.seed or parameters['seed'],
+        machine_text=text,
+        output_directory=parameters['output_directory'],
+        description=description,
+        preview_rate=parameters['preview_rate'],
     )
     budget = Budget(seconds=goal.time_budget or parameters['time_budget'] or None)
     threads = parameters['workers'] or max(1, processors() - receiving)
     settings = IdentifySettings(budget=budget, threads=threads)
     own = _of_identify if isinstance(goal, Identify.Goal) else _of_diagnose
-    request = replace(request, **own(goal, parameters, machine, settings))
-    directory = parameters['output_directory']
-    return Wanted(request, text, directory, description, parameters['preview_rate'])
+    return replace(wanted, **own(goal, parameters, machine, settings))
 
 
 def _of_identify(
@@ -142,7 +145,7 @@ def _check_ranges(goal: Any) -> None:
     for name in goal.get_fields_and_field_types():
         entry = BY_NAME.get(name)
         value = getattr(goal, name)
-        if entry is None or entry.low is None or entry.high is None or not value:
+        if entry is None or entry.low is None or not value:
             continue  # 0 stands for the parameter's value
         low = -math.inf if name == 'min_distance' else entry.low  # negative: none
         if not low <= value <= entry.high:
@@ -185,15 +188,6 @@ def _machine_file(goal: Any, parameters: Snapshot) -> tuple[str, str]:
         return str(expanded(path)), ''
 
 
-def _topics(parameters: Snapshot) -> Topics:
-    return Topics(
-        state=parameters['bag_topics.state'],
-        effort=parameters['bag_topics.effort'],
-        command=parameters['bag_topics.command'],
-        names=parameters['joint_names'],
-    )
-
-
 def _bag_paths(goal: Any, parameters: Snapshot) -> tuple[str, ...]:
     """Return the paths of the bags to fit; none if live."""
     path = goal.bag_path
@@ -215,13 +209,6 @@ def _paths(
         raise _refuse(f'more_{field}s has paths and {field} is empty; put the first one there')
     directory = parameters['allowed_directory']
     return tuple(str(allowed(path, directory)) for path in (first, *more) if path)
-
-
-def _conditions(goal: Any, parameters: Snapshot) -> Conditions:
-    """Return what differs between the recordings of a goal."""
-    path = goal.differences_file
-    where = allowed(path, parameters['allowed_directory']) if path else None
-    return read_conditions(tuple(goal.each), where)
 
 
 def _overrides(

@@ -123,10 +123,12 @@ def _own_arguments(args: Sequence[str]) -> None:
 
 def _refused(args: Sequence[str], error: Exception) -> str:
     """Return what is wrong with the arguments that ROS does not take, in a sentence."""
-    text = _first_line(error)
-    if isinstance(error, FileNotFoundError):
-        return text
-    for value in _parameter_files(args):
+    # without the places in rcl's sources
+    text = re.sub(r', at \S+:\d+', '', str(error).strip()).splitlines()[0]
+    text = text.removeprefix('failed to initialize rcl: ').rstrip('. ')
+    for value in (x for flag, x in itertools.pairwise(args) if flag == '--params-file'):
+        if not os.path.isfile(value):
+            return f'{value}: there is no such parameter file; give the path of one'
         if f"--params-file {value}'" in text:
             reason = text.partition('Error: ')[2] or text
             return (
@@ -134,30 +136,6 @@ def _refused(args: Sequence[str], error: Exception) -> str:
                 'config/identifier.yaml'
             )
     return f'{text}; see identifier --help'
-
-
-def _parameter_files(args: Sequence[str]) -> list[str]:
-    """Return the parameter files that are named."""
-    return [x for flag, x in itertools.pairwise(args) if flag == '--params-file']
-
-
-def _look_for_files(args: Sequence[str]) -> None:
-    """Say which parameter file is missing before rcl does, in its words.
-
-    Raises:
-        FileNotFoundError: With the sentence.
-    """
-    for value in _parameter_files(args):
-        if not os.path.isfile(value):
-            raise FileNotFoundError(
-                f'{value}: there is no such parameter file; give the path of one'
-            )
-
-
-def _first_line(error: Exception) -> str:
-    """Return what rcl says without the places in its sources."""
-    text = re.sub(r', at \S+:\d+', '', str(error).strip()).splitlines()[0]
-    return text.removeprefix('failed to initialize rcl: ').rstrip('. ')
 
 
 def _run(args: Sequence[str] | None, stop: Stop) -> int:
@@ -173,9 +151,8 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
     # Signals are ours: rclpy's would take the context away before the result is published.
     given = sys.argv if args is None else args
     try:
-        _look_for_files(given)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except (RuntimeError, ValueError, FileNotFoundError) as error:
+    except (RuntimeError, ValueError) as error:
         print(f'identifier: {_refused(given, error)}', file=sys.stderr)
         return 2
     try:

@@ -7,7 +7,6 @@ from typing import Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -17,6 +16,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.jobs import Diagnosed, Identified
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, RecordingBuilder, Topics
 from ros2_ident.recording.spool import Spool
@@ -27,7 +27,7 @@ from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.goals import automatic_goal, Heard
 from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter
 from ros2_ident.ros.paths import expanded
-from ros2_ident.ros.run import Finished, save
+from ros2_ident.ros.run import save
 from ros2_ident.ros.worker import Worker
 
 TICK = 0.1  # s
@@ -36,45 +36,31 @@ RECEIVING = 0.5
 # Silence is explained this often, s.
 EXPLAIN = 5.0
 
+
 class Identifier(Node):
     """Identifies drives and diagnoses gaps from what it hears or from bags, one run at a time.
 
     Args:
         node_name: Its name.
-        context: For tests: a context of its own.
-        namespace: Prefix of its relative names.
-        cli_args: Arguments of this node alone.
-        parameter_overrides: Values that go before those of the command line.
+        options: As of rclpy's nodes.
 
     Raises:
         IdentError: Where a parameter has a value it cannot have.
     """
 
-    def __init__(
-        self,
-        node_name: str = 'identifier',
-        *,
-        context: Context | None = None,
-        namespace: str | None = None,
-        cli_args: list[str] | None = None,
-        parameter_overrides: list[Parameter] | None = None,
-    ) -> None:
-        super().__init__(
-            node_name,
-            context=context,
-            namespace=namespace,
-            cli_args=cli_args,
-            parameter_overrides=parameter_overrides,
-        )
+    def __init__(self, node_name: str = 'identifier', **options: Any) -> None:
+        super().__init__(node_name, **options)
         parameters.declare(self)
         for sentence in parameters.unknown(self):
             self.get_logger().warning(sentence)
         now = parameters.snapshot(self)
+        # /clock stops with the bag, and every timer on it: these go by the steady clock
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.worker = Worker(self)
         self.pages = PageWriter()
-        self.outlet = Outlet(self)
+        self.outlet = Outlet(self, steady)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
-        self.last: Finished[Any] | None = None
+        self.last: Identified | Diagnosed | None = None
         self.description: str | None = None
         self.stopping = False
         self.twin = False  # whether another node has its name
@@ -92,12 +78,8 @@ class Identifier(Node):
             qos_profile=REQUESTS,
             callback_group=ReentrantCallbackGroup(),
         )
-        # /clock stops with the bag, and every timer on it: these go by the steady clock
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_subscription(String, 'robot_description', self._described, LATCHED)
         self._timer = self.create_timer(TICK, self._tick, clock=steady)
-        self._series = self.create_timer(0.01, self._publish_series, clock=steady)
-        self._series.cancel()
         self.add_on_set_parameters_callback(self._parameters_change)
         # last: what arrives before the executor spins has to fit into the queues
         self.capture = Capture(
@@ -255,11 +237,7 @@ class Identifier(Node):
             return response
         directory = parameters.snapshot(self)['output_directory']
         done = Future(executor=self.executor)
-
-        def ended(value: Any, error: BaseException | None) -> None:
-            done.set_result((value, error))
-
-        self.worker.chore(lambda: save(last, directory), ended)
+        self.worker.chore(lambda: save(last, directory), lambda *end: done.set_result(end))
         path, error = await done
         response.success = error is None and bool(path)
         response.message = path or 'output_directory is empty; set it to a folder'
@@ -345,15 +323,6 @@ class Identifier(Node):
         if self.board.state == Status.STATE_WAITING:
             self.board.warn(self.capture.silence())
 
-    def begin_series(self, simulated: list[bytes], residual: list[bytes]) -> None:
-        """Publish two series of serialised messages in place of those still waiting."""
-        self.outlet.series(simulated, residual)
-        self._series.reset()
-
-    def _publish_series(self) -> None:
-        if not self.outlet.go_on():
-            self._series.cancel()
-
     def _publish_diagnostics(self) -> None:
         silence = self.capture.silence() if self.capture.empty and not self.worker.busy else ''
         self.diagnostics.state = self.board.sentence if self.worker.busy else 'no run in progress'
@@ -362,4 +331,3 @@ class Identifier(Node):
                 self.get_clock().now().to_msg(), self.capture.meters, self.capture.topics, silence
             )
         )
-

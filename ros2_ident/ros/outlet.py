@@ -2,7 +2,7 @@
 """What the node says: its publishers, its state in words, and the pages on its runs."""
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 import itertools
 from pathlib import Path
 import subprocess
@@ -11,6 +11,7 @@ import traceback
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress, Status
@@ -34,17 +35,10 @@ class Outlet:
 
     Args:
         node: The node.
-
-    Attributes:
-        progress: Of ~/progress.
-        result: Of ~/result, for late subscribers too, as the next three.
-        gap: Of ~/gap.
-        status: Of ~/status.
-        scene: Of ~/scene.
-        diagnostics: Of /diagnostics.
+        clock: The pace of the series.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, clock: Clock) -> None:
         self.progress = node.create_publisher(Progress, '~/progress', EVENTS)
         self.result = node.create_publisher(IdentificationResult, '~/result', LATCHED)
         self.gap = node.create_publisher(Gap, '~/gap', LATCHED)
@@ -56,21 +50,24 @@ class Outlet:
             for name in ('~/simulated', '~/residual')
         ]
         self._waiting: deque[tuple[Any, Iterable[bytes]]] = deque()
+        self._timer = node.create_timer(0.01, self._go_on, clock=clock)
+        self._timer.cancel()
 
     def series(self, *messages: Iterable[bytes]) -> None:
-        """Begin to publish simulated and residual effort instead of those still waiting."""
+        """Publish simulated and residual effort, serialised, instead of those still waiting."""
         self._waiting = deque(zip(self._series, map(iter, messages), strict=True))
+        self._timer.reset()
 
-    def go_on(self) -> bool:
-        """Publish the next piece of the series, alternating; return whether any is left."""
-        if self._waiting:
-            publisher, messages = self._waiting.popleft()
-            piece = list(itertools.islice(messages, _PIECE))
-            for message in piece:
-                publisher.publish(message)
-            if len(piece) == _PIECE:
-                self._waiting.append((publisher, messages))
-        return bool(self._waiting)
+    def _go_on(self) -> None:
+        """Publish the next piece of the series, alternating."""
+        publisher, messages = self._waiting.popleft()
+        piece = list(itertools.islice(messages, _PIECE))
+        for message in piece:
+            publisher.publish(message)
+        if len(piece) == _PIECE:
+            self._waiting.append((publisher, messages))
+        if not self._waiting:
+            self._timer.cancel()
 
 
 class Board:
@@ -97,10 +94,8 @@ class Board:
         self.state = state
         self.sentence = sentence
         self._error = error
-        if error is not None and error.code != ErrorCode.CANCELLED:
-            self._log.error(sentence)
-        else:
-            self._log.info(sentence)
+        wrong = error is not None and error.code != ErrorCode.CANCELLED
+        (self._log.error if wrong else self._log.info)(sentence)
         self.publish()
 
     def warn(self, sentence: str) -> None:
@@ -109,11 +104,6 @@ class Board:
             self._log.warning(sentence)
             self.sentence = sentence
             self.publish()
-
-    def warnings(self, sentences: Sequence[str]) -> None:
-        """Log what a result warns of, without another state."""
-        for sentence in sentences:
-            self._log.warning(sentence)
 
     def refuse(self, error: IdentError) -> None:
         """Say why a goal was refused, without touching what runs."""

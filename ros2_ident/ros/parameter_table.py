@@ -24,7 +24,7 @@ class Entry:
         default: Its value where nobody sets one.
         text: What it does and when to change it.
         low: Least value of a number; None where there is no range.
-        high: Largest value of a number.
+        high: Largest value of a number that has a least one.
         unit: Unit of a number, empty for a count.
         choices: Allowed strings, empty for any.
         read_only: Whether it is fixed when the node starts.
@@ -34,7 +34,7 @@ class Entry:
     default: Value
     text: str
     low: float | None = None
-    high: float | None = None
+    high: float = _LARGEST
     unit: str = ''
     choices: tuple[str, ...] = ()
     read_only: bool = False
@@ -54,7 +54,7 @@ class Entry:
     @property
     def range(self) -> str:
         """Its range in words, empty where there is none."""
-        if self.low is None or self.high is None:
+        if self.low is None:
             return ''
         return f'from {self.low:g}' if self.high == _LARGEST else f'{self.low:g} to {self.high:g}'
 
@@ -65,10 +65,10 @@ def _entry(name: str, written: Mapping[str, Any]) -> Entry:
     default = value.pop('default', None)
     if default is None:
         default = getattr(GeneticSettings(), name)
-    low, high = (*value.pop('range', (None, None)), _LARGEST)[:2]
+    ends = dict(zip(('low', 'high'), value.pop('range', ()), strict=False))
     choices = tuple(value.pop('choices', ()))
     default = tuple(default) if isinstance(default, list) else default
-    return Entry(name, default, written['text'], low, high, choices=choices, **value)
+    return Entry(name, default, written['text'], choices=choices, **ends, **value)
 
 
 BY_NAME = {

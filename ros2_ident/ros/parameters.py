@@ -11,10 +11,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -46,15 +43,12 @@ def descriptor(entry: Entry) -> ParameterDescriptor:
     found.dynamic_typing = entry.kind == 'string_array'
     if entry.choices:
         found.additional_constraints = f'one of {", ".join(entry.choices)}'
-    if entry.low is not None and entry.high is not None:
-        if entry.kind == 'integer':
-            found.integer_range = [
-                IntegerRange(from_value=int(entry.low), to_value=int(entry.high), step=0)
-            ]
-        else:
-            found.floating_point_range = [
-                FloatingPointRange(from_value=entry.low, to_value=entry.high, step=0.0)
-            ]
+    if entry.low is not None and entry.kind == 'integer':
+        found.integer_range = [IntegerRange(from_value=entry.low, to_value=entry.high)]
+    elif entry.low is not None:
+        found.floating_point_range = [
+            FloatingPointRange(from_value=entry.low, to_value=entry.high)
+        ]
     return found
 
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
+from ros2_ident.cli.arguments import positive
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.ros.identifier import missing, Stop
 
@@ -141,16 +142,7 @@ def play(
     return True
 
 
-def positive(text: str) -> float:
-    """Return a number above 0."""
-    value = float(text)
-    if not 0.0 < value < float('inf'):
-        raise argparse.ArgumentTypeError(f'{text} is not above 0')
-    return value
-
-
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
+def _options(words: Sequence[str]) -> argparse.Namespace:
     found = argparse.ArgumentParser(
         prog='replay',
         description='Play the JointState topics of a bag. Header stamps stay as recorded.',
@@ -160,26 +152,16 @@ def parser() -> argparse.ArgumentParser:
     add = found.add_argument
     add('bag', help='bag directory, or a single .mcap, .db3 or .bag file')
     add('-r', '--rate', type=positive, default=1.0, metavar='FACTOR', help='times faster (1.0)')
-    add(
-        '--clock',
-        type=positive,
-        nargs='?',
-        const=40.0,
-        metavar='HZ',
-        help='publish /clock (40 Hz)',
-    )
-    add(
-        '--wait-for-subscribers',
-        type=positive,
-        nargs='?',
-        const=10.0,
-        metavar='S',
-        help='wait until every topic has a subscriber; give up after S seconds (10)',
-    )
+    for flag, const, metavar, text in (
+        ('--clock', 40.0, 'HZ', 'publish /clock (40 Hz)'),
+        ('--wait-for-subscribers', 10.0, 'S', 'wait until every topic has a subscriber; give up '
+         'after S seconds (10)'),
+    ):  # fmt: skip
+        add(flag, type=positive, nargs='?', const=const, metavar=metavar, help=text)
     add('--topics', nargs='+', metavar='TOPIC', help='play only these')
     add('-m', '--remap', nargs='+', default=[], metavar='OLD:=NEW', help='other names for topics')
     add('-q', '--quiet', action='store_true', help='say nothing of what is played')
-    return found
+    return found.parse_args(words)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -194,7 +176,7 @@ def main(args: Sequence[str] | None = None) -> int:
     stop = Stop().install()
     given = list(sys.argv[1:] if args is None else args)
     at = given.index('--ros-args') if '--ros-args' in given else len(given)
-    options = parser().parse_args(given[:at])
+    options = _options(given[:at])
     try:
         return _play(options, given[at:], stop)
     except IdentError as error:
@@ -233,6 +215,7 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
 def _publish(node: Any, bag: Bag, options: argparse.Namespace, stop: Stop) -> int:
     """Play as the options say, and let the last messages out; return the exit code."""
     from rclpy.duration import Duration
+    from rclpy.time import Time
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
 
@@ -243,12 +226,9 @@ def _publish(node: Any, bag: Bag, options: argparse.Namespace, stop: Stop) -> in
 
     def tick(log_time: int) -> None:
         nonlocal next_clock
-        if clock is None or log_time < next_clock:
-            return
-        next_clock = log_time + round(1e9 / options.clock * options.rate)
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(log_time, 1_000_000_000)
-        clock.publish(message)
+        if clock is not None and log_time >= next_clock:
+            next_clock = log_time + round(1e9 / options.clock * options.rate)
+            clock.publish(Clock(clock=Time(nanoseconds=log_time).to_msg()))
 
     def publish(message: Message) -> None:
         tick(message.log_time)

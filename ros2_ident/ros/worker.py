@@ -86,7 +86,7 @@ class Worker:
             on_done(value, error)
 
         def work() -> None:
-            value, error = _attempt(lambda: job(cancel, say))
+            value, error = attempt(lambda: job(cancel, say))
             self.post(utter)
             self.post(lambda: finish(value, error))
 
@@ -102,7 +102,7 @@ class Worker:
         """Do something short in the thread when its turn comes; a job may be started meanwhile."""
 
         def work() -> None:
-            value, error = _attempt(task)
+            value, error = attempt(task)
             self.post(lambda: on_done(value, error))
 
         self._work.put(work)
@@ -166,7 +166,8 @@ def _nothing() -> None:
     """Say nothing: there is no job."""
 
 
-def _attempt(task: Callable[[], Any]) -> tuple[Any, BaseException | None]:
+def attempt(task: Callable[[], Any]) -> tuple[Any, BaseException | None]:
+    """Return what a task returns, or what it raises."""
     try:
         return task(), None
     except Exception as error:  # whatever it is, the user hears of it

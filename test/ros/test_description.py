@@ -61,7 +61,7 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
         bag = {'data_source': Identify.Goal.DATA_SOURCE_BAG, 'machine_file': str(asking)}
         for goal in (Identify.Goal(bag_path=log, **bag), Diagnose.Goal(bag_path=log, **bag)):
             wanted = wanted_of(goal, now, heard=late.node.heard)
-            assert wanted.request.machine.text('description') == wanted.description == URDF
+            assert wanted.machine.text('description') == wanted.description == URDF
             with pytest.raises(IdentError) as caught:
                 wanted_of(goal, now)
             assert caught.value.code is ErrorCode.MISSING_STREAM
@@ -124,7 +124,7 @@ def test_a_robot_that_is_only_heard_is_identified_without_a_machine_file(tmp_pat
             states.publish(message)
             time.sleep(0.0005)
         node.until(lambda: node.node.last or node.node.board.state >= 4, 'the result')
-        found = node.node.last.done.result
+        found = node.node.last.result
         values = {parameter.name: parameter.value for parameter in found.parameters}
         assert values['swing.coulomb_torque'] == pytest.approx(0.4, abs=0.02)
         assert values['swing.viscous_torque'] == pytest.approx(0.3, abs=0.02)

@@ -11,7 +11,6 @@ import pytest
 
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
-from ros2_ident.jobs import Request
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.report.overlay import Preview, SAMPLES
@@ -27,11 +26,9 @@ BAG = ROOT / 'bags/axis_reversals'
 def wanted():
     genetic = GeneticSettings(initial_population=64, generations=4)
     return Wanted(
-        Request(
-            load_machine(AXIS_FILE),
-            bags=(str(BAG),),
-            settings=IdentifySettings(genetic=genetic, refine=False),
-        ),
+        load_machine(AXIS_FILE),
+        bags=(str(BAG),),
+        settings=IdentifySettings(genetic=genetic, refine=False),
         preview_rate=np.inf,
     )
 
@@ -46,7 +43,7 @@ def test_better_and_better_candidates_are_shown_during_a_run(wanted):
     (log,) = read_bag(BAG)
     costs = [cost for cost, _, _ in shown]
     assert costs and costs == sorted(set(costs), reverse=True)
-    assert costs[-1] >= finished.done.result.cost.ga
+    assert costs[-1] >= finished.result.cost.ga
     for cost, (simulated,), (residual,) in shown:
         assert 0.5 * SAMPLES < simulated.stamp.size <= SAMPLES
         row = np.searchsorted(log.effort.stamp, simulated.stamp)
@@ -60,7 +57,7 @@ def test_better_and_better_candidates_are_shown_during_a_run(wanted):
 def test_previews_leave_the_result_as_it_is(wanted):
     with_previews = identify(wanted, None, on_preview=lambda *_: None)
     without = identify(wanted, None)
-    np.testing.assert_array_equal(with_previews.done.result.theta, without.done.result.theta)
+    np.testing.assert_array_equal(with_previews.result.theta, without.result.theta)
 
 
 def progress(cost, theta):
@@ -69,7 +66,7 @@ def progress(cost, theta):
 
 def test_a_preview_waits_for_its_period_and_for_something_better(wanted, monkeypatch):
     monkeypatch.setattr('ros2_ident.report.overlay.SHARE', np.inf)
-    problem = identify(wanted, None).done.problem()
+    problem = identify(wanted, None).problem()
     theta = 0.5 * (problem.low + problem.high)
     shown = []
     soon = Preview(problem, lambda *x: shown.append(x), 0.0)
@@ -117,7 +114,7 @@ def left_in(directory):
 
 def test_a_goal_that_is_sent_again_after_a_kill_goes_on(wanted, tmp_path, dying, monkeypatch):
     wanted = replace(wanted, output_directory=str(tmp_path))
-    whole = identify(replace(wanted, output_directory=''), None).done.result
+    whole = identify(replace(wanted, output_directory=''), None).result
     revive = dying(3)
     with pytest.raises(Killed):
         identify(wanted, None)
@@ -134,14 +131,13 @@ def test_a_goal_that_is_sent_again_after_a_kill_goes_on(wanted, tmp_path, dying,
     monkeypatch.setattr(Problem, 'costs', costs)
     finished = identify(wanted, None)
     assert simulated < 0.8 * whole.evaluations, 'generations were kept'
-    assert finished.done.result.theta.tobytes() == whole.theta.tobytes()
+    assert finished.result.theta.tobytes() == whole.theta.tobytes()
     save(finished)
     assert left_in(tmp_path) == []
 
 
 def test_a_diagnosis_goal_goes_on_likewise(tmp_path, dying):
-    request = Request(load_machine(AXIS_FILE), bags=(str(BAG),))
-    wanted = Wanted(request, output_directory=str(tmp_path))
+    wanted = Wanted(load_machine(AXIS_FILE), bags=(str(BAG),), output_directory=str(tmp_path))
 
     def go():
         return diagnose(wanted, None, threading.Event(), lambda progress: None)
@@ -169,8 +165,8 @@ def test_a_directory_that_cannot_be_written_costs_the_checkpoint_only(wanted, tm
     (tmp_path / 'file').write_text('in the way')
     wanted = replace(wanted, output_directory=str(tmp_path / 'file'))
     finished = identify(wanted, None)
-    assert finished.done.checkpoint is None
-    assert np.isfinite(finished.done.result.theta).all()
+    assert finished.checkpoint is None
+    assert np.isfinite(finished.result.theta).all()
 
 
 def test_checkpoints_do_not_pile_up_and_none_is_shared(tmp_path):
