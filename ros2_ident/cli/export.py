@@ -4,7 +4,7 @@
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import add, add_log, names, positive, topics_of, with_effort
 from ros2_ident.errors import ErrorCode, IdentError
@@ -12,7 +12,6 @@ from ros2_ident.errors import ErrorCode, IdentError
 if TYPE_CHECKING:
     from ros2_ident.export.estimate import Estimate
     from ros2_ident.identify.problem import Problem
-    from ros2_ident.models import Machine
 
 TARGETS = ('urdf', 'mjcf', 'isaac', 'ros2_control')
 TABLES = 'csv'
@@ -166,7 +165,7 @@ def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
     return replace(nominal.setup, effects=effects).problem()
 
 
-def machine_behind(args: argparse.Namespace, estimate: 'Estimate') -> 'Machine':
+def machine_behind(args: argparse.Namespace, estimate: 'Estimate') -> Any:
     """Return the machine of the file that is given, else of that of the estimate.
 
     Raises:
