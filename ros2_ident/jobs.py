@@ -12,8 +12,6 @@ from pathlib import Path
 import time
 from typing import Any, Generic, TypeVar
 
-import numpy as np
-
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import remove_file
@@ -213,7 +211,9 @@ def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     check = None
     if request.check:
         check = _gathered(request, read_bags(request.check, request.topics, travel))
-    return Logs(fit, check, fit.sha256 or _digest_of(recordings), since)
+    # the same live data are recognised as the same
+    sha256 = fit.sha256 or hashlib.sha256(b''.join(x.digest for x in fit.datasets)).hexdigest()
+    return Logs(fit, check, sha256, since)
 
 
 def identify(
@@ -357,15 +357,3 @@ def _gathered(request: Request, recordings: Sequence[Recording]) -> Data:
         quantities=tuple(checked(request.outputs, compared_of(request.machine))),
     )
     return data.without_command() if request.settings.method == 'algebraic' else data
-
-
-def _digest_of(recordings: Sequence[Recording]) -> str:
-    """Return a hash of the samples: the same live data are recognised as the same."""
-    total = hashlib.sha256()
-    for recording in recordings:
-        for role, stream in recording.streams.items():
-            total.update(f'{role} {" ".join(stream.names)}'.encode())
-            for values in (stream.stamp, stream.position, stream.velocity, stream.effort):
-                if values is not None:
-                    total.update(np.ascontiguousarray(values).tobytes())
-    return total.hexdigest()

@@ -5,7 +5,6 @@ from array import array
 from collections.abc import Mapping, Sequence
 import hashlib
 import math
-from operator import attrgetter
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -53,15 +52,13 @@ _KINDS = {
 _COSTS = 'cost_genetic', 'cost_refined', 'missing_fraction'
 _GAPS = ('probability', 'before', 'before_low', 'before_high', 'after', 'after_low', 'after_high',
          'noise_floor', 'share_closed')  # fmt: skip
-# Both Value's and ParameterEstimate's.
-_ESTIMATE = 'unit', 'value', 'low', 'high', 'noise_low', 'noise_high'
 
 
-def _copied(source: Any, *names: str, **renamed: str) -> dict[str, Any]:
-    """Return fields of a message that a value has, too, some by another name or inside another."""
-    fields = dict(zip(names, names, strict=True)) | renamed
-    values = {field: attrgetter(name)(source) for field, name in fields.items()}
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+def _filled(kind: Any, source: Any, **own: Any) -> Any:
+    """Return a message: its own fields, and those that a value has by the same name."""
+    names = [x for x in kind.get_fields_and_field_types() if x not in own and hasattr(source, x)]
+    fields = {name: getattr(source, name) for name in names} | own
+    return kind(**{k: list(v) if isinstance(v, tuple) else v for k, v in fields.items()})
 
 
 def _doubles(values: npt.ArrayLike) -> 'array[float]':
@@ -69,9 +66,10 @@ def _doubles(values: npt.ArrayLike) -> 'array[float]':
     return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
-def _close(message: Any, error: IdentError | None, stamp: Time) -> Any:
-    """Return a message with the time of a run's end and what went wrong."""
+def _close(message: Any, error: IdentError | None, stamp: Time, result_file: str) -> Any:
+    """Return a message with the time of a run's end, what went wrong, and where its file is."""
     message.header.stamp = stamp
+    message.result_file = result_file
     if error is not None:
         message.error_code = int(error.code)
         message.error_message = error.message
@@ -92,17 +90,17 @@ def identify_feedback(
 ) -> tuple[Identify.Feedback, str]:
     """Return a progress as a message and in words."""
     refining = progress.phase != 'search'
-    message = Progress(
-        **_copied(
-            progress, 'generation', 'generations', 'evaluations', 'best_cost', 'elapsed', 'eta',
-            evaluation_budget='budget', cost_unit='unit',
-        ),
+    message = _filled(
+        Progress,
+        progress,
+        evaluation_budget=progress.budget,
+        cost_unit=progress.unit,
         phase=Progress.PHASE_REFINEMENT if refining else Progress.PHASE_GENETIC_ALGORITHM,
         parameter_names=list(progress.names),
         parameter_units=[_unit_of(machine, name) for name in progress.names],
         best_theta=_doubles(progress.best_theta),
         spread=_doubles(np.full(len(progress.names), progress.spread)),
-    )  # fmt: skip
+    )
     message.header.stamp = stamp
     return Identify.Feedback(progress=message), (
         f'{"refinement" if refining else "genetic algorithm"}, {message.generation} of '
@@ -111,10 +109,7 @@ def identify_feedback(
 
 
 def result_message(
-    done: Identified | None,
-    error: IdentError | None,
-    stamp: Time,
-    result_file: str = '',
+    done: Identified | None, error: IdentError | None, stamp: Time, result_file: str
 ) -> IdentificationResult:
     """Return a run's end as a message: its result, or what kept it from having one.
 
@@ -124,13 +119,13 @@ def result_message(
         stamp: Of the end, node clock.
         result_file: Path of the result file, empty where it was not written.
     """
-    fields = dict.fromkeys(_COSTS, math.nan) if done is None else _identified(done)
-    message = _close(IdentificationResult(result_file=result_file, **fields), error, stamp)
+    nothing = IdentificationResult(**dict.fromkeys(_COSTS, math.nan))
+    message = _close(nothing if done is None else _identified(done), error, stamp, result_file)
     message.outcome_sentence = message.outcome_sentence or message.error_message
     return message
 
 
-def _identified(done: Identified) -> dict[str, Any]:
+def _identified(done: Identified) -> IdentificationResult:
     found, configuration = done.result, run.asked_of(done).configuration
     # undetermined parameters are no error as long as there is one that is determined
     known = found.outcome == Outcome.NOT_IDENTIFIABLE and any(
@@ -138,28 +133,29 @@ def _identified(done: Identified) -> dict[str, Any]:
     )
     code = 0 if known else int(found.outcome.error_code)
     said = outcome_sentence(found)
-    return {
-        **_copied(
-            found, 'model', 'drives', 'evaluations', 'seed',
-            warnings='quality.warnings', cost_genetic='cost.ga',
-            cost_refined='cost.refined', cost_unit='cost.unit',
-            package_version='provenance.package_version',
-        ),
-        'configuration': configuration,
-        'configuration_sha256': hashlib.sha256(configuration.encode()).hexdigest(),
-        'seconds': done.seconds,
-        'bag_sha256': done.logs.sha256,
-        'error_code': code,
-        'outcome_sentence': said,
-        'error_message': said if code else '',
-        'outcome': _outcome(found),
-        'parameters': [_of_result(p) for p in found.parameters],
-        'correlation': _doubles(found.correlation),
-        'residual_rms': _doubles([x.rms for x in found.residuals]),
-        'residual_share': _doubles([x.share for x in found.residuals]),
-        'missing_fraction': max(found.quality.missing.values(), default=math.nan),
-        'bag_path': ' + '.join(done.request.bags),
-    }  # fmt: skip
+    return _filled(
+        IdentificationResult,
+        found,
+        warnings=found.quality.warnings,
+        cost_genetic=found.cost.ga,
+        cost_refined=found.cost.refined,
+        cost_unit=found.cost.unit,
+        package_version=found.provenance.package_version,
+        configuration=configuration,
+        configuration_sha256=hashlib.sha256(configuration.encode()).hexdigest(),
+        seconds=done.seconds,
+        bag_sha256=done.logs.sha256,
+        bag_path=' + '.join(done.request.bags),
+        error_code=code,
+        error_message=said if code else '',
+        outcome=_outcome(found),
+        outcome_sentence=said,
+        parameters=[_of_result(p) for p in found.parameters],
+        correlation=_doubles(found.correlation),
+        residual_rms=_doubles([x.rms for x in found.residuals]),
+        residual_share=_doubles([x.share for x in found.residuals]),
+        missing_fraction=max(found.quality.missing.values(), default=math.nan),
+    )
 
 
 def _outcome(found: Identification) -> int:
@@ -170,16 +166,15 @@ def _outcome(found: Identification) -> int:
 
 
 def _of_result(found: Any) -> ParameterEstimate:
-    return ParameterEstimate(
-        **_copied(
-            found, 'name', 'note', 'lower_bound', 'upper_bound', *_ESTIMATE,
-            genetic_value='ga_value',
-        ),
-        # A flag of NumPy's would end the process: rosidl asserts Python's.
+    # A flag of NumPy's would end the process: rosidl asserts Python's.
+    return _filled(
+        ParameterEstimate,
+        found,
+        genetic_value=found.ga_value,
         at_bound=bool(found.at_bound),
         identifiable=bool(found.identifiable),
         kind=_KINDS[found.kind],
-    )  # fmt: skip
+    )
 
 
 # ---------------------------------------------------------------------- ~/diagnose
@@ -189,29 +184,24 @@ def diagnose_feedback(
     progress: DiagnoseProgress, machine: Machine, stamp: Time
 ) -> tuple[Diagnose.Feedback, str]:
     """Return a progress as the action's feedback and in words; arguments as of the other one."""
-    feedback = Diagnose.Feedback(
-        **_copied(progress, 'stage', 'fraction', 'best_so_far', 'elapsed', 'eta')
-    )
+    feedback = _filled(Diagnose.Feedback, progress)
     best = f'; so far: {feedback.best_so_far}' if feedback.best_so_far else ''
     return feedback, f'diagnosing, {100 * feedback.fraction:.0f} %: {feedback.stage}{best}'
 
 
 def gap_message(
-    done: Diagnosed | None,
-    error: IdentError | None,
-    stamp: Time,
-    result_file: str = '',
+    done: Diagnosed | None, error: IdentError | None, stamp: Time, result_file: str
 ) -> Gap:
     """Return a diagnosis' end as a message; arguments as of `result_message`."""
-    fields = dict.fromkeys(_GAPS, math.nan) if done is None else _diagnosed(done)
+    message = Gap(**dict.fromkeys(_GAPS, math.nan)) if done is None else _diagnosed(done)
+    message.package_version = package_version()
     if done is not None and done.cancelled:
         error = IdentError(
             ErrorCode.CANCELLED,
             f'cancelled after {done.seconds:.1f} s; the best so far is kept, effects '
             'that had not been tried by then may close more of the gap',
         )
-    message = Gap(package_version=package_version(), result_file=result_file, **fields)
-    return _close(message, error, stamp)
+    return _close(message, error, stamp, result_file)
 
 
 def gap_sentence(message: Gap) -> str:
@@ -221,7 +211,7 @@ def gap_sentence(message: Gap) -> str:
     return str(message.sentence)
 
 
-def _diagnosed(done: Diagnosed) -> dict[str, Any]:
+def _diagnosed(done: Diagnosed) -> Gap:
     found, declared = done.result, done.declared
     steps = list(advice(found))
     if not found.complete and not done.cancelled:
@@ -230,27 +220,27 @@ def _diagnosed(done: Diagnosed) -> dict[str, Any]:
             f'The time budget of {done.request.seconds:g} s ended the run before every effect '
             'had been tried; give it more.',
         )
-    return {
-        **_copied(
-            found, 'effect', 'where', 'probability', 'unit', 'held_out', 'seed',
-            noise_floor='floor.together', share_closed='share_closed.value',
-        ),
+    return _filled(
+        Gap,
+        found,
+        noise_floor=found.floor.together,
+        share_closed=found.share_closed.value,
         **_interval('before', found.steps[:1]),
         **_interval('after', found.steps[-1:]),
         **{
             f'drive_{name}': _doubles([getattr(x, name) for x in found.per_drive.values()])
             for name in ('before', 'after', 'noise_floor', 'share_closed')
         },
-        'sentence': sentence(found),
-        'warnings': _warnings_of(done),
-        'also': [_also(found, declared, at) for at in found.also],
-        'confusable': [_candidate(found, declared, r) for r in found.confusable],
-        'ranking': [_candidate(found, declared, r) for r in found.ranking],
-        'drives': list(found.per_drive),
-        'localisation': [where(x) for x in found.localisation],
-        'advice': steps,
-        'seconds': done.seconds,
-    }  # fmt: skip
+        sentence=sentence(found),
+        warnings=_warnings_of(done),
+        also=[_also(found, declared, at) for at in found.also],
+        confusable=[_candidate(found, declared, r) for r in found.confusable],
+        ranking=[_candidate(found, declared, r) for r in found.ranking],
+        drives=list(found.per_drive),
+        localisation=[where(x) for x in found.localisation],
+        advice=steps,
+        seconds=done.seconds,
+    )
 
 
 def _interval(name: str, step: Sequence[Step]) -> dict[str, float]:
@@ -274,10 +264,11 @@ def _candidate(found: Diagnosis, declared: Mapping[str, Parameter], ranked: Rank
         values = {name: found.parameters.get(name, value) for name, value in values.items()} | {
             name: found.parameters[name] for name in found.moved
         }
-    return GapCandidate(
+    return _filled(
+        GapCandidate,
+        ranked,
         effect=ranked.at.effect,
         where=[ranked.at.where],
-        **_copied(ranked, 'probability', 'gap_after'),
         gap_after_low=math.nan,
         gap_after_high=math.nan,
         parameters=[_of_gap(name, value, declared.get(name)) for name, value in values.items()],
@@ -315,8 +306,9 @@ def _of_gap(name: str, value: Value, declared: Parameter | None) -> ParameterEst
         notes.append(f'at its {"lower" if below else "upper"} bound')
     if unknown:
         notes.append('no interval is known')
-    return ParameterEstimate(
-        **_copied(value, *_ESTIMATE),
+    return _filled(
+        ParameterEstimate,
+        value,
         name=name,
         lower_bound=low,
         upper_bound=high,

@@ -11,6 +11,7 @@ from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.data import Data
+from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.meter import StreamMeter
 
 # Below this speed, as a share of the fastest, a drive counts as resting.
@@ -47,25 +48,18 @@ class Diagnostics:
         self.gap: Gap | None = None
         self.state = ''
 
-    def message(
-        self,
-        stamp: Time,
-        meters: Mapping[str, StreamMeter],
-        topics: Mapping[str, str],
-        silence: str,
-    ) -> DiagnosticArray:
+    def message(self, stamp: Time, capture: Capture, silence: str) -> DiagnosticArray:
         """Return the array.
 
         Args:
             stamp: Of the message, node clock.
-            meters: How the streams arrive, by role.
-            topics: Their topics, by role.
+            capture: What is heard.
             silence: Why nothing arrives; empty where something does.
         """
         array = DiagnosticArray()
         array.header.stamp = stamp
         for name, (level, text, values) in {
-            'data': self._data(meters, topics, silence),
+            'data': self._data(capture.meters, capture.topics, silence),
             'excitation': self._excitation(),
             'search': (_OK, self.state, self._search()),
             'fit': self._fit(),

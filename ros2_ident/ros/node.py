@@ -326,8 +326,5 @@ class Identifier(Node):
     def _publish_diagnostics(self) -> None:
         silence = self.capture.silence() if self.capture.empty and not self.worker.busy else ''
         self.diagnostics.state = self.board.sentence if self.worker.busy else 'no run in progress'
-        self.outlet.diagnostics.publish(
-            self.diagnostics.message(
-                self.get_clock().now().to_msg(), self.capture.meters, self.capture.topics, silence
-            )
-        )
+        now = self.get_clock().now().to_msg()
+        self.outlet.diagnostics.publish(self.diagnostics.message(now, self.capture, silence))
