@@ -303,39 +303,32 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
         IdentError: INVALID_GOAL where something cannot be written.
     """
     # A fleet writes nothing of this, and its rows do not depend on it.
-    from ros2_ident.report.files import write_diagnosis, write_result
-    from ros2_ident.report.overlay import (
-        diagnosed_problem,
-        OVERLAY,
-        verdict_of,
-        withdraw_overlay,
-        write_overlay,
-    )
+    from ros2_ident.report import files as results
+    from ros2_ident.report import overlay as bags
 
     request, logs = done.request, done.logs
-    withdraw_overlay(folder / OVERLAY)  # what is new does not lie beside what is old
+    bags.withdraw_overlay(folder / bags.OVERLAY)  # what is new does not lie beside what is old
     if isinstance(done, Identified):
         problem, theta = done.problem(), done.result.theta
         whole = done.result.outcome is not Outcome.CANCELLED
         held_out = None if logs.check is None else check_problem(problem, logs.check)
         asked = {k: v for k, v in request.plain().items() if k in _ASKED}
         result = replace(done.result, settings={**done.result.settings, **asked})
-        files = list(write_result(folder, result, problem, held_out))
+        files = list(results.write_result(folder, result, problem, held_out))
     else:
         whole, asked = done.complete, request.plain()
-        files = list(
-            write_diagnosis(folder, done.result, request.machine, logs.fit, logs.check, asked)
-        )
+        found = done.result, request.machine, logs.fit, logs.check, asked
+        files = list(results.write_diagnosis(folder, *found))
         if overlay:
             nominal = replace(request, outputs=None).problem(logs.fit)
-            problem, theta = diagnosed_problem(nominal, done.result)
+            problem, theta = bags.diagnosed_problem(nominal, done.result)
     if overlay:
-        files += write_overlay(
-            folder / OVERLAY,
+        files += bags.write_overlay(
+            folder / bags.OVERLAY,
             problem,
             theta,
             topics=request.topics,
-            verdict=verdict_of(done.result),
+            verdict=bags.verdict_of(done.result),
             # to simulate the motion takes seconds, and a cancelled run is wanted to end
             moving=whole,
         )

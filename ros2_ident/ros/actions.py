@@ -215,7 +215,8 @@ class GoalServer:
         """
         node = self.node
         now = parameters.snapshot(node)
-        wanted = wanted_of(goal, now, receiving=node.receiving, heard=node.heard)
+        heard, states = node.description, node.states
+        wanted = wanted_of(goal, now, receiving=node.receiving, heard=heard, states=states)
         received = None if wanted.bags else node.received()
 
         def preview(*streams: Any) -> None:

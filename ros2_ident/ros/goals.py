@@ -2,7 +2,7 @@
 """From a goal to a request: everything a run needs, checked before it starts."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 import math
 from typing import Any
 
@@ -34,29 +34,18 @@ def _refuse(text: str) -> IdentError:
     return IdentError(ErrorCode.INVALID_GOAL, text)
 
 
-@dataclass(frozen=True)
-class Heard:
-    """What the node has heard of a robot, for where no file says what it is.
-
-    Attributes:
-        description: URDF or MJCF; None for nothing.
-        states: Returns its motion.
-    """
-
-    description: str | None = None
-    states: Callable[[], Stream | None] = lambda: None
-
-
-_NOTHING = Heard()
-
-
 def automatic_goal(parameters: Snapshot) -> Identify.Goal:
     """Return the goal of a run that starts by itself."""
     return Identify.Goal(refine=parameters['refine'])
 
 
 def wanted_of(
-    goal: Any, parameters: Snapshot, *, receiving: bool = False, heard: Heard = _NOTHING
+    goal: Any,
+    parameters: Snapshot,
+    *,
+    receiving: bool = False,
+    heard: str | None = None,
+    states: Callable[[], Stream | None] = lambda: None,
 ) -> Wanted:
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
@@ -64,14 +53,16 @@ def wanted_of(
         goal: An `Identify.Goal` or a `Diagnose.Goal`.
         parameters: The node's.
         receiving: Whether messages arrive that must not wait for the simulation.
-        heard: What was heard of the robot.
+        heard: URDF or MJCF that was heard, for where no file says what the robot is.
+        states: Returns its motion.
 
     Raises:
         IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER, also for a strange effect, or what is
             wrong with the machine file.
     """
     _check_ranges(goal)
-    machine, text, description = _machine(goal, parameters, heard)
+    own, text = _machine(goal, parameters, heard, states)
+    machine = own.described(heard)
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None
     fixed, bounds = _overrides(goal, machine)
     bag_topics = (parameters[f'bag_topics.{role}'] for role in ('state', 'effort', 'command'))
@@ -89,14 +80,14 @@ def wanted_of(
         seed=goal.seed or parameters['seed'],
         machine_text=text,
         output_directory=parameters['output_directory'],
-        description=description,
+        description=None if machine is own else heard,
         preview_rate=parameters['preview_rate'],
     )
     budget = Budget(seconds=goal.time_budget or parameters['time_budget'] or None)
     threads = parameters['workers'] or max(1, processors() - receiving)
     settings = IdentifySettings(budget=budget, threads=threads)
-    own = _of_identify if isinstance(goal, Identify.Goal) else _of_diagnose
-    return replace(wanted, **own(goal, parameters, machine, settings))
+    more = _of_identify if isinstance(goal, Identify.Goal) else _of_diagnose
+    return replace(wanted, **more(goal, parameters, machine, settings))
 
 
 def _of_identify(
@@ -152,26 +143,27 @@ def _check_ranges(goal: Any) -> None:
             raise _refuse(f'{name} is {value}, its range is {entry.range}; give one inside it')
 
 
-def _machine(goal: Any, parameters: Snapshot, heard: Heard) -> tuple[Machine, str, str | None]:
-    """Return the machine, its file's content, and what was heard of it in the place of a file."""
+def _machine(
+    goal: Any, parameters: Snapshot, heard: str | None, states: Callable[[], Stream | None]
+) -> tuple[Machine, str]:
+    """Return the machine and its file's content."""
     if goal.machine_file or parameters['machine_file']:
         path, text = _machine_file(goal, parameters)
         machine = load_machine(path)
-    elif heard.description is None:
+    elif heard is None:
         raise _refuse(
             'no machine file is given, and no robot_description was heard; set the parameter '
             'machine_file, name one in the goal, or start robot_state_publisher'
         )
-    elif goal.data_source == goal.DATA_SOURCE_BAG or (states := heard.states()) is None:
+    elif goal.data_source == goal.DATA_SOURCE_BAG or (motion := states()) is None:
         raise _refuse(
             'no machine file is given, and a robot_description takes its place only beside live '
             'joint_states; make one with `ident new-machine --description --bag`'
         )
     else:
-        text = new_machine_file(arm_kind(False), description=heard.description, states=states)
+        text = new_machine_file(arm_kind(False), description=heard, states=motion)
         machine = machine_from_mapping(yaml.safe_load(text), 'robot_description')
-    known = machine.described(heard.description)
-    return known, text, None if known is machine else heard.description
+    return machine, text
 
 
 def _machine_file(goal: Any, parameters: Snapshot) -> tuple[str, str]:

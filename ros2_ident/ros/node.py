@@ -18,13 +18,13 @@ from std_srvs.srv import Trigger
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.jobs import Diagnosed, Identified
 from ros2_ident.models import load_machine
-from ros2_ident.recording import read_bag, RecordingBuilder, Topics
+from ros2_ident.recording import read_bag, RecordingBuilder, Stream, Topics
 from ros2_ident.recording.spool import Spool
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import DIAGNOSE, GoalServer, IDENTIFY, REQUESTS
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.goals import automatic_goal, Heard
+from ros2_ident.ros.goals import automatic_goal
 from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter
 from ros2_ident.ros.paths import expanded
 from ros2_ident.ros.run import save
@@ -164,10 +164,9 @@ class Identifier(Node):
             raise IdentError(ErrorCode.NO_DATA, f'{self.capture.silence()}; or name a bag to read')
         return self.capture.snapshot()
 
-    @property
-    def heard(self) -> Heard:
-        """What has been heard of the robot."""
-        return Heard(self.description, lambda: self.received().build()[0].state)
+    def states(self) -> Stream | None:
+        """Return the motion that has been received; raises as `received`."""
+        return self.received().build()[0].state
 
     def occupation(self) -> str:
         """Return what runs now as words for a sentence, empty for nothing."""

@@ -60,7 +60,9 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
         now = parameters.snapshot(late.node)
         bag = {'data_source': Identify.Goal.DATA_SOURCE_BAG, 'machine_file': str(asking)}
         for goal in (Identify.Goal(bag_path=log, **bag), Diagnose.Goal(bag_path=log, **bag)):
-            wanted = wanted_of(goal, now, heard=late.node.heard)
+            wanted = wanted_of(
+                goal, now, heard=late.node.description, states=late.node.states
+            )
             assert wanted.machine.text('description') == wanted.description == URDF
             with pytest.raises(IdentError) as caught:
                 wanted_of(goal, now)
