@@ -54,7 +54,7 @@ _GAPS = ('probability', 'before', 'before_low', 'before_high', 'after', 'after_l
          'noise_floor', 'share_closed')  # fmt: skip
 
 
-def _filled(kind: Any, source: Any, **own: Any) -> Any:
+def _filled(kind: Any, source: Any, /, **own: Any) -> Any:
     """Return a message: its own fields, and those that a value has by the same name."""
     names = [x for x in kind.get_fields_and_field_types() if x not in own and hasattr(source, x)]
     fields = {name: getattr(source, name) for name in names} | own
