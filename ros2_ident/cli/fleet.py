@@ -10,8 +10,7 @@ from ros2_ident.cli.arguments import add, add_conditions, add_topics, count, pos
 from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
-    from ros2_ident.cli.progress import Meter
-    from ros2_ident.fleet import Entry, Row, Wish
+    from ros2_ident.fleet import Row, Wish
 
 DESCRIPTION = (
     'Identify and diagnose many bags as one job, and compare the machines. The same command goes '
@@ -57,28 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_topics(parser)
 
 
-class _Board:
-    """The table of all bags, filled as they come; plain lines where there is no terminal."""
-
-    def __init__(self, entries: 'list[Entry]', meter: 'Meter') -> None:
-        self._rows = {x.name: ('waiting', '') for x in entries}
-        self._meter = meter
-
-    def show(self, name: str, state: str = 'running', said: str = '') -> None:
-        """Show the state of a bag, and what was found in it."""
-        self._rows[name] = state, said
-        gone = sum(now in ('done', 'failed') for now, _ in self._rows.values())
-        self._meter.draw(self._table, f'{gone} of {len(self._rows)}: {name} {state} {said}')
-
-    def _table(self) -> Any:
-        from rich.table import Table
-
-        table = Table('bag', 'state', 'verdict')
-        for bag, (now, text) in self._rows.items():
-            table.add_row(bag, now, text)
-        return table
-
-
 def wish_of(args: argparse.Namespace) -> 'Wish':
     """Return how the bags are to be run."""
     from ros2_ident.fleet import Wish
@@ -101,19 +78,32 @@ def run(args: argparse.Namespace) -> int:
 
     entries = read_fleet(args.list, args.machine)
     rows: list[Row] = []
+    states = {entry.name: ('waiting', '') for entry in entries}
+
+    def picture() -> Any:
+        from rich.table import Table
+
+        table = Table('bag', 'state', 'verdict')
+        for name, cells in states.items():
+            table.add_row(name, *cells)
+        return table
+
+    def show(name: str, state: str = 'running', said: str = '') -> None:
+        states[name] = state, said
+        gone = sum(now in ('done', 'failed') for now, _ in states.values())
+        meter.draw(picture, f'{gone} of {len(states)}: {name} {state} {said}')
 
     def done(row: 'Row') -> None:
         # one that is fitted once more for the comparison takes its own place
         kept = {x['name']: x for x in (*rows, row)}
         rows[:] = [kept[entry.name] for entry in entries if entry.name in kept]
-        board.show(row['name'], row['state'], _said(row))
+        show(row['name'], row['state'], _said(row))
 
     with (
         answered(_print) as answer,
         interrupts() as cancel,
         Meter(quiet=args.quiet) as meter,
     ):
-        board = _Board(entries, meter)
         answer(rows)
         run_fleet(
             entries,
@@ -121,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
             wish=wish_of(args),
             scheduler=args.scheduler,
             cancel=cancel,
-            on_start=lambda entry: board.show(entry.name),
+            on_start=lambda entry: show(entry.name),
             on_row=done,
         )
     page = page_line(Path(args.out), wanted=True)

@@ -78,20 +78,19 @@ class Bag:
                 f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`',
             ) from None
         self._reader = reader
-        fitting = [x for x in reader.connections if x.msgtype == TYPE]
+        counts: Counter[str] = Counter()
+        for connection in reader.connections:
+            if connection.msgtype == TYPE:
+                counts[connection.topic] += connection.msgcount
         self.skipped = sorted({x.topic for x in reader.connections if x.msgtype != TYPE})
-        there = sorted({x.topic for x in fitting})
-        if absent := [topic for topic in topics or () if topic not in there]:
+        if absent := [topic for topic in topics or () if topic not in counts]:
             raise IdentError(
                 ErrorCode.MISSING_STREAM,
                 f'{path}: has no JointState topic {", ".join(absent)}; '
-                f'it has {", ".join(there) or "none"}',
+                f'it has {", ".join(sorted(counts)) or "none"}',
             )
-        self._connections = [x for x in fitting if topics is None or x.topic in topics]
-        self.topics: Counter[str] = Counter()
-        for connection in self._connections:
-            self.topics[connection.topic] += connection.msgcount
-        if not self.topics.total():
+        self.topics = {x: n for x, n in counts.items() if topics is None or x in topics}
+        if not any(self.topics.values()):
             raise IdentError(
                 ErrorCode.NO_DATA,
                 f'{path}: holds no message of type {TYPE}; '
@@ -102,7 +101,8 @@ class Bag:
     def messages(self) -> Iterator[Message]:
         """Yield the messages in the order of log time, in the CDR of ROS 2."""
         reader = self._reader
-        for connection, log_time, data in reader.messages(connections=self._connections):
+        wanted = [x for x in reader.connections if x.msgtype == TYPE and x.topic in self.topics]
+        for connection, log_time, data in reader.messages(connections=wanted):
             raw = data if reader.is2 else reader.typestore.ros1_to_cdr(data, TYPE)
             yield Message(connection.topic, int(log_time), bytes(raw))
 
@@ -190,35 +190,26 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
+    """Play as the options say, and let the last messages out; return the exit code."""
     import rclpy
+    from rclpy.duration import Duration
     from rclpy.signals import SignalHandlerOptions
+    from rclpy.time import Time
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import JointState
 
     bag = Bag(options.bag, options.topics)
     if not options.quiet:
         left = f'; not {", ".join(bag.skipped)}, no JointState' if bag.skipped else ''
         print(
-            f'replay: {bag.topics.total()} messages of {", ".join(bag.topics)}, '
+            f'replay: {sum(bag.topics.values())} messages of {", ".join(bag.topics)}, '
             f'{bag.duration / options.rate:.1f} s{left}',
             file=sys.stderr,
             flush=True,
         )
-    remaps = [x for pair in options.remap for x in ('-r', pair)]
-    ros = (ros or ['--ros-args']) + remaps
+    ros = (ros or ['--ros-args']) + [x for pair in options.remap for x in ('-r', pair)]
     rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        return _publish(rclpy.create_node('replay'), bag, options, stop)
-    finally:
-        bag.close()
-        rclpy.try_shutdown()
-
-
-def _publish(node: Any, bag: Bag, options: argparse.Namespace, stop: Stop) -> int:
-    """Play as the options say, and let the last messages out; return the exit code."""
-    from rclpy.duration import Duration
-    from rclpy.time import Time
-    from rosgraph_msgs.msg import Clock
-    from sensor_msgs.msg import JointState
-
+    node = rclpy.create_node('replay')
     # reliable: matches every subscriber
     publishers = {topic: node.create_publisher(JointState, topic, 5000) for topic in bag.topics}
     clock = node.create_publisher(Clock, '/clock', 10) if options.clock else None
@@ -251,10 +242,11 @@ def _publish(node: Any, bag: Bag, options: argparse.Namespace, stop: Stop) -> in
     finally:
         deadline = time.monotonic() + PATIENCE
         for publisher in publishers.values():
-            left = max(0.0, deadline - time.monotonic())
-            publisher.wait_for_all_acked(Duration(seconds=left))
+            left_over = max(0.0, deadline - time.monotonic())
+            publisher.wait_for_all_acked(Duration(seconds=left_over))
         time.sleep(LINGER)
-        node.destroy_node()
+        bag.close()
+        rclpy.try_shutdown()
 
 
 def _unheard(
@@ -263,14 +255,11 @@ def _unheard(
     """Wait for a subscriber on each topic; return the topics that have none in the end."""
     end = time.monotonic() + seconds
     while deaf := [x for x, p in publishers.items() if not p.get_subscription_count()]:
-        if stopped():
-            return []
-        if time.monotonic() > end:
-            return deaf
+        if stopped() or time.monotonic() > end:
+            return [] if stopped() else deaf
         time.sleep(_NAP)
-    end = time.monotonic() + SETTLE
-    while not stopped() and time.monotonic() < end:
-        time.sleep(_NAP)
+    if not stopped():
+        time.sleep(SETTLE)
     return []
 
 

@@ -50,7 +50,7 @@ def test_a_bag_is_read_as_it_was_recorded() -> None:
     bag = Bag(BAG)
     found = list(bag.messages())
     bag.close()
-    assert len(found) == bag.topics.total() and set(bag.topics) == {x.topic for x in found}
+    assert len(found) == sum(bag.topics.values()) and set(bag.topics) == {x.topic for x in found}
     assert all(a.log_time <= b.log_time for a, b in zip(found, found[1:], strict=False))
     states = cdr.decode([x.data for x in found if x.topic == '/joint_states'])
     assert states[0].stamp.tolist() == read_bag(BAG)[0].state.stamp.tolist()
