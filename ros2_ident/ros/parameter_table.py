@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import json
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +80,4 @@ BY_NAME = {
 
 def literal(value: Value) -> str:
     """Return a default as it is written in YAML; a double always has its point."""
-    if isinstance(value, bool):
-        return 'true' if value else 'false'
-    if isinstance(value, tuple):
-        return '[' + ', '.join(value) + ']'
-    if isinstance(value, str):
-        return f"'{value}'"
-    if isinstance(value, float):
-        return f'{value:.1f}' if value == int(value) and abs(value) < 1e7 else repr(value)
-    return str(value)
+    return repr(value) if isinstance(value, str) else json.dumps(value)

@@ -20,15 +20,6 @@ from ros2_ident.models import load_machine
 from ros2_ident.ros.parameter_table import BY_NAME, Entry, literal
 from ros2_ident.ros.paths import expanded
 
-_TYPES = {
-    'bool': Parameter.Type.BOOL,
-    'integer': Parameter.Type.INTEGER,
-    'double': Parameter.Type.DOUBLE,
-    'string': Parameter.Type.STRING,
-    'string_array': Parameter.Type.STRING_ARRAY,
-}
-
-
 # The parameters at one instant, by name.
 Snapshot = Mapping[str, Any]
 
@@ -38,7 +29,7 @@ def descriptor(entry: Entry) -> ParameterDescriptor:
     found = ParameterDescriptor(
         name=entry.name, description=entry.description, read_only=entry.read_only
     )
-    found.type = _TYPES[entry.kind].value
+    found.type = Parameter.Type[entry.kind.upper()].value
     # nobody can say of which type an empty list is: `drives` could not be emptied
     found.dynamic_typing = entry.kind == 'string_array'
     if entry.choices:
