@@ -20,6 +20,7 @@ from ros2_ident_msgs.msg import Status
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.jobs import Identified
 from ros2_ident.ros import conversion, parameters, run
+from ros2_ident.ros.diagnostics import excitation
 from ros2_ident.ros.goals import wanted_of
 from ros2_ident.ros.worker import attempt
 from ros2_ident.search.evaluators import Cancel
@@ -226,7 +227,7 @@ class GoalServer:
         def job(cancel: Cancel, say: Says) -> tuple[Any, ...]:
             done = self.kind.run(wanted, received, cancel, say, preview)
             # a result is not lost with its file
-            return done, *attempt(lambda: run.save(done))
+            return done, excitation(done.logs.fit), *attempt(lambda: run.save(done))
 
         def said(progress: Any) -> None:
             feedback, node.board.sentence = self.kind.feedback(
@@ -258,10 +259,10 @@ class GoalServer:
             message = self._message(None, fault)
             node.board.change(Status.STATE_FAILED, fault.message, fault)
         else:
-            found, path, unwritten = value
+            found, moved, path, unwritten = value
             path = path or ''
             node.last = found
-            node.diagnostics.data = found.logs.fit
+            node.diagnostics.excitation = moved
             message = self._message(found, None, path)
             if isinstance(found, Identified):
                 self._compare(found, path)

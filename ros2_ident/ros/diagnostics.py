@@ -42,7 +42,7 @@ class Diagnostics:
     def __init__(self, name: str, missing_warning: float) -> None:
         self.name = name
         self.missing_warning = missing_warning
-        self.data: Data | None = None
+        self.excitation: dict[str, tuple[float, float, int]] | None = None
         self.progress: Progress | None = None
         self.result: IdentificationResult | None = None
         self.gap: Gap | None = None
@@ -103,9 +103,9 @@ class Diagnostics:
         return _WARN if faults else _OK, '; '.join(faults) or 'complete', values
 
     def _excitation(self) -> _Judged:
-        if self.data is None:
+        found = self.excitation
+        if found is None:
             return _OK, 'judged at the end of a run', {}
-        found = excitation(self.data)
         names = 'travel', 'largest speed', 'reversals'
         values: dict[str, object] = {
             f'{drive}: {name}': number
