@@ -277,17 +277,6 @@ def diagnose(
     return Diagnosed(request, logs, result, time.monotonic() - logs.since, checkpoint, cut)
 
 
-def require_room(request: Request, logs: Logs, folder: Path) -> None:
-    """Refuse, before any work, a directory whose overlay bags are not ours to replace.
-
-    Raises:
-        IdentError: INVALID_GOAL with the remedy.
-    """
-    from ros2_ident.report.overlay import OVERLAY, require_place
-
-    require_place(folder / OVERLAY, logs.fit, [*request.bags, *request.check])
-
-
 def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) -> list[Path]:
     """Write what a run found, and forget its checkpoint where it came to its end.
 

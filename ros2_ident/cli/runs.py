@@ -78,7 +78,7 @@ def carry_out(
     from ros2_ident import jobs
     from ros2_ident.cli.progress import Meter, WRITING
     from ros2_ident.files import remove_file, sole_writer
-    from ros2_ident.report import files
+    from ros2_ident.report import files, overlay
 
     logs = jobs.read(request)
     written: list[Path] = []
@@ -90,7 +90,10 @@ def carry_out(
     # last: whoever reads the output may leave early, as `head` does
     with answered(show) as answer, place as out:
         if out is not None and not args.no_overlay:
-            jobs.require_room(request, logs, out)
+            # before any work: bags that are not ours to replace
+            overlay.require_place(
+                out / overlay.OVERLAY, logs.fit, [*request.bags, *request.check]
+            )
         kept = None if out is None else out / checkpoint
         if kept is not None and not args.resume:
             remove_file(kept)

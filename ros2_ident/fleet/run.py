@@ -159,7 +159,9 @@ def key_of(entry: Entry, wish: Wish) -> str:
 
     total = hashlib.sha256(f'{json.dumps(asdict(entry), default=dict)}{wish!r}'.encode())
     total.update(sources().encode())
-    described = _maker_file(entry.model) if entry.model else entry.machine_file
+    described = entry.machine_file
+    if entry.model:
+        described = str(sys.modules[_maker(entry.model).__module__].__file__)
     total.update(Path(described).read_bytes())
     for bag in filter(None, (entry.bag, *entry.more, entry.check)):
         total.update(digest(storage_files(bag)[0]).encode())
@@ -182,8 +184,9 @@ def run_entry(entry: Entry, wish: Wish, asked: str = '', known: Row | None = Non
 
             require_sources(asked)
         row['key'] = key_of(entry, wish)
-        found = _found(entry, wish) if known is None else _again(entry, wish, known['common'])
-        return {**row, **found}
+        if known is None:
+            return {**row, **_found(entry, wish)}
+        return {**row, **_values(*_job(entry, wish)[0](known['common']))}
     except IdentError as error:
         return {**row, **_failed(error.code, error.message)}
     except OSError as error:
@@ -201,11 +204,6 @@ def _named(entry: Entry) -> Row:
 
 def _failed(code: ErrorCode, message: str) -> Row:
     return {'state': 'failed', 'code': code.name, 'message': message}
-
-
-def _again(entry: Entry, wish: Wish, common: Effects) -> Row:
-    """Return the parameters of a bag beside those of some effects that its model can have."""
-    return _values(*_job(entry, wish)[0](common))
 
 
 def _found(entry: Entry, wish: Wish) -> Row:
@@ -316,8 +314,3 @@ def _maker(model: str) -> Any:
             f'the model {model!r} is not found ({error}); write module:function, and put the '
             'module where Python looks for it, as by PYTHONPATH',
         ) from None
-
-
-def _maker_file(model: str) -> str:
-    """Return the source file of the module that makes a model."""
-    return str(sys.modules[_maker(model).__module__].__file__)

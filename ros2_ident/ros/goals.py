@@ -34,11 +34,6 @@ def _refuse(text: str) -> IdentError:
     return IdentError(ErrorCode.INVALID_GOAL, text)
 
 
-def automatic_goal(parameters: Snapshot) -> Identify.Goal:
-    """Return the goal of a run that starts by itself."""
-    return Identify.Goal(refine=parameters['refine'])
-
-
 def wanted_of(
     goal: Any,
     parameters: Snapshot,

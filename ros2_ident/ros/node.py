@@ -11,6 +11,7 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from ros2_ident_msgs.action import Identify
 from ros2_ident_msgs.msg import Status
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -24,7 +25,6 @@ from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import DIAGNOSE, GoalServer, IDENTIFY, REQUESTS
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.goals import automatic_goal
 from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter
 from ros2_ident.ros.paths import expanded
 from ros2_ident.ros.run import save
@@ -310,7 +310,7 @@ class Identifier(Node):
             )
             return
         try:
-            self.identifying.begin(automatic_goal(parameters.snapshot(self)))
+            self.identifying.begin(Identify.Goal(refine=self.get_parameter('refine').value))
         except Exception as error:
             fault = self.board.fault(error)
             self.board.change(Status.STATE_FAILED, fault.message, fault)
