@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -168,7 +169,7 @@ def test_the_end_of_a_stream_does_not_end_the_node(start, monkeypatch) -> None:
     def fail(*arguments, **options):
         raise RecursionError('of a test')
 
-    monkeypatch.setattr(module, 'automatic_goal', fail)
+    monkeypatch.setattr(module, 'Identify', SimpleNamespace(Goal=fail))
     node, listener = start(auto_start=True)
     node.executor.create_task(node.node._stream_ended)
     told = listener.until(
