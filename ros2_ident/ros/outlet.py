@@ -94,8 +94,10 @@ class Board:
         self.state = state
         self.sentence = sentence
         self._error = error
-        wrong = error is not None and error.code != ErrorCode.CANCELLED
-        (self._log.error if wrong else self._log.info)(sentence)
+        if error is not None and error.code != ErrorCode.CANCELLED:
+            self._log.error(sentence)  # rclpy allows one severity a line
+        else:
+            self._log.info(sentence)
         self.publish()
 
     def warn(self, sentence: str) -> None:
