@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one writer of files: whoever reads finds the old content or the new, never half of one.
+"""The one writer of files: a reader finds the old content or the new, never half of one.
 
 Everything is written beside its place under a name of its own that ends with `.partial`, brought
 to the disk, and put in its place in one step. What a crash leaves therefore ends with `.partial`;

@@ -125,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f'ident {args.command}: interrupted', file=sys.stderr)
         return 1
     except BrokenPipeError:
-        # Whoever read the output has left; there is nobody to tell.
+        # The reader of the output has left.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Exception as defect:

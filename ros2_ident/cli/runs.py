@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What commands that run for long share: Ctrl-C, the answer at the end, files and page.
+"""Common parts of commands that run for long: Ctrl-C, the answer at the end, files and page.
 
 Ctrl-C ends a run and keeps what it found; a second one ends the process.
 """
@@ -87,7 +87,7 @@ def carry_out(
     checkpoint = files.CHECKPOINT if identifying else files.DIAGNOSIS_CHECKPOINT
     names = files.OF_RESULT if identifying else files.OF_DIAGNOSIS
     place = sole_writer(args.out, names) if args.out else nullcontext()
-    # last: whoever reads the output may leave early, as `head` does
+    # last: the reader of the output may leave early, as `head` does
     with answered(show) as answer, place as out:
         if out is not None and not args.no_overlay:
             # before any work: bags that are not ours to replace

@@ -66,5 +66,5 @@ EFFECT = Effect(
     place='drive',
     family='time',
     confusable=('stribeck',),
-    separated_by='repeat the same motion of {drive} at the start and after ten minutes',
+    separated_by='repeat one motion of {drive} at the start and after ten minutes',
 )

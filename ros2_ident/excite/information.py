@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a log of a motion will tell of a machine's parameters, before it is recorded."""
+"""Information of a planned motion about a machine's parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ _OFF = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What a motion shows.
+    """Information of a motion.
 
     Attributes:
         matrix: (N, N) Fisher information of the parameters, in widths of their boxes.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a motion may ask of a machine: limits of its drives and the room its tool may use."""
+"""Limits of a motion: those of its drives and the room its tool may use."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -37,7 +37,7 @@ SEARCH = GeneticSettings(
 
 @dataclass(frozen=True)
 class Wish:
-    """What a motion is to determine.
+    """Purpose of a motion: the parameters to determine.
 
     Attributes:
         names: Parameters, `gear_stiffness` meaning that of every drive; all where empty.

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was identified, in the files of simulators and controllers, and what those cannot say."""
+"""Results in the files of simulators and controllers, and the limits of those files."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of an estimate goes into a simulator, and what each kind of file leaves of it."""
+"""Content of an export, and the part of it that each kind of file can hold."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class Missed:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """What is exported.
+    """Content of an export.
 
     Attributes:
         machine: The machine.

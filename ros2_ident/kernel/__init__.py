@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the compiled simulations share: rows, hooks of the effects, controller, log, integrator."""
+"""Parts of the compiled simulations: rows, hooks of the effects, controller, log, integrator."""

@@ -15,7 +15,7 @@ PART = 8 * measurement.PIECE
 
 
 class Task(NamedTuple):
-    """What a simulation is for, as `measurement.hand_on` takes it.
+    """Purpose of a simulation, as `measurement.hand_on` takes it.
 
     Q is 1 where the effort alone is wanted, else 3: `measurement.QUANTITIES`.
 
@@ -61,7 +61,7 @@ class Group(NamedTuple):
             return self
         if not groups:
             return Group(self.blocks[:0], self.rows[:0], self.substeps[:0], self.state[:0])
-        # The last vector is filled up with copies that nobody asks for.
+        # The last vector is filled up with copies.
         lane = np.pad(left, (0, groups * width - len(left)), mode='edge')
         rows = self.rows.ravel()[lane]
         rows[len(left) :] = -1

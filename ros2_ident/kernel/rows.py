@@ -87,7 +87,7 @@ DRIVE_ROWS = (
     'load_moment',  # N m, of the arm held level
     'log_duty',  # what the log holds for the full supply, in its unit
     'log_speed',  # by which that falls, per rad/s
-    'log_smoothing',  # s, no kernel's: whoever has the whole log
+    'log_smoothing',  # s, no kernel's: it needs the whole log
 )
 NEUTRAL = {
     'payload_duration': 1e9,

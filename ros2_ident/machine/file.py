@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a machine file to a `Machine`, and to remarks that name the line to change.
 
-Which kinds of machines there are is known to whoever calls.
+Which kinds of machines there are is known to the caller.
 """
 
 from collections.abc import Iterator, Mapping

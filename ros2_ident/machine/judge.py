@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What there is to change in a machine file's content, by the keys of its kind."""
+"""Remarks on a machine file's content, by the keys of its kind."""
 
 from collections.abc import Iterator, Mapping
 import difflib

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a key of a machine file is, and the keys that every kind of machine has.
+"""Key of a machine file, and the keys that every kind of machine has.
 
 A kind lists its keys; the loader and `ident check` judge by that list, `ident new-machine` and the
 reference page are written from it.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a kind of machine registers: its keys, what is plausible only together, and its model."""
+"""Kind of machine: its keys, judgements of several keys together, and its model."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ class Kind:
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
             where there is no sample.
         travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
-        compares: Quantities that are compared where nobody says which.
+        compares: Quantities that are compared by default.
         logs: Units of a logged effort that its model simulates as they are, beside those of
             `units.effort_factors`.
         released: Whether its motors are switched off where no set-point comes any more.
@@ -62,7 +62,7 @@ class Kind:
             where it has no such key.
         extent: Returns the mass [kg] that a description moves, and how far it reaches [m]; None
             where it has no such key.
-        space: Returns where it moves when nobody says otherwise: its drives, or the tool that they
+        space: Returns where it moves by default: its drives, or the tool that they
             carry.
         set_points: Returns set-points (D, K) of its drives and their derivatives by the way (M, K)
             of the tool that they carry and its derivatives; None where they carry none.
@@ -72,7 +72,7 @@ class Kind:
 
     Raises:
         ValueError: Where two of its constants have one name, or it comes from a bag without
-        `controller.cycle`: a mistake of whoever wrote the kind.
+        `controller.cycle`: a mistake of the kind's author.
     """
 
     name: str

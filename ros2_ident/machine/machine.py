@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a machine, and the box of what is not: a machine file's content."""
+"""Content of a machine file: known numbers of a machine, and the box of unknown ones."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -26,7 +26,7 @@ class Machine:
         kind: Name of its kind, as `models.registry.KINDS` has it.
         drives: Joint names of the drives, in the model's order.
         constants: Constants by name, SI units: one of the machine, or one of each drive. What is
-            to be identified and not stated has the middle of its box; what nobody knows is NaN.
+            to be identified and not stated has the middle of its box; what is unknown is NaN.
         bounds: `{name: (low, high, unit)}` of the parameters to be identified.
         own_bounds: The same of single drives, as `drive_2.rail_azimuth`, where the drives differ;
             `bounds` then holds the box that encloses them.

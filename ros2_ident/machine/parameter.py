@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be identified: one named number with its unit and its box."""
+"""Parameter: a named number with its unit and its box."""
 
 from dataclasses import dataclass
 import math

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a machine file holds, as it is shown in a sentence: short, and without escapes."""
+"""Values of a machine file as shown in a sentence: short, and without escapes."""
 
 import reprlib
 from typing import Any

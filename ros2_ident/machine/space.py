@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine in space: where and how fast it moves when nobody says otherwise, what is drawn."""
+"""A machine in space: place and speed of its motion by default, and its picture."""
 
 from dataclasses import dataclass
 

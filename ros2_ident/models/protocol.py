@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a model is to the rest of the program: one recording, simulated for many candidates.
+"""Model, as the rest of the program has it: one recording, simulated for many candidates.
 
 `Model` is what a model has to have. All else is optional: what the program can use beyond that, it
 asks `FullModel` for, whose defaults say what happens without. `complete` turns the one into the
@@ -63,7 +63,7 @@ class Output:
 
 @runtime_checkable
 class Model(Protocol):
-    """What a model has to have. Shapes: S candidates, N parameters, O outputs, K instants.
+    """Interface of a model. Shapes: S candidates, N parameters, O outputs, K instants.
 
     Attributes:
         parameters: What can be identified, in the order of theta's columns.
@@ -140,7 +140,7 @@ class FullModel(Model):
 
     @property
     def places(self) -> tuple[str, ...]:
-        """What the outputs belong to, each once: the drives."""
+        """Places of the outputs, each once: the drives."""
         return tuple(dict.fromkeys(o.place or o.name for o in self.outputs))
 
     @property
@@ -179,7 +179,7 @@ class FullModel(Model):
         Args:
             theta: (S, N) candidates.
             limit: Cost above which a lower bound will do, for all or (S,).
-            stop: Asked now and then; where it says True, nobody needs the result any more.
+            stop: Asked now and then; True where the result is not needed any more.
 
         Returns:
             (S,) costs; inf where a candidate diverged.
@@ -375,7 +375,7 @@ def complete(model: Any) -> FullModel:
     """Return a model with everything that the program asks for.
 
     Args:
-        model: A `FullModel`, or any object that meets `Model`. Whoever wants more than the
+        model: A `FullModel`, or any object that meets `Model`. For more than the
             defaults derives from `FullModel`.
 
     Raises:

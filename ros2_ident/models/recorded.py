@@ -20,7 +20,7 @@ _QUANTILE = 0.999
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """What a log holds of the motion, at every controller cycle.
+    """Recorded motion at every controller cycle.
 
     Attributes:
         values: (2 * D * K,) positions of the drives, then their velocities.

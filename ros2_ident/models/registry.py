@@ -164,7 +164,7 @@ def kind_from_bag(machine: Machine) -> Kind:
 
 
 def space_of(machine: Machine) -> Space:
-    """Return where a machine moves when nobody says otherwise.
+    """Return where a machine moves by default.
 
     Raises:
         IdentError: UNKNOWN_MODEL where its kind does not say.
@@ -204,7 +204,7 @@ def follows(machine: Machine) -> bool:
 
 
 def compared_of(machine: Machine) -> tuple[str, ...]:
-    """Return the quantities of a machine that are compared where nobody says which."""
+    """Return the quantities of a machine that are compared by default."""
     return kind_of(machine).compares
 
 
@@ -230,7 +230,7 @@ def make_model(
 ) -> 'DriveModel':
     """Return the model of a machine on a recording; the arguments are `MachineModel`'s.
 
-    What is compared is what its kind compares, where nobody says.
+    By default that is what its kind compares.
 
     Raises:
         IdentError: UNKNOWN_MODEL where the machine's kind has no drives to simulate, or as the

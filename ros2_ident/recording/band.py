@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a log a recorded motion tells efforts of: below a frequency, while drives move.
+"""Part of a log for which a recorded motion determines efforts: below a frequency, in motion.
 
 The acceleration of a position that is read with an error s, at a rate f and below a frequency B,
 is wrong by s (2 pi)^2 sqrt(2 B^5 / (5 f)), and the effort that an inertia asks for by as much

@@ -152,7 +152,7 @@ class RecordingBuilder:
         velocity: FloatArray | None = None,
         effort: FloatArray | None = None,
     ) -> None:
-        """Append T messages of the same joints, in arrays that nobody writes to afterwards.
+        """Append T messages of the same joints, in arrays that are not written to afterwards.
 
         Args:
             role: `state`, `effort` or `command`.

@@ -98,7 +98,7 @@ OPTIONS = ('time', 'joints', *_OPTIONS)
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """What a table's columns are.
+    """Meaning of a table's columns.
 
     Attributes:
         time: Name or number of the time's column.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the readers of the file formats fill: messages by topic, decoded piece by piece."""
+"""Content of a bag: messages by topic, decoded piece by piece."""
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -172,7 +172,7 @@ def _sorted(blocks: list[Decoded], order: IntArray) -> list[Decoded]:
 
 @dataclass
 class Content:
-    """What a bag holds.
+    """Content of a bag.
 
     Attributes:
         wanted: Roles of each topic to read.

@@ -24,7 +24,7 @@ class Damage(Exception):
 
 @dataclass
 class Losses:
-    """What is wrong with one file.
+    """Damage of one file.
 
     Attributes:
         size: The file's size, bytes.
@@ -59,7 +59,7 @@ class Losses:
 
     @property
     def text(self) -> str:
-        """What is wrong, without subject; empty where nothing is."""
+        """The damage, without subject; empty for none."""
         parts = []
         if self.end is not None:
             parts.append(f'the file breaks off after byte {self.end} of {self.size}')

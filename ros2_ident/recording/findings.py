@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a check of recordings says: values, and their rendering as lines of text."""
+"""Findings of a check of recordings: values, and their rendering as lines of text."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LeRobot folders, v2.1 and v3: one episode a recording, in units that nobody wrote down."""
+"""LeRobot folders, v2.1 and v3: one episode a recording, in units that are not stated."""
 
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass

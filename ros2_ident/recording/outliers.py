@@ -4,7 +4,7 @@
 A sample that a cubic through its neighbours misses by many times what it misses those by,
 for a few milliseconds, is nothing that a machine does. Such samples are left out, like samples
 that never came: left in, a set-point one millimetre off for one cycle moves friction by percents.
-A position that jumps and stays is only said: nobody knows which side is right.
+A position that jumps and stays is only reported: which side is right is unknown.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ _STAYS_RATIO, _AROUND = 8.0, 25
 
 @dataclass(frozen=True)
 class Rule:
-    """What counts as a jump of one kind of signal.
+    """Thresholds of a jump of one kind of signal.
 
     Attributes:
         run: Samples that may jump in a row.

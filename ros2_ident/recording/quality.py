@@ -48,7 +48,7 @@ _FEWEST = 10
 
 
 class MachineFacts(Protocol):
-    """What the check reads from a machine file."""
+    """Part of a machine file that the check reads."""
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -222,8 +222,8 @@ def _judge_drives(
     number: int, recording: Recording, machine: MachineFacts | None
 ) -> tuple[list[DriveSummary], list[Finding]]:
     """Judge motion and effort of every drive."""
-    everyone = recording.state.names if recording.state else ()
-    recording, integrated = with_positions(recording, everyone)
+    names = recording.state.names if recording.state else ()
+    recording, integrated = with_positions(recording, names)
     state = recording.state
     if state is None or state.position is None:
         text = 'no position was recorded, so excitation and effort cannot be judged; record the '

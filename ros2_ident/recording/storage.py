@@ -130,7 +130,7 @@ def _unpack_file(path: Path, target: Path, limits: Limits) -> bool:
 
 @dataclass(frozen=True)
 class Metadata:
-    """What metadata.yaml says; nothing is taken from it that the files themselves say.
+    """Content of metadata.yaml; nothing is taken from it that the files themselves hold.
 
     Attributes:
         files: Names of the storage files, in the order of recording.

@@ -28,7 +28,7 @@ def _fail(text: str) -> IdentError:
 def _frozen(values: FloatArray) -> FloatArray:
     """Return the array as read-only float64 that no caller can still write to."""
     if values.flags.c_contiguous and values.flags.owndata and not values.flags.writeable:
-        return values  # nobody can, and a copy of hours would take the room of hours
+        return values  # no reader can, and a copy of hours would take the room of hours
     array = np.array(values, dtype=np.float64, order='C')
     array.setflags(write=False)
     return array
@@ -131,7 +131,7 @@ class Stream:
 
     @property
     def fields(self) -> dict[str, FloatArray]:
-        """What was measured (T, D), by its name."""
+        """Measured values (T, D), by their names."""
         found = {field: getattr(self, field) for field in FIELDS}
         return {field: values for field, values in found.items() if values is not None}
 

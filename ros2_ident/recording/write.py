@@ -47,7 +47,7 @@ _STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 
 
 class _McapStorage:
-    """What rosbags' writer of bags writes to, by `mcap`'s writer of files."""
+    """File that rosbags' writer of bags writes to, by `mcap`'s writer."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         self.path = path / f'{path.name}.mcap'

@@ -47,7 +47,7 @@ Series = list[Stream]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a run found, for those who open the bag.
+    """Result of a run, for those who open the bag.
 
     Attributes:
         name: `fit` or `gap`: the entry in `/diagnostics` that it becomes.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run found, as tables (CSV) for spreadsheets and plotting programs."""
+"""Results as tables (CSV) for spreadsheets and plotting programs."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

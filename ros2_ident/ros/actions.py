@@ -36,7 +36,7 @@ _STATES = {ErrorCode.OK: Status.STATE_DONE, ErrorCode.CANCELLED: Status.STATE_CA
 
 @dataclass(frozen=True)
 class Kind:
-    """What one action has for itself.
+    """Own part of one action.
 
     Attributes:
         action: Its type.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node hears: three topics into one RecordingBuilder, as a bag would be read.
+"""Topics of the node: three into one RecordingBuilder, as a bag would be read.
 
 A topic is first subscribed as JointState. Where another type is published that holds the same, as
 those of ros2_control, the subscription is made anew for that type.

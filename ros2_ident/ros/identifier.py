@@ -61,7 +61,7 @@ def missing(error: ModuleNotFoundError) -> str:
 
 
 class Stop:
-    """What SIGINT and SIGTERM set; the second one ends the program at once, whatever it does."""
+    """Event that SIGINT and SIGTERM set; the second one ends the program at once."""
 
     def __init__(self) -> None:
         self.signal = 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What launch/identify.launch.py makes of its arguments; knows nothing of launch."""
+"""Arguments of launch/identify.launch.py; imports nothing of launch."""
 
 from collections.abc import Mapping
 from pathlib import Path

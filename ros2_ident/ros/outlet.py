@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node says: its publishers, its state in words, and the pages on its runs."""
+"""Output of the node: its publishers, its state in words, and the pages on its runs."""
 
 from collections import deque
 from collections.abc import Iterable

@@ -22,7 +22,7 @@ class Entry:
 
     Attributes:
         name: Its name.
-        default: Its value where nobody sets one.
+        default: Its value where none is set.
         text: What it does and when to change it.
         low: Least value of a number; None where there is no range.
         high: Largest value of a number that has a least one.
@@ -47,7 +47,7 @@ class Entry:
 
     @property
     def description(self) -> str:
-        """What tools show for it, with the unit and the choices."""
+        """Description for tools, with the unit and the choices."""
         unit = f' [{self.unit}]' if self.unit else ''
         choices = f' One of {", ".join(self.choices)}.' if self.choices else ''
         return f'{self.text}{choices}{unit}'

@@ -30,7 +30,7 @@ def descriptor(entry: Entry) -> ParameterDescriptor:
         name=entry.name, description=entry.description, read_only=entry.read_only
     )
     found.type = Parameter.Type[entry.kind.upper()].value
-    # nobody can say of which type an empty list is: `drives` could not be emptied
+    # the type of an empty list is unknown: `drives` could not be emptied
     found.dynamic_typing = entry.kind == 'string_array'
     if entry.choices:
         found.additional_constraints = f'one of {", ".join(entry.choices)}'

@@ -232,7 +232,7 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
         patience = options.wait_for_subscribers
         if patience and (deaf := _unheard(publishers, patience, stopped)):
             print(
-                f'replay: nobody listened to {", ".join(deaf)} within {patience:g} s; start the '
+                f'replay: no subscriber to {", ".join(deaf)} within {patience:g} s; start the '
                 'subscriber first, or choose with --topics',
                 file=sys.stderr,
             )

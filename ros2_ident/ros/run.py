@@ -36,7 +36,7 @@ ROBOT, MACHINE = 'robot.urdf', 'machine.yaml'
 
 @dataclass(frozen=True)
 class Wanted(Request):
-    """What a goal asks for; complete, so that a change of parameters has no effect on its run.
+    """Request of a goal; complete, so that a change of parameters has no effect on its run.
 
     Attributes:
         machine_text: Content of the machine file.

@@ -143,7 +143,7 @@ class Worker:
     def post(self, event: Callable[[], None]) -> None:
         """Have something done in the executor's thread; for a job that has more to give."""
         self._events.put(event)
-        # the node may be gone; whoever joins the thread fetches the rest
+        # the node may be gone; the joining thread fetches the rest
         with contextlib.suppress(InvalidHandle, RCLError):
             self._guard.trigger()
 

@@ -27,7 +27,7 @@ _BLOCK = 64 * PART
 # many, and so on, and after so many at the latest: the more are on their way together, the fewer
 # vectors hold those that are left.
 _FIRST_LIMIT, _NEXT_LIMIT = 32, 256
-# Candidates between two looks at the cancel event where whoever evaluates does not look itself.
+# Candidates between two looks at the cancel event where the evaluator does not look itself.
 _SLICE = 16
 # Slices by which the time to go is estimated. The first of a run is none of them: it may compile.
 _RECENT = 8
@@ -35,7 +35,7 @@ _RECENT = 8
 
 @dataclass(frozen=True)
 class Budget:
-    """What a search may cost; None is without limit.
+    """Budget of a search; None is without limit.
 
     Attributes:
         evaluations: Candidates.
@@ -98,7 +98,7 @@ OnProgress = Callable[[Progress], None]
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
         theta: (N,) best parameters, physical units; NaN where every candidate diverged.

@@ -26,7 +26,7 @@ Stop = Callable[[], bool]
 
 
 class Cancel(Protocol):
-    """What a `threading.Event` has."""
+    """Interface of a `threading.Event`."""
 
     def is_set(self) -> bool:
         """Return whether the search shall end."""
@@ -34,7 +34,7 @@ class Cancel(Protocol):
 
 
 class Subject(Protocol):
-    """What tasks are methods of; other processes get it as a pickle."""
+    """Object whose methods are the tasks; other processes get it as a pickle."""
 
     def prepare(self) -> None:
         """Do what takes time only once, as to compile."""
@@ -42,13 +42,13 @@ class Subject(Protocol):
 
 
 class Objective(Subject, Protocol):
-    """What is evaluated, by several threads at once."""
+    """Function to evaluate, by several threads at once."""
 
     def costs(self, theta: Array, limit: float = math.inf, stop: Stop | None = None) -> Array:
         """Return (S,) costs of (S, N) candidates, inf for a diverged one.
 
         Above `limit`, what is returned may be any lower bound of the cost that is above it too.
-        `stop` is asked now and then; where it says True, nobody needs the result any more.
+        `stop` is asked now and then; True where the result is not needed any more.
         """
         ...
 
@@ -59,7 +59,7 @@ class Objective(Subject, Protocol):
 
 @dataclass(frozen=True)
 class Evaluators:
-    """What a run evaluates its candidates with.
+    """Evaluators of a run's candidates.
 
     Attributes:
         costs: (S, N) -> (S,), here or elsewhere; `limited`.

@@ -50,7 +50,7 @@ _EVERY, _ROUNDS = 4, 4
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a residual shows of noise, of what is missing, and of the parameters.
+    """Evidence of a residual: noise, missing effects, and parameters.
 
     Attributes:
         noise: (P,) the noise of each place.
@@ -180,7 +180,7 @@ def weigh(
 
 @dataclass(frozen=True)
 class _Found:
-    """What one start of the noise has come to; see `_Rows.weighed`."""
+    """Result of one start of the noise; see `_Rows.weighed`."""
 
     noise: tuple[NoiseModel, ...]
     sums: '_Sums'

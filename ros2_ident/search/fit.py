@@ -37,7 +37,7 @@ _COPIES, _BESIDE = 4, 100
 
 
 class Solvable(Objective, Protocol):
-    """What is fitted: an objective with a box; shapes as for `Objective`.
+    """Problem to fit: an objective with a box; shapes as for `Objective`.
 
     Attributes:
         names: (N,) names of the parameters.
@@ -121,7 +121,7 @@ class FitSettings:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """What a fit leaves behind.
+    """Result of a fit.
 
     Attributes:
         ga: The genetic algorithm's result.
@@ -164,7 +164,7 @@ def fit(
 ) -> Fitted:
     """Fit a problem.
 
-    Same problem, settings and seed give the same result to the bit, whoever evaluates, unless a
+    Same problem, settings and seed give the same result to the bit, wherever evaluated, unless a
     budget of seconds or a cancel cuts the run.
 
     Args:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The genetic algorithm of Ludwig and Gerstmayr (2011), section 2, as an ask/tell core.
 
-No objective, clock, thread or print: whoever owns the loop evaluates what `ask` returns and tells
+No objective, clock, thread or print: the caller evaluates what `ask` returns and tells
 the costs. Everything happens in the unit cube; bounds in physical units are the driver's business.
 """
 
@@ -232,7 +232,7 @@ class GeneticSearch:
     def in_doubt(self, costs: Array, exact: Flags) -> Index:
         """Return who survives although only a lower bound of its cost is known.
 
-        Where nobody does, `tell` selects the same survivors as with all costs known: the others
+        Otherwise `tell` selects the same survivors as with all costs known: the others
         would be selected among even later, and are too near to better ones or too late already.
 
         Args:
@@ -253,7 +253,7 @@ class GeneticSearch:
 
     @property
     def _distance(self) -> float:
-        """What survivors of the present generation keep apart, eq. 7."""
+        """Distance that survivors of the present generation keep, eq. 7."""
         s = self.settings
         return s.min_distance * s.range_reduction ** (self.generation - 1)
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run has worked out, kept as it comes, so that a run that was ended goes on.
+"""Journal of a run, kept as it comes, so that a run that was ended goes on.
 
 The steps of a run follow from its inputs to the bit. A run that is started again asks for each
 step in turn: what the file holds is not worked out again, and what it does not hold costs time,
 never another result. That is why a record may be left out, and a damaged end may be cut off.
-A checksum shows damage, not that a record is what the run would have written: whoever asks for one
+A checksum shows damage, not that a record is what the run would have written: the caller
 says what it has to be, and computes again what the answer rests on.
 """
 
@@ -47,7 +47,7 @@ def digest_of(*what: Any) -> bytes:
 
 
 class Within(NamedTuple):
-    """What a value of a record has to be; NaN is in no range.
+    """Condition on a value of a record; NaN is in no range.
 
     Attributes:
         shape: Its shape, None for any length; of a number empty.

@@ -45,7 +45,7 @@ class RefineStatus(enum.Enum):
 
 @dataclass(frozen=True)
 class StartOutcome:
-    """What became of one start.
+    """Result of one start.
 
     Attributes:
         start: (N,) where it began, physical units.

@@ -21,7 +21,7 @@ START = 1_700_000_000_000_000_000  # ns, stamp of the first sample
 
 @dataclass(frozen=True)
 class Nuisance:
-    """What lies between a machine and its log.
+    """Disturbances between a machine and its log.
 
     Attributes:
         effort_noise: Standard deviation of the logged effort [N m, or N].

@@ -20,7 +20,7 @@ from ros2_ident.simulate.motions import Motion
 
 @dataclass(frozen=True)
 class Log:
-    """What a machine did at every controller cycle.
+    """Motion and efforts of a machine at every controller cycle.
 
     Attributes:
         names: Joint names of the drives.

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What machines made of controlled drives share."""
+"""Common parts of machines made of controlled drives."""

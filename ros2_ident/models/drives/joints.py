@@ -42,7 +42,7 @@ class Joint:
         armature: Inertia of motor and gear, kg m^2 or kg.
         offset: Constant in the effort.
         gains: Its controller; None where none is known.
-        limit: Most that the controller asks for; inf where nobody knows.
+        limit: Most that the controller asks for; inf where unknown.
     """
 
     name: str

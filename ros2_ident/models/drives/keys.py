@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What machine files of controlled drives have in common: keys, and how they belong together."""
+"""Common keys of machine files of controlled drives, and how they belong together."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -253,7 +253,7 @@ class DriveModel(MachineModel):
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        """What is compared: quantity by quantity, drive by drive within."""
+        """Compared outputs: quantity by quantity, drive by drive within."""
         return self.signals.described(self.effort_unit, self.machine.travel_unit)
 
     @property
@@ -340,7 +340,7 @@ class DriveModel(MachineModel):
             if row in rows.MACHINE_ROWS:
                 base[rows.row_of(row)] = machine.number(name)
             for d, drive in enumerate(machine.drives) if row in rows.DRIVE_ROWS else ():
-                # Without a set-point nobody reads a gain that nobody knows.
+                # Without a set-point no gain is read.
                 value = machine.number(name, drive)
                 base[rows.row_of(row, d)] = 0.0 if math.isnan(value) else value
         for d, drive in enumerate(machine.drives):
@@ -369,7 +369,7 @@ class DriveModel(MachineModel):
 
     @property
     def context(self) -> Context:
-        """What the machine and its log offer effects."""
+        """Properties of machine and log that effects may need."""
         base = self.rows(np.array([[0.5 * (p.low + p.high) for p in self.parameters]]))[0]
         drives = range(len(self.machine.drives))
         return Context(
@@ -514,7 +514,7 @@ class DriveModel(MachineModel):
 
     @functools.cached_property
     def _band(self) -> Band | None:
-        """What of the efforts is compared; None where controllers follow a set-point."""
+        """Compared part of the efforts; None where controllers follow a set-point."""
         if self._limit == math.inf:
             return None
         data, machine = self.data, self.machine
@@ -701,7 +701,7 @@ class DriveModel(MachineModel):
             theta: (S, N) candidates.
             limit: Cost above which a candidate need not be simulated to the end; one for all, or
                 (S,).
-            stop: Asked now and then; where it says True, nobody needs the result any more.
+            stop: Asked now and then; True where the result is not needed any more.
 
         Returns:
             (S,) costs: weight times RMS error, averaged over the outputs that have samples; inf

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a machine's drives is compared with a recording, and how much each of it counts."""
+"""Compared quantities of a machine's drives, and their weights."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -178,7 +178,7 @@ def chosen_outputs(
 
 
 class MachineModel(FullModel):
-    """What the models of machine files have in common: machine, recording and what is compared.
+    """Common part of the models of machine files: machine, recording and outputs.
 
     Args:
         machine: The machine file's content.

@@ -33,7 +33,7 @@ _EXPRESSED = frozenset(
 _SHARED = frozenset(('measurement_delay', 'free_fall'))
 # Parameters that are no attribute of the simulator.
 _OUTSIDE = frozenset(('measurement_delay', 'joint_zero', 'set_point_delay'))
-# How far a joint moves to either side when nobody says otherwise, rad or m; speed and
+# How far a joint moves to either side by default, rad or m; speed and
 # acceleration of a way through all of them together.
 _TURN, _SLIDE, _SPEED, _ACCELERATION = 0.5, 0.1, 1.0, 4.0
 # Samples of the position that show how fast a joint starts.
@@ -145,7 +145,7 @@ class Mujoco(MachineModel):
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        """What is compared: quantity by quantity, drive by drive within."""
+        """Compared outputs: quantity by quantity, drive by drive within."""
         turning = self.signals.described('N m', 'rad')
         sliding = self.signals.described('N', 'm')
         places = [self.plant.places[d] for d in self.signals.sources]
@@ -191,7 +191,7 @@ class Mujoco(MachineModel):
 
     @property
     def _context(self) -> Context:
-        """What simulator and log offer; what is identified as an attribute is no effect."""
+        """Properties of simulator and log; an identified attribute is no effect."""
         rows_of = {'damping': 'viscous', 'frictionloss': 'coulomb', 'kp': 'position_gain',
                    'kv': 'velocity_gain', 'force_limit': 'torque_limit',
                    'measurement_delay': 'log_delay'}  # fmt: skip
@@ -340,7 +340,7 @@ class _Same:
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         words = ('description', 'joint', 'actuator', 'direction', 'body')
-        # As text: what nobody knows is NaN, which is unlike itself.
+        # As text: what is unknown is NaN, which is unlike itself.
         numbers = (str(machine.numbers(word)) for word in (*OWN, 'cycle'))
         stated = machine.given & {*OWN}
         self._made = (machine.drives, stated, *numbers, *(machine.texts(word) for word in words))
@@ -358,7 +358,7 @@ def _plant(machine: Machine) -> Plant:
 
 
 def space(machine: Machine) -> Space:
-    """Return where the joints move when nobody says otherwise: about where they are drawn."""
+    """Return where the joints move by default: about where they are drawn."""
     plant = _plant(machine)
     most = np.where([at.slides for at in plant.places], _SLIDE, _TURN)
     low, high = np.clip(plant.ends, plant.home - most, plant.home + most)

@@ -128,7 +128,8 @@ def _number(model: Any, kind: Any, name: str, word: str) -> int:
         known = ', '.join(str(mj.mj_id2name(model, kind, n)) for n in range(count))
         raise IdentError(
             ErrorCode.BAD_MACHINE_FILE,
-            f'geometry.description has no {word} {name}; it has {known}',
+            f'geometry.description has no {word} {name}; it has {known}: give the {word} of each '
+            f'drive in drive.{word}',
         )
     return int(found)
 

@@ -40,12 +40,12 @@ class Serial(DriveModel):
 
     @functools.cached_property
     def inertials(self) -> Inertials:
-        """What of the links is looked for."""
+        """Unknown part of the links."""
         return Inertials(self.machine, self.arm)
 
     @functools.cached_property
     def transmission(self) -> Transmission:
-        """What stands between motors and links."""
+        """Transmission between motors and links."""
         return Transmission(self.machine)
 
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
@@ -149,7 +149,7 @@ class Serial(DriveModel):
 
     @property
     def context(self) -> Context:
-        """What an arm offers effects; behind a flexible joint all the other links would move."""
+        """Properties for effects; behind a flexible joint all the other links would move."""
         return replace(super().context, lifted=True)
 
     @property

@@ -30,7 +30,7 @@ _NEW, _NOTHING = 1e-7, 1e-10
 
 
 class Inertials:
-    """What of an arm's inertial parameters is looked for, and what the file says of the rest.
+    """Unknown inertial parameters of an arm, and the stated rest.
 
     Args:
         machine: The machine.
@@ -106,7 +106,7 @@ class Inertials:
 
     @functools.cached_property
     def changes(self) -> tuple[Array, Array]:
-        """What the parameters tell of changes of all inertials, and what may not change.
+        """Change of all inertials by the parameters, and the ones that may not change.
 
         Returns:
             (B, 10 D) the base parameters' changes by those of the inertials, and (H, 10 D)

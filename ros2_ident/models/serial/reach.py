@@ -67,7 +67,7 @@ def ends(machine: Machine) -> tuple[Array, Array]:
     arm = arm_of(machine)
     low, high = arm.limits['low'], arm.limits['high']
     # A description writes a limit of none as a large one.
-    none = arm.prismatic | (high - low > _ENDLESS)
+    none = arm.prismatic | (0.5 * high - 0.5 * low > 0.5 * _ENDLESS)
     return np.where(none, -np.inf, low), np.where(none, np.inf, high)
 
 

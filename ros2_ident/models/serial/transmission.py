@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands between motors and links: couplings of joints, and counterbalances."""
+"""Transmission between motors and links: couplings of joints, and counterbalances."""
 
 from collections.abc import Mapping
 import functools

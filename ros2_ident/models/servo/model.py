@@ -53,7 +53,7 @@ class Servo(SeparateDrives):
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        """What is compared: quantity by quantity, drive by drive within."""
+        """Compared outputs: quantity by quantity, drive by drive within."""
         return self.signals.described(self.machine.effort_unit, self.machine.travel_unit)
 
     def simulated_effort(self, theta: Array) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a platform on three rods makes of its drives: mass matrix and load, a block of candidates.
+"""Platform on three rods, seen from its drives: mass matrix and load, a block of candidates.
 
 The drives' coordinates are the heights of carriages, or the angles of arms on shafts. Each drive's
 joint moves along a tangent t; a rod r from the platform to it asks for r . p' = (r . t) s'.

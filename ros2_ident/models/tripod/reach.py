@@ -98,7 +98,7 @@ def meeting_point(feet: Array, lengths: Array) -> Array:
 
 
 def space(machine: Machine) -> Space:
-    """Return where the platform moves when nobody says otherwise."""
+    """Return where the platform moves by default."""
     size = machine.number('rod_length') / 0.6
     return Space(
         np.array([0.0, 0.0, -0.05]) * size, np.array([0.075, 0.075, 0.06]) * size, 1.0, 25.0
@@ -132,7 +132,7 @@ def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, A
 
 
 def space_of_delta(machine: Machine) -> Space:
-    """Return where the platform moves when nobody says otherwise."""
+    """Return where the platform moves by default."""
     arm = machine.number('arm_length')
     out = machine.number('shaft_radius') + arm * np.cos(_HANGING)
     depth = arm * np.sin(_HANGING) + np.sqrt(machine.number('rod_length') ** 2 - out**2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What to do now: the equation with its numbers, lines to paste, a motion, the next command."""
+"""Next steps: the equation with its numbers, lines to paste, a motion, the next command."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
