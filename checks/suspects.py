@@ -324,7 +324,7 @@ def told(rows: Sequence[Mapping[str, Any]]) -> str:
     for name in ROWS:
         own = [r['right'] for r in rows if r['row'] == name]
         out.append(f'{name:9s}{sum(own):3d} of {len(own)}')
-    used = [r['cpu_seconds'] for r in rows if r['cpu_seconds']] or [math.nan]
+    used = [r['cpu_seconds'] for r in rows if r.get('cpu_seconds')] or [math.nan]
     median, most = np.quantile(used, (0.5, 0.95))
     return '\n'.join([*out, f'processor seconds: median {median:.1f}, 95 % {most:.1f}'])
 
