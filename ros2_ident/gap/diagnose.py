@@ -198,7 +198,8 @@ class _Passes:
     def run(self, fit: Recordings, check: Recordings) -> Diagnosis:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
         begun = self._begin(Case(fit, check, self.conditions))
-        if begun.report.unfit:
+        # Without a gap no effect can stand for a number that the controllers' log contradicts.
+        if begun.report.unfit or (begun.report.blocked and not begun.material):
             found, verdict = of_gates(begun.explainer, begun.base, begun.report)
             return self._composed(begun, *self._of_the_file(begun, found, verdict))
         if begun.material and not self.clock.stopped():
