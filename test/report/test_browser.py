@@ -14,7 +14,7 @@ from ros2_ident.fleet.summary import write_summary
 from ros2_ident.report.page import write_comparison, write_report
 from ros2_ident.report.signals import write_signals
 
-PICTURES = 4
+PLOTS = 2
 # A picture's figures lie in shadow roots, one within another.
 FIND = '''
 function everything(root, wanted) {
@@ -69,7 +69,7 @@ def test_it_draws_every_picture_and_asks_nobody(page: Any) -> None:
         "f => !everything(f, 'svg path').length).length"
     )
     assert empty == 0
-    assert page.execute_script('return Bokeh.documents.length') == PICTURES
+    assert page.execute_script('return Bokeh.documents.length') == PLOTS
     faults = [x for x in page.get_log('browser') if x['level'] != 'INFO']
     assert faults == []
     events = [json.loads(x['message'])['message'] for x in page.get_log('performance')]

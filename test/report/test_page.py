@@ -58,26 +58,25 @@ class Page(HTMLParser):
         super().__init__()
         self.sections, self.values, self.links, self.pictures = [], {}, [], []
         self.text = ''
-        self._plot = self._code = False
+        self._code = False
         self.feed(path.read_text(encoding='utf-8'))
 
     def handle_starttag(self, tag, attrs):
         attrs = dict(attrs)
+        if attrs.get('class') == 'drawn' and 'id' in attrs:
+            self.pictures.append(attrs['id'])
         if tag == 'section':
             self.sections.append(attrs['id'])
         if 'data-of' in attrs:
             self.values[attrs['data-of']] = attrs['data-value']
         self.links += [attrs[name] for name in ('src', 'href', 'data', 'action') if name in attrs]
-        self._plot = tag == 'script' and attrs.get('class') == 'plot'
         self._code = tag in ('script', 'style')
 
     def handle_endtag(self, tag):
-        self._plot = self._code = False
+        self._code = False
 
     def handle_data(self, data):
-        if self._plot:
-            self.pictures.append(json.loads(data)['target_id'])
-        elif not self._code:
+        if not self._code:
             self.text += ' '.join(data.split()) + ' '
 
 
@@ -537,7 +536,7 @@ def test_a_drive_without_samples_and_one_that_diverged():
     (log,) = signals.recordings
     log.measured[1] = np.nan
     log.simulated[0, 2, 1000:] = np.inf
-    (refill,) = (x for x in effort_plot(signals).plot.references() if x.name == 'refill')
+    (refill,) = (x for x in effort_plot(signals).drawn.references() if x.name == 'refill')
     held = {name: codes != NOTHING for name, codes in refill.args['full'].data.items()}
     assert not held['measured_1'].any() and held['measured_0'].all()
     # beyond all bounds: along the edge
@@ -555,9 +554,10 @@ def test_an_identification_keeps_where_it_began(tmp_path):
     # The axis' set-point is recorded: so is how far it lags behind.
     assert np.isfinite(log.tracking).mean() > 0.9 and 0.0 < np.nanstd(log.tracking) < 0.01
     drawn = effort_plot(signals)
-    hidden = {r.name for r in drawn.plot.select({'type': GlyphRenderer}) if not r.visible}
+    hidden = {r.name for r in drawn.drawn.select({'type': GlyphRenderer}) if not r.visible}
     assert hidden == {'model-0'}
-    assert [b.pressed for b in drawn.choices[0].buttons] == [False, False, True]
+    (_, _, buttons), *_ = drawn.choices
+    assert [pressed for *_, pressed in buttons] == [False, False, True]
 
 
 def test_other_files_are_refused(tmp_path):

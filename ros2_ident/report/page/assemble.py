@@ -74,7 +74,6 @@ def _render(folder: Path, result: Identification | None, w: Written | None) -> s
         'pictures': _pictures(folder, result, w),
         # a solution by least squares looks at no candidate but its own
         'searched': result is not None and result.settings.get('method') != 'algebraic',
-        'effects': '',
         'hero': None,
         'free': prediction if w is None else w.found.prediction,
         'about': [],
@@ -160,7 +159,6 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
             name: numbers.percent(math.nan if quiet(g, d) else g.share_closed)
             for name, g in d.per_drive.items()
         },
-        'effects': effects,
         'hero': hero,
         'maps': maps,
         'where': sentences.leading(d),

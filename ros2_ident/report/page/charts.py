@@ -2,18 +2,17 @@
 """Maps of a residual along a coordinate, and the law that was found, as SVG by matplotlib."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-import io
+from dataclasses import replace
 import itertools
 import math
 from typing import TYPE_CHECKING
 
-from markupsafe import escape, Markup
 import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.maps import Line, ResidualMap
+from ros2_ident.report.page.look import INK, Key, Picture, svg
 from ros2_ident.report.page.numbers import number, unit_of
 from ros2_ident.report.style import BLUE, GREY, numbers, ORANGE, RED, tidy
 from ros2_ident.words.figures import compared
@@ -22,39 +21,24 @@ from ros2_ident.words.verdict import named
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Size, inches of 72 pixels.
-SIZE = 5.8, 3.5
+# Size [px].
+SIZE = 417.6, 252.0
 # No line crosses a gap of this share of the width.
 _EMPTY = 0.36
 # A picture over the speed is read at once: it goes before one that shows hardly more.
 FAMILIAR = 1.25
 # Names of coordinates in a sentence.
 NAMES = {'load': 'transmitted load', 'torque': 'simulated effort', 'lagging friction': 'time'}
-_COLOURS = {'forwards': BLUE, 'backwards': ORANGE, 'both': 'black'}
+_KEYS = {
+    'forwards': Key('moving forwards', BLUE, 'dot'),
+    'backwards': Key('moving backwards', ORANGE, 'square'),
+    'both': Key('measured minus simulated', INK, 'dot'),
+}
 
 Laws = Sequence[tuple[str, Array, Array]]
 
 
-@dataclass(frozen=True)
-class Chart:
-    """A picture.
-
-    Attributes:
-        svg: The drawing.
-        title: Caption.
-        headings: Directions of motion that are drawn apart.
-        law: Name of the thick line; empty where there is none.
-        bent: Whether its axis is linear near zero and logarithmic beyond.
-    """
-
-    svg: Markup
-    title: str
-    headings: tuple[str, ...]
-    law: str
-    bent: bool = False
-
-
-def picture(found: ResidualMap, effects: str = '') -> Chart | None:
+def picture(found: ResidualMap, effects: str = '') -> Picture | None:
     """Draw a map of the residual.
 
     Args:
@@ -75,15 +59,16 @@ def picture(found: ResidualMap, effects: str = '') -> Chart | None:
     summary = f'{title}. It runs {_range(before, found.unit)}'
     if laws and not spectrum:
         summary += f'; with {effects} in the model {_range(found.after, found.unit)}'
-    svg = Markup(f'<div class="drawn" role="img" aria-label="{escape(summary)}.">') + Markup(
-        _drawn(found, before, laws, spectrum=spectrum) + '</div>'
-    )
-    verb = 'add' if effects == 'the effects' else 'adds'
-    law = f'what {effects} {verb} to the simulation, with its parameters refitted'
-    law = f'left with {effects}' if spectrum else law
-    headings = tuple(line.heading for line in before)
-    bent = not spectrum and found.linear > 0.0
-    return Chart(svg, title, headings, law if laws else '', bent)
+    keys = [_KEYS[line.heading] for line in before]
+    if laws:
+        verb = 'add' if effects == 'the effects' else 'adds'
+        law = f'what {effects} {verb} to the simulation, with its parameters refitted'
+        keys.append(Key(f'left with {effects}' if spectrum else law, RED, '3'))
+    note = 'dots are means; shaded: their 95 % interval; level band: noise of one sample'
+    if not spectrum and found.linear > 0.0:
+        note += '; the axis is logarithmic away from 0'
+    drawn = svg(lambda made: _draw(made.subplots(), found, before, laws), *SIZE)
+    return Picture(drawn, f'{summary}.', title, tuple(keys), (note,))
 
 
 def _range(lines: Sequence[Line], unit: str) -> str:
@@ -91,39 +76,27 @@ def _range(lines: Sequence[Line], unit: str) -> str:
     return f'from {number(mean.min(), 2)} to {number(mean.max(), 2)} {unit_of(unit)}'
 
 
-def _drawn(found: ResidualMap, lines: Sequence[Line], laws: Laws, *, spectrum: bool) -> str:
-    """Return a map as SVG."""
-    # A page without maps need not wait for matplotlib.
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'ros2_ident', 'font.size': 12.0}):
-        made = Figure(SIZE, layout='constrained')
-        axes = made.subplots()
-        tidy(axes)
-        axes.tick_params(labelsize=11.0)
-        if spectrum:
-            axes.loglog()
-            numbers(axes.xaxis)
-        elif found.linear:
-            _bend(axes, found.linear, np.concatenate([line.place for line in lines]))
-        floor = found.noise_floor
-        if floor > 0.0 and not spectrum:
-            axes.axhspan(-floor, floor, color=GREY, alpha=0.13, lw=0.0)
-            axes.axhline(0.0, color=GREY, lw=0.8)
-        for line in lines:
-            _measured(axes, line, spectrum=spectrum)
-        for heading, place, values in laws:
-            dashed = '--' if heading == 'backwards' else '-'
-            for s in [slice(None)] if spectrum else _stretches(axes, place):
-                axes.plot(place[s], values[s], color=RED, lw=2.4, ls=dashed)
-        what = 'amplitude density' if spectrum else 'measured − simulated'
-        axes.set(xlabel=found.label, ylabel=f'{what} [{unit_of(found.unit)}]')
-        file = io.StringIO()
-        made.savefig(file, format='svg', metadata={'Date': None}, transparent=True)
-    text = file.getvalue()
-    body = text[text.index('viewBox=') :]
-    return f'<svg class="chart" xmlns:xlink="http://www.w3.org/1999/xlink" {body}'
+def _draw(axes: 'Axes', found: ResidualMap, lines: Sequence[Line], laws: Laws) -> None:
+    spectrum = found.coordinate == 'frequency'
+    tidy(axes)
+    axes.tick_params(labelsize=11.0)
+    if spectrum:
+        axes.loglog()
+        numbers(axes.xaxis)
+    elif found.linear:
+        _bend(axes, found.linear, np.concatenate([line.place for line in lines]))
+    floor = found.noise_floor
+    if floor > 0.0 and not spectrum:
+        axes.axhspan(-floor, floor, color=GREY, alpha=0.13, lw=0.0)
+        axes.axhline(0.0, color=GREY, lw=0.8)
+    for line in lines:
+        _measured(axes, line, spectrum=spectrum)
+    for heading, place, values in laws:
+        dashed = '--' if heading == 'backwards' else '-'
+        for s in [slice(None)] if spectrum else _stretches(axes, place):
+            axes.plot(place[s], values[s], color=RED, lw=2.4, ls=dashed)
+    what = 'amplitude density' if spectrum else 'measured − simulated'
+    axes.set(xlabel=found.label, ylabel=f'{what} [{unit_of(found.unit)}]')
 
 
 def _bend(axes: 'Axes', linear: float, places: Array) -> None:
@@ -140,7 +113,7 @@ def _bend(axes: 'Axes', linear: float, places: Array) -> None:
 def _measured(axes: 'Axes', line: Line, *, spectrum: bool) -> None:
     """Draw the means with their 95 % band; a spectrum as a line."""
     place, mean, half = line.place, line.mean, line.half
-    colour = _COLOURS[line.heading]
+    colour = _KEYS[line.heading].colour
     if spectrum:
         axes.plot(place, mean, color=colour, lw=1.4)
         return
@@ -178,7 +151,7 @@ def _laws(found: ResidualMap) -> list[tuple[str, Array, Array]]:
     ]
 
 
-def all_of(w: Written, effects: str) -> tuple[Chart | None, list[Chart]]:
+def all_of(w: Written, effects: str) -> tuple[Picture | None, list[Picture]]:
     """Return the picture of the first screen, and all others.
 
     Args:

@@ -20,11 +20,12 @@ from bokeh.models import (
     WheelZoomTool,
 )
 from bokeh.models.annotations import Span
+from bokeh.plotting import figure
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.report.page.look import Button, Choice, INK, Key, Picture, plot
+from ros2_ident.report.page.look import INK, Key, Picture
 from ros2_ident.report.page.numbers import number
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.report.style import GREY, ORANGE, RED, SKY
@@ -44,8 +45,10 @@ BEYOND = 10.0
 GAP = 0.02
 # A curve breaks where its next sample is so many times later than usual, and by so many s.
 LATE, LATE_SECONDS = 10.0, 0.02
-# The worst moments that are offered, and the length of one as a share of all of the time.
-MOMENTS, MOMENT = 3, 0.02
+# The worst moments that are offered, and into how many stretches the time is cut to find them.
+MOMENTS, STRETCHES = 3, 50
+LINE, GRID = '#9aa5b1', '#e6eaee'
+FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 
 
 def effort_plot(
@@ -94,9 +97,10 @@ def effort_plot(
         layout,
         f'Measured and simulated {compared(signals.unit)} of '
         f'{", ".join(signals.drives)} over time, with the residual below',
-        tuple(_keys(signals, bool(np.isfinite(tracking).any()))),
-        tuple(_notes(recordings, rows, bool(floor))),
-        tuple(_choices(signals, recordings, starts, first, time, _worst_moments(time, over))),
+        keys=tuple(_keys(signals, bool(np.isfinite(tracking).any()))),
+        notes=tuple(_notes(recordings, rows, bool(floor))),
+        choices=tuple(_choices(signals, starts, first, time, _worst_moments(time, over))),
+        height=sum(made.height for made in plots.figures if made.visible),
         least=320,
     )
 
@@ -115,33 +119,30 @@ def _keys(signals: Signals, tracked: bool) -> Iterator[Key]:
 
 def _choices(
     signals: Signals,
-    recordings: Sequence[Curves],
     starts: Sequence[float],
     first: int,
     time: Array,
     moments: Sequence[tuple[float, float, int]],
-) -> Iterator[Choice]:
+) -> Iterator[tuple[str, str, tuple[tuple[str, str, bool], ...]]]:
     """Yield the buttons: drives, models, and stretches of time to look at."""
-    if len(signals.drives) >= TABS:
-        tabs = [Button(name, str(d), d == first) for d, name in enumerate(signals.drives)]
-        yield Choice('Drive', 'drive', tuple(tabs))
+    drives, judged = signals.drives, signals.judged
+    if len(drives) >= TABS:
+        yield 'Drive', 'drive', tuple((n, str(d), d == first) for d, n in enumerate(drives))
     if len(signals.models) > 1:
-        both = Button('both', '', signals.judged < 0)
-        models = [Button(n, str(m), m == signals.judged) for m, n in enumerate(signals.models)]
-        yield Choice('Simulation', 'model', (both, *models))
-    views = [
-        Button(f'{number(0.5 * (a + b), 3)} s, {signals.drives[d]}', f'{a},{b}')
-        for a, b, d in moments
-    ]
-    yield Choice('Largest residuals', 'view', tuple(views))
-    ends = [*starts[1:], float(time[-1])]
-    parts = [Button('all' if len(recordings) > 1 else 'whole', f'{time[0]},{time[-1]}')]
-    if len(recordings) > 1:
-        parts += [
-            Button(f'{n}: {r.title}' if r.title else str(n), f'{a},{b}')
-            for n, (r, a, b) in enumerate(zip(recordings, starts, ends, strict=True), 1)
+        models = [(n, str(m), m == judged) for m, n in enumerate(signals.models)]
+        yield 'Simulation', 'model', (('both', '', judged < 0), *models)
+    yield 'Largest residuals', 'view', tuple(
+        (f'{number(0.5 * (a + b), 3)} s, {drives[d]}', f'{a},{b}', False) for a, b, d in moments
+    )
+    titles = [r.title for r in signals.recordings if r.time.size]
+    views = [('all' if len(titles) > 1 else 'whole', f'{time[0]},{time[-1]}', False)]
+    if len(titles) > 1:
+        ends = [*starts[1:], float(time[-1])]
+        views += [
+            (f'{n}: {title}' if title else str(n), f'{a},{b}', False)
+            for n, (title, a, b) in enumerate(zip(titles, starts, ends, strict=True), 1)
         ]
-    yield Choice('Recording', 'view', tuple(parts))
+    yield 'Recording', 'view', tuple(views)
 
 
 class _Plots:
@@ -181,17 +182,33 @@ class _Plots:
 
     def _figure(self, d: int, height: int, label: str, ticks: int = 6) -> Any:
         wheel = WheelZoomTool(dimensions='width', modifiers='ctrl')
-        made = plot(
+        made: Any = figure(
+            output_backend='svg',
             height=height,
             x_range=self._whole,
             y_range=DataRange1d(only_visible=True),
+            min_border=4,
             min_border_left=76,
+            background_fill_color=None,
+            border_fill_color=None,
+            outline_line_color=None,
+            toolbar_location='above',
             tools=['pan', 'box_zoom', wheel, 'reset', self._cursor],
+            active_drag='box_zoom',
             active_scroll=wheel,
             name=f'drive-{d}',
             sizing_mode='stretch_width',
             visible=self.visible,
         )
+        made.toolbar.update(autohide=True, logo=None)
+        for axis in made.axis:
+            axis.axis_label_text_font = axis.major_label_text_font = FONT
+            axis.axis_label_text_font_style = 'normal'
+            axis.axis_label_text_font_size = axis.major_label_text_font_size = '13px'
+            axis.axis_label_text_color = axis.major_label_text_color = INK
+            axis.axis_line_color = axis.major_tick_line_color = LINE
+            axis.update(axis_label_standoff=6, minor_tick_line_color=None, major_tick_in=0)
+        made.grid.grid_line_color = GRID
         made.yaxis.axis_label = label
         made.yaxis.ticker = BasicTicker(desired_num_ticks=ticks)
         made.xaxis.visible = False
@@ -335,21 +352,14 @@ def _worst_moments(time: Array, residual: Array) -> list[tuple[float, float, int
         residual: (D, T) in units that compare between drives, NaN for none.
     """
     squares = np.nan_to_num(residual**2)
-    span = max(MOMENT * float(time[-1] - time[0]), 1e-9)
-    total = np.concatenate([np.zeros((len(squares), 1)), squares.cumsum(axis=1)], axis=1)
-    first = np.searchsorted(time, time - 0.5 * span)
-    last = np.searchsorted(time, time + 0.5 * span, side='right')
-    power = total[:, last] - total[:, first]
+    span = max(float(time[-1] - time[0]) / STRETCHES, 1e-9)
+    number_of = np.minimum((time - time[0]) / span, STRETCHES - 1).astype(np.int64)
+    power = np.stack([np.bincount(number_of, row, STRETCHES) for row in squares])
     out: list[tuple[float, float, int]] = []
-    free = np.ones(time.size, dtype=bool)
-    while len(out) < MOMENTS and free.any():
-        there = np.where(free, power, -1.0)
-        drive, row = np.unravel_index(int(there.argmax()), there.shape)
-        if there[drive, row] <= 0.0:
-            break
-        # The stretch with the most, and in it the largest of all.
-        part = squares[drive, first[row] : last[row]]
-        middle = float(time[first[row] + int(part.argmax())])
+    while len(out) < MOMENTS and power.max() > 0.0:
+        drive, stretch = np.unravel_index(int(power.argmax()), power.shape)
+        # around the largest of all in the stretch
+        middle = float(time[int(np.where(number_of == stretch, squares[drive], -1.0).argmax())])
         out.append((middle - span, middle + span, int(drive)))
-        free &= np.abs(time - middle) > 2.0 * span
+        power[:, max(0, stretch - 2) : stretch + 3] = 0.0
     return out

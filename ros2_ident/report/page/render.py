@@ -60,7 +60,7 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
 
 def _item(picture: Picture, name: str) -> Markup:
     """Return a plot as JSON that may stand inside a script element."""
-    text = serialize_json(json_item(picture.plot, name))  # type: ignore[arg-type]
+    text = serialize_json(json_item(picture.drawn, name))  # type: ignore[arg-type]
     return Markup(text.replace('<', '\\u003c'))
 
 
