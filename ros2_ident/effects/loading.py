@@ -18,6 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from ros2_ident.effects.effect import Effect
+from ros2_ident.effects.shifts import EFFECTS
 from ros2_ident.errors import ErrorCode, IdentError
 
 # Paths of files with effects, separated as in PATH.
@@ -41,10 +42,11 @@ class Catalogue:
         self.effects: dict[str, Effect] = {}
         self.sources: dict[Path, str] = {}
         self.closed = False
-        for name in sorted(name for _, name, _ in pkgutil.iter_modules(folders)):
-            own = getattr(importlib.import_module(f'{package}.{name}'), 'EFFECT', None)
-            if own is not None:
-                self._add(own, name)
+        names = [name for _, name, _ in pkgutil.iter_modules(folders)]
+        modules = [importlib.import_module(f'{package}.{name}') for name in names]
+        own = [m.EFFECT for m in modules if hasattr(m, 'EFFECT')]
+        for effect in sorted((*own, *EFFECTS), key=lambda effect: effect.id):
+            self._add(effect, effect.id)
         for effect, source, module in _of_packages():
             self._add(effect, source)
             self.sources[Path(str(module.__file__)).resolve()] = module.__name__
