@@ -18,7 +18,6 @@ from types import ModuleType
 from typing import Any
 
 from ros2_ident.effects.effect import Effect
-from ros2_ident.effects.shifts import EFFECTS
 from ros2_ident.errors import ErrorCode, IdentError
 
 # Paths of files with effects, separated as in PATH.
@@ -45,7 +44,8 @@ class Catalogue:
         names = [name for _, name, _ in pkgutil.iter_modules(folders)]
         modules = [importlib.import_module(f'{package}.{name}') for name in names]
         own = [m.EFFECT for m in modules if hasattr(m, 'EFFECT')]
-        for effect in sorted((*own, *EFFECTS), key=lambda effect: effect.id):
+        own += [effect for m in modules for effect in getattr(m, 'EFFECTS', ())]
+        for effect in sorted(own, key=lambda effect: effect.id):
             self._add(effect, effect.id)
         for effect, source, module in _of_packages():
             self._add(effect, source)
