@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.diagnosis import Value
+from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.models import EffectAt
-from ros2_ident.report.diagnosis import effects_in
+from ros2_ident.report.diagnosis import effects_in, Written
 from ros2_ident.report.files import DIAGNOSIS, JSON, load_diagnosis, load_result, YAML
 
 # Half a 95 % interval in standard deviations.
@@ -51,10 +53,23 @@ def read_estimate(path: str | Path) -> Estimate:
     folder = Path(path)
     whole = not folder.is_dir() or (folder / JSON).exists() or (folder / YAML).exists()
     diagnosis = folder.parent if folder.name == DIAGNOSIS else folder
+    of: Identification | Written
+    known: Mapping[str, ParameterEstimate | Value]
     if diagnosis == folder and (whole or not (folder / DIAGNOSIS).exists()):
-        found = _identified(folder)
+        of = load_result(folder)
+        known, fixed, drives = {p.name: p for p in of.parameters}, of.fixed, of.drives
     else:
-        found = _found(diagnosis)
+        of = load_diagnosis(diagnosis)
+        known, fixed = of.found.parameters, of.settings.get('fixed', {})
+        drives = tuple(of.settings.get('drives', ()))
+    found = Estimate(
+        {name: v.value for name, v in known.items()},
+        {name: _deviation(v.low, v.high) for name, v in known.items()},
+        {name: float(value) for name, value in fixed.items()},
+        drives,
+        of.settings,
+        of.provenance.source,
+    )
     several = [name for name in found.values if '@' in name]
     if several:
         raise IdentError(
@@ -68,31 +83,6 @@ def read_estimate(path: str | Path) -> Estimate:
             ErrorCode.INVALID_GOAL, f'{path} holds no value of {broken[0]}; identify again'
         )
     return found
-
-
-def _identified(folder: Path) -> Estimate:
-    result = load_result(folder)
-    return Estimate(
-        {p.name: p.value for p in result.parameters},
-        {p.name: _deviation(p.low, p.high) for p in result.parameters},
-        dict(result.fixed),
-        result.drives,
-        result.settings,
-        result.provenance.source,
-    )
-
-
-def _found(folder: Path) -> Estimate:
-    read = load_diagnosis(folder)
-    values, settings = read.found.parameters, read.settings
-    return Estimate(
-        {name: v.value for name, v in values.items()},
-        {name: _deviation(v.low, v.high) for name, v in values.items()},
-        {name: float(value) for name, value in settings.get('fixed', {}).items()},
-        tuple(settings.get('drives', ())),
-        settings,
-        read.provenance.source,
-    )
 
 
 def _deviation(low: float, high: float) -> float:

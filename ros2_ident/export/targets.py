@@ -12,6 +12,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.content import Content
 from ros2_ident.export.texts import isaac, mjcf, ros2_control, urdf
 from ros2_ident.files import make_directory, require_ours, write_text
+from ros2_ident.words.figures import joined
 
 
 @dataclass(frozen=True)
@@ -112,21 +113,20 @@ def write(
     require_ours(read, read)
     folder = make_directory(directory)
     told = {name: tuple(sentences(content, TARGETS[name])) for name in names}
-    said = {
-        name: {
-            'file': TARGETS[name].file,
-            'left_out': told[name],
-            'joints': _numbers(content, name),
-        }
-        for name in names
-    }
     links = content.links
     whole = {
         'schema': 'ros2_ident.export',
         'version': 1,
         'spread': content.spread if links else None,
         'mended': list(links.mended) if links else [],
-        'targets': said,
+        'targets': {
+            name: {
+                'file': TARGETS[name].file,
+                'left_out': told[name],
+                'joints': _numbers(content, name),
+            }
+            for name in names
+        },
     }
     files = {name: write_text(paths[name], text) for name, text in texts.items()}
     write_text(folder / SUMMARY, json.dumps(whole, indent=1) + '\n')
@@ -151,7 +151,7 @@ def sentences(content: Content, target: Target) -> Iterator[str]:
     lacking = list(_lacking(content, target))
     rows = content.missed(armature=target.armature)
     if lacking:
-        yield f'{target.title} has no place for {_listed(lacking)}'
+        yield f'{target.title} has no place for {joined(lacking)}'
     if rows and target.described:
         least = min(rows, key=lambda m: m.closed if np.isfinite(m.closed) else 1.0)
         worse = max(rows, key=lambda m: m.consistent - _WORSE * m.identified)
@@ -167,7 +167,7 @@ def sentences(content: Content, target: Target) -> Iterator[str]:
             f'{least.exported:.3g} exported, {least.identified:.3g} identified'
         )
     if content.logged:
-        names = _listed(sorted({at.effect for at in content.logged}))
+        names = joined(sorted({at.effect for at in content.logged}))
         yield f'{names}: left out, as it describes the log, not the machine'
     if content.effects and content.links is not None and target.described:
         yield (
@@ -181,7 +181,7 @@ def _lacking(content: Content, target: Target) -> Iterator[str]:
     joints = content.identified
     heavy = [j.name for j in joints if j.armature > 0.0]
     if heavy and not target.armature and target.described:
-        yield f'the inertia of motors and gears ({_listed(heavy)})'
+        yield f'the inertia of motors and gears ({joined(heavy)})'
     shifted = [j for j in joints if j.offset != 0.0]
     if shifted:
         most = max(shifted, key=lambda j: abs(j.offset))
@@ -198,6 +198,3 @@ def _lacking(content: Content, target: Target) -> Iterator[str]:
     if 'f' not in target.gains and ahead:
         yield "the set-point's speed in the controllers' law"
 
-
-def _listed(words: list[str]) -> str:
-    return ', '.join(words[:-1]) + ' and ' + words[-1] if len(words) > 1 else words[0]

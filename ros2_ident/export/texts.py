@@ -12,7 +12,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.content import Content
 from ros2_ident.files import mark
-from ros2_ident.models.drives.joints import Joint
+from ros2_ident.models.drives.joints import Gains, Joint
 
 _ISAAC = (
     '# Keyword arguments of isaaclab.actuators.ImplicitActuatorCfg. Efforts in N m or N, as\n'
@@ -35,16 +35,17 @@ def urdf(text: str, content: Content) -> str:
     Raises:
         IdentError: BAD_MACHINE_FILE where a joint or link is not in it.
     """
-    root = _parsed(text)
+    root, remedy = _parsed(text), 'give the one that the machine file names'
     for name, mass, centre, inertia in content.inertials():
-        _urdf_inertial(_of_urdf(root, 'link', name), mass, centre, inertia)
+        _urdf_inertial(_named(root.findall('link'), 'link', name, remedy), mass, centre, inertia)
     for joint in content.joints:
-        _dynamics(_of_urdf(root, 'joint', joint.name), joint)
+        element = _named(root.findall('joint'), 'joint', joint.name, remedy)
+        found = element.find('dynamics')
+        if found is None:
+            found = ET.SubElement(element, 'dynamics')
+        found.set('damping', _number(joint.viscous))
+        found.set('friction', _number(joint.coulomb))
     return _written(root)
-
-
-def _of_urdf(root: ET.Element, tag: str, name: str) -> ET.Element:
-    return _named(root.findall(tag), tag, name, 'give the one that the machine file names')
 
 
 def _urdf_inertial(link: ET.Element, mass: float, centre: Array, inertia: Array) -> None:
@@ -52,18 +53,9 @@ def _urdf_inertial(link: ET.Element, mass: float, centre: Array, inertia: Array)
     _put_inertial(link, new)
     ET.SubElement(new, 'origin', xyz=_numbers(centre), rpy='0 0 0')
     ET.SubElement(new, 'mass', value=_number(mass))
-    places = {f'i{a}{b}': (i, j) for i, a in enumerate('xyz') for j, b in enumerate('xyz')}
-    upper = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-    values = {name: _number(inertia[places[name]]) for name in upper}
+    upper = [(i, j) for i in range(3) for j in range(i, 3)]
+    values = {f'i{"xyz"[i]}{"xyz"[j]}': _number(inertia[i, j]) for i, j in upper}
     ET.SubElement(new, 'inertia', values)
-
-
-def _dynamics(element: ET.Element, joint: Joint) -> None:
-    found = element.find('dynamics')
-    if found is None:
-        found = ET.SubElement(element, 'dynamics')
-    found.set('damping', _number(joint.viscous))
-    found.set('friction', _number(joint.coulomb))
 
 
 def mjcf(text: str, content: Content) -> str:
@@ -76,38 +68,28 @@ def mjcf(text: str, content: Content) -> str:
     Raises:
         IdentError: BAD_MACHINE_FILE where a joint or body is not in it.
     """
-    root = _parsed(text)
+    root, remedy = _parsed(text), 'name it there as the bag does'
     for compiler in root.findall('compiler'):
         # What is written has to count, whatever shapes the bodies have.
         if compiler.get('inertiafromgeom') == 'true':
             compiler.set('inertiafromgeom', 'auto')
     for name, mass, centre, inertia in content.inertials():
-        _mjcf_inertial(_of_mjcf(root, 'body', name), mass, centre, inertia)
+        full = [inertia[place] for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        new = ET.Element('inertial', pos=_numbers(centre), mass=_number(mass))
+        new.set('fullinertia', _numbers(full))
+        _put_inertial(_named(root.iter('body'), 'body', name, remedy), new)
     for joint in content.joints:
-        element = _of_mjcf(root, 'joint', joint.name)
+        element = _named(root.iter('joint'), 'joint', joint.name, remedy)
         element.set('damping', _number(joint.viscous))
         element.set('frictionloss', _number(joint.coulomb))
         element.set('armature', _number(joint.armature))
         if joint.gains is not None:
-            _actuator(root, joint)
+            _actuator(root, joint, joint.gains)
     return _written(root)
 
 
-def _of_mjcf(root: ET.Element, tag: str, name: str) -> ET.Element:
-    return _named(root.iter(tag), tag, name, 'name it there as the bag does')
-
-
-def _mjcf_inertial(body: ET.Element, mass: float, centre: Array, inertia: Array) -> None:
-    order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    values = [inertia[place] for place in order]
-    new = ET.Element('inertial', pos=_numbers(centre), mass=_number(mass))
-    new.set('fullinertia', _numbers(values))
-    _put_inertial(body, new)
-
-
-def _actuator(root: ET.Element, joint: Joint) -> None:
+def _actuator(root: ET.Element, joint: Joint, gains: Gains) -> None:
     """Put a position actuator in the place of whatever drives a joint."""
-    assert joint.gains is not None
     actuators = root.find('actuator')
     if actuators is None:
         actuators = ET.SubElement(root, 'actuator')
@@ -116,8 +98,8 @@ def _actuator(root: ET.Element, joint: Joint) -> None:
         name = old.get('name', name)
         actuators.remove(old)
     new = ET.SubElement(actuators, 'position', name=name, joint=joint.name)
-    new.set('kp', _number(joint.gains.p))
-    new.set('kv', _number(joint.gains.d))
+    new.set('kp', _number(gains.p))
+    new.set('kv', _number(gains.d))
     if math.isfinite(joint.limit):
         new.set('forcelimited', 'true')
         new.set('forcerange', _numbers((-joint.limit, joint.limit)))
@@ -146,16 +128,10 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def _named(elements: Iterable[ET.Element], tag: str, name: str, remedy: str) -> ET.Element:
-    """Return the element of a name.
-
-    Args:
-        elements: Where it is looked for.
-        tag: What they are.
-        name: Its name.
-        remedy: What to do where there is none.
+    """Return the element of a name, among those of a tag.
 
     Raises:
-        IdentError: BAD_MACHINE_FILE where there is none.
+        IdentError: BAD_MACHINE_FILE with the remedy where there is none.
     """
     for element in elements:
         if element.get('name') == name:
@@ -175,7 +151,6 @@ def _put_inertial(body: ET.Element, new: ET.Element) -> None:
 
 def isaac(content: Content) -> str:
     """Return the actuators of a robot as Isaac Lab has them."""
-    joints = content.joints
     fields: dict[str, Callable[[Joint], float | None]] = {
         'effort_limit_sim': lambda j: j.limit if math.isfinite(j.limit) else None,
         'stiffness': lambda j: j.gains.p if j.gains else None,
@@ -185,24 +160,31 @@ def isaac(content: Content) -> str:
         'dynamic_friction': lambda j: j.coulomb,
         'viscous_friction': lambda j: j.viscous,
     }
-    found = {name: {j.name: of(j) for j in joints} for name, of in fields.items()}
-    told = {
-        name: {joint: float(v) for joint, v in values.items() if v is not None}
-        for name, values in found.items()
-    }
-    data: dict[str, Any] = {'joint_names_expr': [j.name for j in joints]}
-    data |= {name: values for name, values in told.items() if values}
+    data: dict[str, Any] = {'joint_names_expr': [j.name for j in content.joints]}
+    for name, of in fields.items():
+        values = {j.name: float(v) for j in content.joints if (v := of(j)) is not None}
+        data |= {name: values} if values else {}
     return f'# {mark("export")}\n{_ISAAC}' + yaml.safe_dump(data, sort_keys=False, width=99)
 
 
 def ros2_control(content: Content) -> str:
     """Return gains and limits as controllers of ros2_control read them."""
-    with_gains = [j for j in content.joints if j.gains is not None]
+    gains = {j.name: j.gains for j in content.joints if j.gains is not None}
     controller = {
-        'joints': [j.name for j in with_gains],
+        'joints': [*gains],
         'command_interfaces': ['effort'],
         'state_interfaces': ['position', 'velocity'],
-        'gains': {j.name: _pid(j) for j in with_gains},
+        # The controller's D sees the whole set-point's speed; what the machine's does not see of
+        # it is taken off again.
+        'gains': {
+            name: {
+                'p': float(g.p),
+                'i': float(g.i),
+                'd': float(g.d),
+                'ff_velocity_scale': float(g.d * (g.share - 1.0)),
+            }
+            for name, g in gains.items()
+        },
     }
     data: dict[str, Any] = {'joint_trajectory_controller': {'ros__parameters': controller}}
     limits = {
@@ -213,16 +195,3 @@ def ros2_control(content: Content) -> str:
     if limits:
         data['joint_limits'] = limits
     return f'# {mark("export")}\n{_ROS2_CONTROL}' + yaml.safe_dump(data, sort_keys=False, width=99)
-
-
-def _pid(joint: Joint) -> dict[str, float]:
-    assert joint.gains is not None
-    g = joint.gains
-    # The controller's D sees the whole set-point's speed; what the machine's does not see of it
-    # is taken off again.
-    return {
-        'p': float(g.p),
-        'i': float(g.i),
-        'd': float(g.d),
-        'ff_velocity_scale': float(g.d * (g.share - 1.0)),
-    }

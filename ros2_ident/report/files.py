@@ -6,7 +6,7 @@ An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 import json
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,12 @@ from ros2_ident.report.diagnosis import SCHEMA, Written
 from ros2_ident.report.diagnosis import to_mapping as diagnosis_mapping
 from ros2_ident.report.remedy import machine_lines
 from ros2_ident.report.schema import from_mapping, intact, to_mapping
-from ros2_ident.report.signals import signals_of_diagnosis, signals_of_problem, write_signals
+from ros2_ident.report.signals import (
+    read_arrays,
+    signals_of_diagnosis,
+    signals_of_problem,
+    write_signals,
+)
 
 JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
@@ -65,7 +70,7 @@ def write_diagnosis(
         `diagnosis.json`, and `diagnosis.npz` with measured and simulated effort.
     """
     folder = Path(directory)
-    content = {
+    data = {
         'format': 'ros2_ident.diagnosis',
         **diagnosis_mapping(found),
         'machine_lines': list(machine_lines(found, machine)),
@@ -76,7 +81,7 @@ def write_diagnosis(
             'check_sha256': check.sha256 if check else '',
         },
     }
-    text = json.dumps(plain(content), indent=1, allow_nan=False) + '\n'
+    text = json.dumps(plain(data), indent=1, allow_nan=False) + '\n'
     _withdraw(folder, PAGE, DIAGNOSIS_SIGNALS)
     return (
         write_text(folder / DIAGNOSIS, text),
@@ -113,7 +118,7 @@ def load_diagnosis(directory: str | Path) -> Written:
         IdentError: NO_DATA where there is none, BAD_VALUES where it cannot be read.
     """
     path = Path(directory) / DIAGNOSIS
-    data = _content(path, '`ident diagnose --out` wrote')
+    data = content(path, '`ident diagnose --out` wrote')
     if not isinstance(data, dict) or 'verdict' not in data or data.get('schema') != SCHEMA:
         raise IdentError(
             ErrorCode.BAD_VALUES,
@@ -152,13 +157,7 @@ def write_result(
         write_text(folder / YAML, yaml.safe_dump(data, sort_keys=False, width=99)),
         write_arrays(
             folder / HISTORY,
-            {
-                'names': np.array([p.name for p in result.parameters]),
-                'best_costs': result.history.best_costs,
-                'candidates': result.history.candidates,
-                'costs': result.history.costs,
-                'generations': result.history.generations,
-            },
+            {'names': np.array([p.name for p in result.parameters]), **vars(result.history)},
         ),
     )
     if problem is None or not np.isfinite(result.theta).all():
@@ -188,12 +187,17 @@ def load_result(path: str | Path) -> Identification:
     path = Path(path)
     if path.is_dir():
         path = path / (JSON if (path / JSON).exists() else YAML)
-    result = from_mapping(_content(path, '`ident identify` wrote'), path)
+    result = from_mapping(content(path, '`ident identify` wrote'), path)
     history = path.with_name(HISTORY)
     return replace(result, history=_history(history)) if history.exists() else result
 
 
-def _content(path: Path, whose: str) -> Any:
+def content(path: Path, whose: str) -> Any:
+    """Return what a file of JSON or YAML holds.
+
+    Raises:
+        IdentError: NO_DATA or BAD_VALUES, with whose directory is wanted.
+    """
     try:
         text = path.read_text(encoding='utf-8')
         return json.loads(text) if path.suffix == '.json' else yaml.safe_load(text)
@@ -202,8 +206,6 @@ def _content(path: Path, whose: str) -> Any:
             ErrorCode.NO_DATA,
             f'{path}: cannot be read ({exc.strerror}); give a directory that {whose}',
         ) from None
-    except UnicodeDecodeError:
-        raise IdentError(ErrorCode.BAD_VALUES, f'{path}: is no text; give a result file') from None
     except (ValueError, yaml.YAMLError) as exc:
         said = ' '.join(str(exc).split())
         raise IdentError(
@@ -212,13 +214,6 @@ def _content(path: Path, whose: str) -> Any:
 
 
 def _history(path: Path) -> History:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return History(
-                file['best_costs'], file['candidates'], file['costs'], file['generations']
-            )
-    except Exception as exc:  # zipfile, zlib and numpy each have their own
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{path}: is damaged ({exc}); delete it, the result stays readable',
-        ) from None
+    arrays = read_arrays(path, 'the result stays readable')
+    with intact(path):
+        return History(**{field.name: arrays[field.name] for field in fields(History)})

@@ -15,6 +15,7 @@ from ros2_ident.files import write_arrays
 from ros2_ident.gap.coordinates import following_error
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.problem import Problem
+from ros2_ident.report.schema import intact
 
 SCHEMA, VERSION = 'ros2_ident.signals', 2
 # Fields that the file holds of a run, and of each recording.
@@ -146,24 +147,35 @@ def write_signals(path: Path, signals: Signals) -> Path:
     return write_arrays(path, arrays)
 
 
+def read_arrays(path: Path, remedy: str) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of an NPZ.
+
+    Raises:
+        IdentError: BAD_VALUES with what helps beside deleting it.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return dict(file)
+    except Exception as exc:  # zipfile, zlib and numpy each have their own
+        raise IdentError(
+            ErrorCode.BAD_VALUES, f'{path}: is damaged ({exc}); delete it, {remedy}'
+        ) from None
+
+
 def load_signals(path: Path) -> Signals:
     """Read signals.
 
     Raises:
         IdentError: BAD_VALUES where the file is damaged, or another version's.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
-        if (str(arrays['schema']), int(arrays['version'])) == (SCHEMA, VERSION):
+    arrays = read_arrays(path, 'or run again')
+    with intact(path):
+        written = str(arrays['schema']), int(arrays['version'])
+        if written == (SCHEMA, VERSION):
             return _signals(arrays)
-    except Exception as exc:  # zipfile, zlib and numpy each have their own
-        raise IdentError(
-            ErrorCode.BAD_VALUES, f'{path}: is damaged ({exc}); delete it, or run again'
-        ) from None
     raise IdentError(
         ErrorCode.BAD_VALUES,
-        f'{path}: holds {arrays["schema"]} of version {arrays["version"]} and this package reads '
+        f'{path}: holds {written[0]} of version {written[1]} and this package reads '
         f'{SCHEMA} of version {VERSION}; delete it, or run again',
     )
 

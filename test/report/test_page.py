@@ -39,8 +39,8 @@ from ros2_ident.report.page.numbers import (
     plus_minus,
     shares,
 )
-from ros2_ident.report.page.sentences import moved
 from ros2_ident.report.page.several import write_comparison
+from ros2_ident.report.page.steps import moved
 from ros2_ident.report.signals import load_signals, write_signals
 from ros2_ident.report.tables import write_tables
 from ros2_ident.words import verdict as words

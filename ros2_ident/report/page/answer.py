@@ -4,6 +4,9 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import math
+from typing import Literal
+
+import numpy as np
 
 from ros2_ident.effects import title_at
 from ros2_ident.gap.diagnosis import Diagnosis, DriveGap
@@ -13,7 +16,7 @@ from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.models import EffectAt
 from ros2_ident.report.diagnosis import Written
-from ros2_ident.report.page import sentences, steps
+from ros2_ident.report.page import steps
 from ros2_ident.report.page.numbers import (
     from_to,
     number,
@@ -21,12 +24,17 @@ from ros2_ident.report.page.numbers import (
     precision,
     quantity,
     shares,
+    some,
     unit_of,
+    UNKNOWN,
+    width,
 )
-from ros2_ident.report.page.sentences import some
 from ros2_ident.report.page.steps import Step
 from ros2_ident.words import verdict as words
-from ros2_ident.words.figures import compared
+from ros2_ident.words.figures import capital, compared
+from ros2_ident.words.identification import at_bounds, determined, message, undetermined
+
+Level = Literal['good', 'doubtful', 'bad']
 
 # Drives that the first screen lists; the table further down has all.
 LISTED = 6
@@ -36,6 +44,10 @@ PARAMETERS = 10
 UNEXPLAINED = 1.0
 # A share that is as good as all.
 NEARLY_ALL = 0.995
+# Half an interval over the value from which a parameter is called badly known.
+WIDE = 0.2
+# Correlations from here on are said in words.
+CLOSE = 0.95
 
 
 @dataclass(frozen=True)
@@ -79,7 +91,7 @@ class Answer:
         compared: What is compared: effort, position or velocity.
     """
 
-    level: sentences.Level
+    level: Level
     headline: str
     sure: tuple[str, ...]
     gaps: tuple[Gap, ...]
@@ -113,7 +125,7 @@ def of_diagnosis(w: Written, out: str) -> Answer:
         first = tuple(sentences_of(g for g in d.gates if g.level == 'fail'))
     answered = d.effect == 'none' or words.named(d)
     reserved = list(_reservations(d, careful))
-    level: sentences.Level = 'bad'
+    level: Level = 'bad'
     if d.complete and answered and not first:
         level = 'doubtful' if reserved else 'good'
     state = _state(level, reserved)
@@ -135,7 +147,7 @@ def of_diagnosis(w: Written, out: str) -> Answer:
     )
 
 
-def _state(level: sentences.Level, reservations: Iterable[str]) -> str:
+def _state(level: Level, reservations: Iterable[str]) -> str:
     """Return what the colour of the answer's edge says, in words."""
     if level == 'doubtful':
         return f'Answer with reservations: {", ".join(reservations)}'
@@ -253,6 +265,11 @@ def _unexplained(d: Diagnosis) -> bool:
     return bool(words.named(d)) and d.evidence['remaining'] >= UNEXPLAINED
 
 
+def _warned(text: str) -> str:
+    """Return a warning with a capital; what begins with a name or a path stays."""
+    return capital(text) if text.partition(' ')[0].isalpha() else text
+
+
 def _careful(d: Diagnosis) -> Iterator[str]:
     if not d.complete:
         yield 'The run was cut short: effects not tried by then may close more of the gap.'
@@ -263,7 +280,7 @@ def _careful(d: Diagnosis) -> Iterator[str]:
         for k, g in enumerate(d.gates)
         if k != d.facts.leads and g.level == 'warn' and g.gate not in told
     ]
-    yield from map(sentences.warned, sentences_of(odd))
+    yield from map(_warned, sentences_of(odd))
     ends = [name for name, v in d.parameters.items() if v.at_bound]
     if ends:
         yield words.at_bounds(ends)
@@ -280,9 +297,9 @@ def of_identification(result: Identification, out: str) -> Answer:
         out: The directory it lies in.
     """
     # Where nothing is identified there is nothing to doubt one by one.
-    named = () if result.outcome is Outcome.CONTRADICTED else sentences.doubts(result)
-    doubts = [*named, *map(sentences.warned, result.quality.warnings)]
-    level: sentences.Level = 'bad'
+    named = () if result.outcome is Outcome.CONTRADICTED else _doubts(result)
+    doubts = [*named, *map(_warned, result.quality.warnings)]
+    level: Level = 'bad'
     if result.outcome is Outcome.IDENTIFIED:
         level = 'doubtful' if doubts else 'good'
     gaps = _left(result)
@@ -290,11 +307,11 @@ def of_identification(result: Identification, out: str) -> Answer:
     closes = [f'Held out: {result.validated_on}.'] if result.validation else []
     if more > 0:
         closes.append(f'{more} more in the file `result.json`.')
-    said, told = sentences.identified(result)
+    said, told = _identified(result)
     return Answer(
         level,
         said,
-        (*filter(None, [told]), *sentences.precision_of(result)),
+        (*filter(None, [told]), *_precision(result)),
         tuple(gaps[:LISTED]),
         tuple(closes),
         tuple(steps.of_identification(result, out)),
@@ -303,6 +320,57 @@ def of_identification(result: Identification, out: str) -> Answer:
         state=_state(level, ['see “Be careful” below']),
         compared=compared(_unit(result)),
     )
+
+
+def _identified(result: Identification) -> tuple[str, str]:
+    """Return how an identification ended, and which parameters it does not determine."""
+    plain = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
+    if not plain or result.rival or any(gate.contradicts for gate in result.gates):
+        return message(result), ''
+    # Bounds are said one by one.
+    loose = undetermined(result.parameters)
+    return f'{determined(result.parameters)}.', f'Not determined: {loose}.' if loose else ''
+
+
+def _precision(result: Identification) -> Iterator[str]:
+    """Yield how well the parameters are known."""
+    known = [p for p in result.parameters if p.identifiable and math.isfinite(width(p))]
+    if not known:
+        return
+    best, worst = min(known, key=width), max(known, key=width)
+    text = f'{best.name} is known best, to {precision(width(best))}'
+    if worst is not best and width(worst) <= UNKNOWN:
+        text += f'; {worst.name} least, to {precision(width(worst))}'
+    yield f'{text} (95 % intervals).'
+
+
+def _doubts(result: Identification) -> Iterator[str]:
+    """Yield what to be careful about in the parameters."""
+    yield from filter(None, [at_bounds(result.parameters)])
+    loose = [p.name for p in result.parameters if not p.identifiable and not p.at_bound]
+    # Of such an outcome the headline says it.
+    if loose and result.outcome is not Outcome.NOT_IDENTIFIABLE:
+        yield f'This recording does not determine {some(loose)}.'
+    known = [p for p in result.parameters if p.identifiable and not p.at_bound]
+    wide = [f'{p.name} {precision(width(p))}' for p in known if WIDE < width(p) <= UNKNOWN]
+    if wide:
+        yield f'Poorly known: {some(wide)}.'
+    pairs = _correlated(result)
+    if pairs:
+        told = [f'{a} and {b} ({number(r, 2)})' for a, b, r in pairs]
+        yield (
+            f'This motion hardly separates {some(told)}; correlations in brackets. Record another '
+            'motion, or hold one of the two at a known value.'
+        )
+
+
+def _correlated(result: Identification) -> list[tuple[str, str, float]]:
+    """Return pairs of parameters with a close correlation, the closest first."""
+    names = [p.name for p in result.parameters]
+    upper = np.triu(result.correlation, 1)
+    rows, columns = np.nonzero(np.abs(np.nan_to_num(upper)) >= CLOSE)
+    pairs = [(names[i], names[j], float(upper[i, j])) for i, j in zip(rows, columns, strict=True)]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
 def _unit(result: Identification) -> str:
@@ -331,7 +399,7 @@ def _left(result: Identification) -> list[Gap]:
 def _known(p: ParameterEstimate) -> str:
     """Return an interval as shares of the value, side by side where it is lopsided."""
     if not p.value or not p.lopsided:
-        return precision(sentences.width(p))
+        return precision(width(p))
     less, more = p.reach
     return f'−{percent(less / abs(p.value))}, +{percent(more / abs(p.value))}'
 
@@ -339,7 +407,7 @@ def _known(p: ParameterEstimate) -> str:
 def _values(result: Identification) -> Iterator[tuple[str, str, str]]:
     """Yield the parameters, of many those known best."""
     order = {p.name: k for k, p in enumerate(result.parameters)}
-    best = sorted(result.parameters, key=lambda p: (not p.identifiable, sentences.width(p)))
+    best = sorted(result.parameters, key=lambda p: (not p.identifiable, width(p)))
     for p in sorted(best[:PARAMETERS], key=lambda p: order[p.name]):
         known = _known(p) if p.identifiable else p.bound if p.state == 'bounded' else p.state
         yield p.name, quantity(p.value, p.unit, 4), known

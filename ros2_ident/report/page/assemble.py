@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the files of a result directory to `report.html`."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.localise import Finding
 from ros2_ident.identify.result import Identification, Provenance
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.files import (
@@ -20,7 +21,7 @@ from ros2_ident.report.files import (
     PAGE,
     SIGNALS,
 )
-from ros2_ident.report.page import charts, numbers, plots, sentences
+from ros2_ident.report.page import charts, numbers, plots, steps
 from ros2_ident.report.page.answer import of_diagnosis, of_identification, quiet
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
@@ -28,12 +29,15 @@ from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.signals import load_signals
 from ros2_ident.words import verdict as words
+from ros2_ident.words.finding import where
 
 Fact = tuple[str, str]
-Facts = Sequence[Fact]
 
 # Effects of which the page says how probable they are.
 RANKED = 8
+# Places of the gap that are told at once, and the share of a drive's gap that a further one has to
+# explain beyond the drive's leading one.
+LEADING, FURTHER = 3, 0.1
 # How the noise floor was found, in words.
 FLOORS = {
     'prediction': 'what neither the motion nor the samples before predict',
@@ -161,11 +165,11 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
         },
         'hero': hero,
         'maps': maps,
-        'where': sentences.leading(d),
+        'where': _leading(d),
         'steps': _steps(d),
         'ranking': _ranking(d),
         'gap_note': _gap_note(d),
-        'moved': sentences.moved(d),
+        'moved': steps.moved(d),
         'hidden': [*words.unseen(d.not_testable, len(d.per_drive)).items()],
         'about': [about(e) for e in shown],
         'signs': numbers.legend((e.equation, [p.symbol for p in e.parameters]) for e in laws),
@@ -219,6 +223,18 @@ def _when(p: Provenance) -> str:
     return p.created.replace('T', ' ').replace('+00:00', ' UTC')
 
 
+def _leading(d: Diagnosis) -> tuple[list[str], list[str]]:
+    """Return where the gap lies: the findings that matter and do not overlap, then the rest."""
+    told: list[Finding] = []
+    for f in d.localisation:
+        if f.drive not in [x.drive for x in told] or (not f.by_size and f.beyond >= FURTHER):
+            told.append(f)
+    told = sorted(told, key=lambda f: -f.over_floor)[:LEADING]
+    missing = [drive for drive in words.worst(d) if all(f.drive != drive for f in told)]
+    lost = [f'{x}: the largest gap; it follows no coordinate of the motion' for x in missing]
+    return lost + [*map(where, told)], [where(f) for f in d.localisation if f not in told]
+
+
 def _gap_note(d: Diagnosis) -> str:
     text = f'{words.judged_on(d.held_out)} Black: 95 % intervals. '
     if len(d.steps) > 1:
@@ -230,6 +246,7 @@ def _gap_note(d: Diagnosis) -> str:
 
 
 def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[Fact]:
+    """Yield what a file says, label and value."""
     for name, value in settings.items():
         label = f'{before}{name}'.replace('_', ' ')
         if isinstance(value, Mapping) and value:
@@ -240,36 +257,22 @@ def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[Fact]:
             yield label, 'none' if value in (None, '', {}) else str(value)
 
 
-def _facts(p: Provenance, seed: int, seconds: float, judged: Facts = ()) -> Iterator[Fact]:
-    yield 'recording', p.source
-    yield 'SHA-256 of it', p.sha256 or 'live data'
-    yield from judged
-    yield 'SHA-256 of the machine file', p.machine_sha256 or 'made in memory'
-    yield 'package version', p.package_version
-    yield 'platform', p.platform
-    yield 'ended', _when(p)
-    yield 'seed', str(seed)
-    yield 'time taken', f'{seconds:.3g} s'
+def _identification_facts(result: Identification) -> list[Fact]:
+    missing = {role: numbers.percent(x) for role, x in result.quality.missing.items()}
+    return [*_flat({
+        **asdict(result.provenance), 'seed': result.seed, 'time_taken': f'{result.seconds:.3g} s',
+        'candidates_simulated': result.evaluations, 'search_ended': result.search_stop,
+        'refinement': result.refinement, 'samples_missing': missing, **result.settings,
+    })]  # fmt: skip
 
 
-def _identification_facts(result: Identification) -> Facts:
-    missing = result.quality.missing.items()
-    lost = ', '.join(f'{role} {numbers.percent(x)}' for role, x in missing)
-    return [
-        *_facts(result.provenance, result.seed, result.seconds),
-        ('candidates simulated', str(result.evaluations)),
-        ('search ended', result.search_stop),
-        ('refinement', result.refinement or 'none'),
-        ('samples missing', lost or 'none'),
-        *_flat(result.settings),
-    ]
-
-
-def _diagnosis_facts(w: Written) -> Facts:
-    judged = [('judged on', w.check_source or 'blocks of the same')]
-    if w.check_sha256:
-        judged.append(('SHA-256 of that', w.check_sha256))
-    return [*_facts(w.provenance, w.found.seed, w.found.seconds, judged), *_flat(w.settings)]
+def _diagnosis_facts(w: Written) -> list[Fact]:
+    d = w.found
+    return [*_flat({
+        **asdict(w.provenance), 'judged_on': w.check_source or 'blocks of the same',
+        'check_sha256': w.check_sha256, 'seed': d.seed, 'time_taken': f'{d.seconds:.3g} s',
+        **w.settings,
+    })]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,6 @@ from ros2_ident.words.figures import capital, duration
 
 # Seconds from one page to the next, and from one reload by the browser to the next.
 EVERY, RELOAD = 3.0, 3
-# Points of the cost's history; of a longer one every second goes.
-POINTS = 240
 _CONTENTS = ('answer', 'Progress'), ('effort', 'Effort'), ('parameters', 'Parameters')
 
 
@@ -49,7 +47,7 @@ class LivePage:
     ) -> None:
         self._page = Path(directory) / PAGE
         self._context: dict[str, Any] = {
-            'title': title, 'lead': lead, 'reload': RELOAD, 'share': 0,
+            'title': title, 'lead': lead, 'reload': RELOAD,
             'times': '', 'notes': [], 'parameters': [],
             'headline': 'Preparing: data are read, and a new kind of machine is compiled',
         }  # fmt: skip
@@ -105,10 +103,11 @@ class LivePage:
         phases = {'search': 'generation', 'refinement': 'refining start'}
         counted = f'{progress.generation} of {progress.generations}'
         what = phases.get(progress.phase)
-        more = []
+        more, parameters = list[str](), list[tuple[str, str, float, str]]()
         pictures: dict[str, Picture] = {}
         if known:
-            self._costs = _fewer([*self._costs, (progress.elapsed, progress.best_cost)])
+            parameters += self._parameters(progress)
+            self._costs.append((progress.elapsed, progress.best_cost))
             best = quantity(progress.best_cost, progress.unit, 4)
             more = [f'best {best}', f'{progress.evaluations} candidates']
             pictures['cost-plot'] = cost_over_time(self._costs, progress.unit)
@@ -117,9 +116,9 @@ class LivePage:
         self._write(
             headline=capital(f'{what} {counted}' if what else 'model errors'),
             times=_times(progress.elapsed, progress.eta, more),
-            share=_percent(progress.elapsed / (progress.elapsed + progress.eta)),
+            share=progress.elapsed / (progress.elapsed + progress.eta),
             pictures=pictures,
-            parameters=list(self._parameters(progress)) if known else [],
+            parameters=parameters,
             contents=_CONTENTS if known else _CONTENTS[:1],
         )
 
@@ -133,12 +132,13 @@ class LivePage:
         self._write(
             headline=capital(progress.stage),
             times=_times(progress.elapsed, progress.eta, ()),
-            share=_percent(progress.fraction),
+            share=progress.fraction,
             notes=[f'{duration(when)}: {text}' for text, when in self._notes.items()],
         )
 
-    def _write(self, **changes: Any) -> None:
-        self._context |= {'written': time.strftime('%X'), **changes}
+    def _write(self, share: float = 0.0, **changes: Any) -> None:
+        percent = round(100.0 * share) if math.isfinite(share) else 0
+        self._context |= {'written': time.strftime('%X'), 'share': percent, **changes}
         context = {'contents': _CONTENTS[:1], 'pictures': {}, **self._context}
         with suppress(IdentError):  # a full disk does not end a run
             write_text(self._page, render('live.html', context, plots=bool(context['pictures'])))
@@ -169,12 +169,3 @@ class LivePage:
 def _times(gone: float, left: float, more: Sequence[str]) -> str:
     to_go = f'about {duration(left)} to go' if math.isfinite(left) else 'time to go not known yet'
     return ', '.join([f'{duration(gone)} gone', to_go, *more])
-
-
-def _percent(share: float) -> int:
-    return round(100.0 * share) if math.isfinite(share) else 0
-
-
-def _fewer(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return points without every second one where they are too many; the last one stays."""
-    return points if len(points) <= POINTS else [*points[:-1:2], points[-1]]

@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers, units and equations as people read them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import math
 import re
 
 from markupsafe import escape, Markup
+
+from ros2_ident.identify.result import ParameterEstimate
+from ros2_ident.recording.shown import enumerated
 
 RAISED = str.maketrans('0123456789-', '⁰¹²³⁴⁵⁶⁷⁸⁹⁻')
 # Shares below and above these are said in words: their digits tell nothing.
 LEAST, MOST = 1e-4, 10.0
 # Half an interval over the value from which on the value is not known.
 UNKNOWN = 1.0
+# Names that one sentence lists.
+LISTED = 6
 
 # Units that sentences give numbers in.
 _UNITS = 'N|m|s|ms|kg|rad|Hz|A|K|V'
@@ -61,6 +66,11 @@ def number(value: float | None, digits: int = 5) -> str:
     return text.replace('-', '−')
 
 
+def some(names: Sequence[str]) -> str:
+    """Return a list in words, the end of a long one as its length."""
+    return enumerated(names, LISTED)
+
+
 def raised(power: int) -> str:
     """Return a power of ten as it is printed; nothing for the power 0."""
     return f'10{str(power).translate(RAISED)}' if power else ''
@@ -99,6 +109,12 @@ def change(share: float | None, decimals: int = 1) -> str:
     if abs(100.0 * share) < 0.5 * 10.0**-decimals:
         return f'{0.0:.{decimals}f} %'
     return f'{100.0 * share:+.{decimals}f} %'.replace('-', '−')
+
+
+def width(estimate: ParameterEstimate) -> float:
+    """Return half the interval over the size of the value; NaN or infinity where unknown."""
+    half = 0.5 * (estimate.high - estimate.low)
+    return half / abs(estimate.value) if estimate.value else math.inf
 
 
 def precision(half: float | None) -> str:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from ros2_ident.identify.outcome import package_version
 from ros2_ident.identify.result import ParameterEstimate
-from ros2_ident.report.page import numbers, sentences, steps
+from ros2_ident.report.page import numbers, steps
 from ros2_ident.report.page.look import Picture
 
 
@@ -45,7 +45,7 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         'prose': numbers.prose,
         'undetermined': steps.undetermined,
         'unit': numbers.unit_of,
-        'width': sentences.width,
+        'width': numbers.width,
     }
     library = Resources(mode='inline', components=['bokeh']).render() if plots else ''
     page: str = environment.get_template(template).render(

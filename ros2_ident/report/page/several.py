@@ -3,7 +3,6 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -15,14 +14,15 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.models import EffectAt
-from ros2_ident.report.files import FLEET, load, PAGE
-from ros2_ident.report.page import answer, sentences, steps
+from ros2_ident.report.files import content, FLEET, load, PAGE
+from ros2_ident.report.page import answer, steps
 from ros2_ident.report.page.numbers import (
     change,
     from_to,
     percent,
     quantity,
     shares,
+    some,
     unit_of,
 )
 from ros2_ident.report.page.render import render
@@ -34,7 +34,7 @@ COMPARISON = 'comparison.html'
 # Parameters of a fleet that are shown at once; the others are folded away.
 OPEN = 6
 # What the colour of a fleet's answer says.
-STATES: Mapping[sentences.Level, str] = {
+STATES: Mapping[answer.Level, str] = {
     'good': 'No difference shows',
     'doubtful': 'To be inspected',
     'bad': 'Not every recording could be judged',
@@ -70,13 +70,12 @@ class Strip:
     differs: bool
 
 
+Parameters = Mapping[str, Mapping[str, Any]]
 # Label and parameter of a value that differs.
 Told = Collection[tuple[str, str]]
 
 
-def strips(
-    runs: Sequence[tuple[str, Mapping[str, Any]]], told: Told | None = None
-) -> list[Strip]:
+def strips(runs: Sequence[tuple[str, Parameters]], told: Told | None = None) -> list[Strip]:
     """Return a strip for each parameter, those that differ first.
 
     Args:
@@ -102,46 +101,36 @@ def _strip(name: str, known: Sequence[tuple[str, Mapping[str, Any]]], told: Told
     ends = ends[(ends >= value.min() - reach) & (ends <= value.max() + reach)]
     least, most = float(ends.min()), float(ends.max())
     span = (most - least) or abs(most) or 1.0
-    at, left, right = np.clip(100.0 * (np.stack([value, low, high]) - least) / span, 0.0, 100.0)
+    at = np.clip(100.0 * (np.stack([value, low, high]) - least) / span, 0.0, 100.0).round(2)
     marks = []
     for k, (label, v) in enumerate(known):
         notes = [change(value[k] / value[0] - 1.0)] if k and value[0] else []
         notes += ['differs'] * ((label, name) in told)
         ended = bool(np.isfinite(reaches[k]))
-        marks.append(
-            Mark(
-                label,
-                quantity(v['value'], v['unit'], 4),
-                round(at[k], 2),
-                round(left[k], 2) if ended else None,
-                round(right[k] - left[k], 2) if ended else None,
-                ', '.join(notes),
-            )
-        )
+        low_at, width = (at[1, k], at[2, k] - at[1, k]) if ended else (None, None)
+        text = quantity(v['value'], v['unit'], 4)
+        marks.append(Mark(label, text, at[0, k], low_at, width, ', '.join(notes)))
     scale = quantity(least, unit, 4), quantity(least + span, unit, 4)
     return Strip(name, scale, tuple(marks), any((label, name) in told for label, _ in known))
 
 
 def _by_name(
-    runs: Sequence[tuple[str, Mapping[str, Any]]],
+    runs: Sequence[tuple[str, Parameters]],
 ) -> Iterator[tuple[str, list[tuple[str, Mapping[str, Any]]]]]:
     """Yield each parameter with the runs, by label, that know its value."""
     for name in dict.fromkeys(name for _, values in runs for name in values):
-        yield name, [
-            (label, v[name]) for label, v in runs if v.get(name, {}).get('value') is not None
-        ]
+        known = [(label, v[name]) for label, v in runs if name in v]
+        yield name, [(label, x) for label, x in known if x.get('value') is not None]
 
 
 def _pairs(
-    runs: Sequence[tuple[str, Mapping[str, Any]]],
-) -> Iterator[tuple[str, str, Mapping[str, Any], Mapping[str, Any]]]:
-    """Yield label, parameter, the first run's value and the run's, where both are known."""
-    for name, known in _by_name(runs):
-        for label, v in known[1:]:
-            yield label, name, known[0][1], v
+    runs: Sequence[tuple[str, Parameters]],
+) -> list[tuple[str, str, Mapping[str, Any], Mapping[str, Any]]]:
+    """Return label, parameter, the first run's value and the run's, where both are known."""
+    return [(x[0], name, known[0][1], x[1]) for name, known in _by_name(runs) for x in known[1:]]
 
 
-def _differing(runs: Sequence[tuple[str, Mapping[str, Any]]]) -> Told:
+def _differing(runs: Sequence[tuple[str, Parameters]]) -> Told:
     """Return what differs from the first run beyond the 95 % interval of the difference."""
     return {
         (label, name)
@@ -156,7 +145,7 @@ def _would_show(smallest: Mapping[str, Mapping[str, Any]]) -> str:
     for name, x in sorted(smallest.items(), key=lambda x: -(x[1]['share'] or math.inf)):
         share = '' if x['share'] is None else f' ({percent(x["share"])})'
         texts.append(f'{name} {quantity(x["change"], x["unit"], 2)}{share}')
-    return f'the smallest that would have: {sentences.some(texts)}' if texts else ''
+    return f'the smallest that would have: {some(texts)}' if texts else ''
 
 
 # ---------------------------------------------------------------------- runs side by side
@@ -166,7 +155,7 @@ def _would_show(smallest: Mapping[str, Mapping[str, Any]]) -> str:
 class _Run:
     label: str
     answer: answer.Answer
-    parameters: Mapping[str, Any]
+    parameters: Parameters
     effects: frozenset[EffectAt] = frozenset()
 
 
@@ -202,17 +191,17 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     """
     runs = [_run(Path(d)) for d in directories]
     alike = [(r.label, r.parameters) for r in runs if r.effects == runs[0].effects]
-    made = strips([(r.label, r.parameters) for r in runs], _differing(alike))
-    shared = len({name for _, name, _, _ in _pairs(alike)})
-    smallest = smallest_shown((name, v, first) for _, name, first, v in _pairs(alike))
+    made, pairs = strips([(r.label, r.parameters) for r in runs], _differing(alike)), _pairs(alike)
+    shared = len({name for _, name, _, _ in pairs})
+    smallest = smallest_shown((name, v, first) for _, name, first, v in pairs)
     differ = [s.name for s in made if s.differs]
     text = f'{len(differ) or "None"} of {shared} parameters differ{"s" * (len(differ) < 2)}'
     text = text if shared else 'The runs share no parameter'
-    rest = sentences.some(differ) if differ else _would_show(smallest)
+    rest = some(differ) if differ else _would_show(smallest)
     text += f': {rest}.' if rest else '.'
     others = [r.label for r in runs if r.effects != runs[0].effects]
     if others:
-        text += f' Not compared, for other effects in the model: {sentences.some(others)}; '
+        text += f' Not compared, for other effects in the model: {some(others)}; '
         text += '`ident fleet` fits all with the same.'
     target = Path(directories[0]) / COMPARISON if page is None else Path(page)
     make_directory(target.parent)
@@ -291,11 +280,15 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
         The page.
 
     Raises:
-        IdentError: BAD_VALUES where `fleet.json` cannot be read, INVALID_GOAL where the page
-            cannot be written.
+        IdentError: NO_DATA or BAD_VALUES where `fleet.json` cannot be read, INVALID_GOAL where
+            the page cannot be written.
     """
     path = Path(directory) / FLEET
-    data = _fleet(path)
+    data = content(path, '`ident fleet` wrote')
+    if not isinstance(data, dict) or data.get('schema') != 'ros2_ident.fleet':
+        raise IdentError(
+            ErrorCode.BAD_VALUES, f'{path}: is no fleet of this package; run `ident fleet` again'
+        )
     done = [row for row in data['rows'] if row['state'] == 'done']
     differ = {**data, 'effects': {}, 'smallest': {}}
     told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
@@ -331,21 +324,7 @@ def _found(row: Mapping[str, Any]) -> str:
     return str(row.get('verdict') or row['message'])
 
 
-def _fleet(path: Path) -> dict[str, Any]:
-    try:
-        data = json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, ValueError) as exc:
-        raise IdentError(
-            ErrorCode.BAD_VALUES, f'{path}: cannot be read ({exc}); run `ident fleet` again'
-        ) from None
-    if not isinstance(data, dict) or data.get('schema') != 'ros2_ident.fleet':
-        raise IdentError(
-            ErrorCode.BAD_VALUES, f'{path}: is no fleet of this package; run `ident fleet` again'
-        )
-    return data
-
-
-def _fleet_level(data: Mapping[str, Any]) -> sentences.Level:
+def _fleet_level(data: Mapping[str, Any]) -> answer.Level:
     """Return the colour of the answer's edge."""
     if any(row['state'] != 'done' or row['code'] != 'OK' for row in data['rows']):
         return 'bad'
@@ -354,20 +333,19 @@ def _fleet_level(data: Mapping[str, Any]) -> sentences.Level:
 
 
 def _fleet_headline(data: Mapping[str, Any]) -> str:
-    drifted = {x['machine'] for x in data['drifts']}
-    other = {x['machine'] for x in data['machines']}
+    drifted, other = (sorted({x['machine'] for x in data[k]}) for k in ('drifts', 'machines'))
     found = [row for row in data['rows'] if row.get('effect', 'none') in CATALOGUE]
     parts = []
     if drifted:
-        parts.append(f'{_named(drifted, "machines")} {_has(drifted)} drifted')
+        parts.append(f'{_named(drifted, "machines")} {"have" if drifted[1:] else "has"} drifted')
     if other:
-        verb = 'differs from the others' if len(other) == 1 else 'differ'
+        verb = 'differ' if other[1:] else 'differs from the others'
         parts.append(f'{_named(other, "machines")} {verb}')
     if found:
         kinds = {title_at(row['effect']) for row in found}
         # a single name is told at once, several are listed below
         what = f'the simulation lacks {kinds.pop()}' if len(kinds) == 1 else 'effects are missing'
-        parts.append(f'{what} in {_named({row["name"] for row in found}, "recordings")}')
+        parts.append(f'{what} in {_named(sorted({row["name"] for row in found}), "recordings")}')
     if not (drifted or other):
         smallest = _would_show(data.get('smallest', {}))
         parts.append(f'no difference shows; {smallest}' if smallest else 'nothing to compare')
@@ -375,10 +353,6 @@ def _fleet_headline(data: Mapping[str, Any]) -> str:
     return f'{text if drifted or other else capital(text)}.'
 
 
-def _named(names: set[str], what: str) -> str:
+def _named(names: Sequence[str], what: str) -> str:
     """Return one or two names, or how many there are."""
-    return ' and '.join(sorted(names)) if len(names) < 3 else f'{len(names)} {what}'
-
-
-def _has(names: set[str]) -> str:
-    return 'has' if len(names) == 1 else 'have'
+    return joined(names) if len(names) < 3 else f'{len(names)} {what}'

@@ -16,13 +16,14 @@ from ros2_ident.machine.keys import digits
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
 from ros2_ident.report.diagnosis import Written
-from ros2_ident.report.page import sentences
-from ros2_ident.report.page.numbers import legend, plus_minus, quantity
-from ros2_ident.report.page.sentences import some
+from ros2_ident.report.page.numbers import change, legend, plus_minus, quantity, some
 from ros2_ident.words import verdict as words
 
 # Machines of a fleet, and effects, that its page has steps for.
 FLEET = 3
+# A parameter that an effect moves by so much of its value is named; where only all numbers
+# together are determined, one that moves by so much.
+MOVED, MOVED_TOGETHER = 0.05, 0.005
 # Of a number whose interval is wider than itself.
 LOOSE = 'not determined'
 
@@ -148,7 +149,7 @@ def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
     missing = [law for law in laws if law not in of_log]
     effects: list[Step] = []
     if missing:
-        both = ', together with the parameters below' if sentences.moved_names(d) else ''
+        both = ', together with the parameters below' if moved_names(d) else ''
         effects.append(Step(f'Add to your simulation{both}:', laws=tuple(missing)))
     if of_log:
         text = 'Correct how the log is made; a simulation of the machine does not need this:'
@@ -157,7 +158,7 @@ def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
     if w.machine_lines:
         yield Step('Change the machine file:', code='\n'.join(w.machine_lines))
     loose = any(step.loose for step in effects)
-    values = [_line(name, d) for name in sentences.moved_names(d, together=loose)]
+    values = [_line(name, d) for name in moved_names(d, together=loose)]
     if values:
         them = 'them' if d.also else 'it'
         told = f'Update these parameters, which had compensated for {them}:'
@@ -176,6 +177,37 @@ def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
         rivals = '; from '.join(dict.fromkeys(motions))
         text = f'Record what tells it from {rivals}. Then judge on that recording:'
     yield Step(text, code=_ident('diagnose', w, f'{out}_next', check=True))
+
+
+def moved_names(d: Diagnosis, *, together: bool = False) -> list[str]:
+    """Return the nominal parameters that had made up for the effects.
+
+    Args:
+        d: The diagnosis.
+        together: Whether to return all that moved, for they are determined together only.
+    """
+    if not words.named(d):
+        return []
+    least = MOVED_TOGETHER if together else MOVED
+    return [
+        name
+        for name, share in d.moved.items()
+        if abs(share) >= least and (together or _left(name, d))
+    ]
+
+
+def moved(d: Diagnosis) -> str:
+    """Return the same in a sentence; empty where none had."""
+    told = [f'{name} ({change(d.moved[name])})' for name in moved_names(d)]
+    if not told:
+        return ''
+    return f'Without the effects, these parameters compensated for them: {some(told)}.'
+
+
+def _left(name: str, d: Diagnosis) -> bool:
+    """Whether a parameter's nominal value is outside its interval with the effects."""
+    found = d.parameters[name]
+    return not found.low <= d.nominal.get(name, math.nan) <= found.high
 
 
 def _line(name: str, d: Diagnosis) -> str:
