@@ -21,12 +21,13 @@ from ros2_ident.report.files import (
     PAGE,
     SIGNALS,
 )
-from ros2_ident.report.page import charts, numbers, plots, steps
+from ros2_ident.report.page import charts, numbers, plots
 from ros2_ident.report.page.answer import of_diagnosis, of_identification, quiet
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
 from ros2_ident.report.page.render import render
 from ros2_ident.report.page.several import write_fleet
+from ros2_ident.report.page.steps import moved
 from ros2_ident.report.signals import load_signals
 from ros2_ident.words import verdict as words
 from ros2_ident.words.finding import where
@@ -86,30 +87,7 @@ def _render(folder: Path, result: Identification | None, w: Written | None) -> s
         context |= _of_identification(result, str(folder))
     if w is not None:
         context |= _of_diagnosis(w, str(folder))
-    context['contents'] = [
-        ('answer', 'Answer'),
-        *(OF_DIAGNOSIS if w else ()),
-        *(x for x in OF_RESULT if result and (context['searched'] or x is not SEARCH)),
-        *([('about', 'The effects')] if context['about'] else ()),
-        ('provenance', 'Provenance'),
-    ]
     return render('template.html', context, plots=True)
-
-
-# Sections of one part of a run, and their entries in the contents.
-SEARCH = ('search', 'Search')
-OF_DIAGNOSIS = (
-    ('where', 'Where it lies'),
-    ('gap', 'How far it closes'),
-    ('time', 'Before and after'),
-    ('values', 'With the effects'),
-)
-OF_RESULT = (
-    ('effort', 'Effort'),
-    ('parameters', 'Parameters'),
-    SEARCH,
-    ('correlations', 'Correlations'),
-)
 
 
 def _pictures(
@@ -133,15 +111,13 @@ def _pictures(
 
 def _of_identification(result: Identification, out: str) -> dict[str, Any]:
     units = {p.name: p.unit for p in result.parameters}
+    fixed = result.fixed.items()
     answer = of_identification(result, out)
     return {
         'answer': answer,
+        'identified': answer,
         'correlations': plots.correlations(result),
-        'identified': [answer.headline, *answer.sure, *answer.careful],
-        'held': [
-            (name, numbers.quantity(value, units.get(name, '')))
-            for name, value in result.fixed.items()
-        ],
+        'held': [(name, numbers.quantity(x, units.get(name, ''))) for name, x in fixed],
         'identification_facts': _identification_facts(result),
     }
 
@@ -151,14 +127,10 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
     found = words.named(d)
     effects = found[0].title if len(found) == 1 else 'the effects' * bool(found)
     hero, maps = charts.all_of(w, effects)
-    shown = dict.fromkeys(
-        at.effect for at in (*found, *(r.at for r in d.confusable)) if at.effect in CATALOGUE
-    )
-    laws = [CATALOGUE[e] for e in shown]
+    shown = dict.fromkeys(at.effect for at in (*found, *(r.at for r in d.confusable)))
+    about = [CATALOGUE[e] for e in shown if e in CATALOGUE]
     return {
         'answer': of_diagnosis(w, out),
-        'complete': d.complete,
-        'drives': d.per_drive,
         'closes': {
             name: numbers.percent(math.nan if quiet(g, d) else g.share_closed)
             for name, g in d.per_drive.items()
@@ -166,43 +138,24 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
         'hero': hero,
         'maps': maps,
         'where': _leading(d),
-        'steps': _steps(d),
+        'bars': _steps(d),
         'ranking': _ranking(d),
-        'gap_note': _gap_note(d),
-        'moved': steps.moved(d),
-        'hidden': [*words.unseen(d.not_testable, len(d.per_drive)).items()],
-        'about': [about(e) for e in shown],
-        'signs': numbers.legend((e.equation, [p.symbol for p in e.parameters]) for e in laws),
-        'gates': [(g.gate, g.sentence) for g in d.gates],
-        'bad_gates': any(g.level != 'ok' for g in d.gates),
-        'verdict': words.sentence(d),
-        'advice': words.advice(d),
+        'noise': FLOORS[d.floor.method],
+        'moved': moved(d),
+        'about': about,
+        'signs': numbers.legend((e.equation, [p.symbol for p in e.parameters]) for e in about),
+        'catalogue': CATALOGUE,
+        'words': words,
+        'checks': [(g.gate, g.sentence) for g in d.gates],
         'diagnosis_facts': _diagnosis_facts(w),
     }
 
 
-def about(effect_id: str) -> dict[str, str]:
-    """Return what the page says of an effect of the catalogue."""
-    effect = CATALOGUE[effect_id]
-    return {
-        'id': effect.id,
-        'title': effect.title,
-        'equation': effect.equation,
-        'source': effect.source,
-        'confusable': ', '.join(CATALOGUE[e].title for e in effect.confusable if e in CATALOGUE),
-        'motion': effect.separated_by.format(drive='the drive'),
-    }
-
-
 def _title(result: Identification | None, w: Written | None) -> str:
-    parts = [
-        word
-        for word, there in (('Identification', result), ('diagnosis', w))
-        if there is not None
-    ]
-    of = result or w
-    source = of.provenance.source if of else ''
-    text = ' and '.join(parts).capitalize()
+    there = [result, w]
+    names = [name for name, of in zip(('Identification', 'diagnosis'), there, strict=True) if of]
+    (source, *_) = [of.provenance.source for of in there if of]
+    text = ' and '.join(names).capitalize()
     return f'{text}: {"/".join(Path(source).parts[-2:])}' if source else text
 
 
@@ -233,16 +186,6 @@ def _leading(d: Diagnosis) -> tuple[list[str], list[str]]:
     missing = [drive for drive in words.worst(d) if all(f.drive != drive for f in told)]
     lost = [f'{x}: the largest gap; it follows no coordinate of the motion' for x in missing]
     return lost + [*map(where, told)], [where(f) for f in d.localisation if f not in told]
-
-
-def _gap_note(d: Diagnosis) -> str:
-    text = f'{words.judged_on(d.held_out)} Black: 95 % intervals. '
-    if len(d.steps) > 1:
-        text += (
-            '"Closes" is the share of the squared residual above the noise floor that goes, '
-            'everywhere on this page. '
-        )
-    return text + f'Noise floor: {FLOORS[d.floor.method]}.'
 
 
 def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[Fact]:

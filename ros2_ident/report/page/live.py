@@ -29,7 +29,6 @@ from ros2_ident.words.figures import capital, duration
 
 # Seconds from one page to the next, and from one reload by the browser to the next.
 EVERY, RELOAD = 3.0, 3
-_CONTENTS = ('answer', 'Progress'), ('effort', 'Effort'), ('parameters', 'Parameters')
 
 
 class LivePage:
@@ -119,7 +118,6 @@ class LivePage:
             share=progress.elapsed / (progress.elapsed + progress.eta),
             pictures=pictures,
             parameters=parameters,
-            contents=_CONTENTS if known else _CONTENTS[:1],
         )
 
     def _diagnosing(self, progress: DiagnoseProgress) -> None:
@@ -139,7 +137,7 @@ class LivePage:
     def _write(self, share: float = 0.0, **changes: Any) -> None:
         percent = round(100.0 * share) if math.isfinite(share) else 0
         self._context |= {'written': time.strftime('%X'), 'share': percent, **changes}
-        context = {'contents': _CONTENTS[:1], 'pictures': {}, **self._context}
+        context = {'pictures': {}, **self._context}
         with suppress(IdentError):  # a full disk does not end a run
             write_text(self._page, render('live.html', context, plots=bool(context['pictures'])))
         self._next = time.monotonic() + EVERY

@@ -23,7 +23,7 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
 
     Args:
         template: Its template, of this folder.
-        context: What the template takes; `title`, `lead` and `contents` for all.
+        context: What the template takes; `title` and `lead` for all.
         plots: Whether it holds plots that need the library.
     """
     environment = Environment(

@@ -211,7 +211,6 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
         'headline': text,
         'runs': runs,
         'strips': made,
-        'contents': [('answer', 'Answer'), ('parameters', 'Parameters')],
     }
     return write_text(target, render('comparison.html', context))
 
@@ -309,9 +308,7 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
         'dated': any(row['date'] for row in data['rows']),
         'open': [s for s in made if s.differs][:OPEN] or made[:OPEN],
         'strips': made,
-        'contents': [('answer', 'Answer'), ('recordings', 'Recordings'),
-                     ('parameters', 'Parameters')],
-    }  # fmt: skip
+    }
     target = Path(directory) / PAGE if page is None else Path(page)
     make_directory(target.parent)
     return write_text(target, render('fleet.html', context))
