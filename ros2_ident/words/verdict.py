@@ -153,7 +153,7 @@ def headline(d: Diagnosis) -> str:
         return f'{_stated(wrong)} fits the log.'
     if d.facts.cause in (Cause.LOG, Cause.CONSTANT):
         return 'Log and machine file contradict each other: nothing physical can be said.'
-    text = _what(d)
+    text, _ = _answer(d)
     missing = _titles(d, logged=False)
     if len(text) > _LONG and len(missing) > 1:
         more = len(missing) - 1
@@ -168,7 +168,7 @@ def sentence(d: Diagnosis) -> str:
     bound = f' {_bound(ends)}.' if ends else ''
     if facts.cause in (Cause.LOG, Cause.CONSTANT, Cause.MODEL):
         return f'{_contradiction(d)} No effect is named.{bound}'
-    text = _answer(d)
+    text = ''.join(_answer(d))
     if facts.cause == Cause.NONE and d.not_testable:
         text = f'{text[:-1]}; this motion {_unseen(d)}'
     text += ''.join(
@@ -187,27 +187,61 @@ def _small(d: Diagnosis) -> str:
     return f'The gap is small, {of_output(worst, d.unit)}. ' if worst < _SMALL else ''
 
 
-def _what(d: Diagnosis) -> str:
-    """Return the cause and its place, as the begin of a sentence."""
-    cause, evidence = d.facts.cause, d.evidence
-    where = place(d.where)
-    if cause == Cause.NONE and evidence['size'] < evidence['material']:
-        most = evidence['material'] * max(g.noise_floor for g in d.per_drive.values())
-        limit = f'{most:.2g} {d.unit}'
-        if d.facts.hidden:
-            return f'Nothing is missing above {limit}, but slow noise may hide more'
-        return f'Nothing is missing: the residual is noise, in which a gap of {limit} would show'
+def _answer(d: Diagnosis) -> tuple[str, str]:
+    """Return the cause and its place, as the begin of a sentence, and its numbers."""
+    facts, evidence, unit, where = d.facts, d.evidence, d.unit, place(d.where)
+    cause, size = facts.cause, evidence['size']
+    floors = [g.noise_floor for g in d.per_drive.values()]
+    level = f'({sum(floors) / len(floors):.4g} {unit})'
+    if cause == Cause.NONE and size < evidence['material']:
+        limit = f'{evidence["material"] * max(floors):.2g} {unit}'
+        what = f'Nothing is missing: the residual is noise, in which a gap of {limit} would show'
+        if facts.hidden:
+            what = f'Nothing is missing above {limit}, but slow noise may hide more'
+        return what, f'; the largest of a drive is {size:.2f} times the noise floor {level}.'
+    share = of_output(d.per_drive[facts.worst].share_of_output, unit)
+    gap = f'{size:.2f} times the noise floor, {share}'
     if cause == Cause.NONE:
-        return 'Nothing can be named: the gap is too small to tell its cause'
+        return (
+            'Nothing can be named: the gap is too small to tell its cause',
+            f'; that of {facts.worst} is {gap} {level}, and no effect of the catalogue closes '
+            'enough of it to count.',
+        )
     if cause == Cause.EVENTS:
-        return f'{where} produced effort that was not commanded'
+        said = events(facts.events, facts.effort_unit)
+        return f'{where} produced effort that was not commanded', f': {said}'
     if cause == Cause.SLOW:
-        return f'The residual of {where} is too large and too slow for noise'
+        said = slow(facts.slow.items(), unit)
+        return f'The residual of {where} is too large and too slow for noise', f': {said}'
     if cause == Cause.CUT_SHORT:
-        return f'The run was cut short: the cause of the gap on {where} is not found yet'
+        what = f'The run was cut short: the cause of the gap on {where} is not found yet'
+        return what, f'; it is {gap} {level}.'
     if cause == Cause.UNKNOWN:
-        return f'Something is missing on {where} that is not in the catalogue'
-    return _missing(_titles(d, logged=False), _titles(d, logged=True))
+        return (
+            f'Something is missing on {where} that is not in the catalogue',
+            f': the gap is {gap}, and the best of {facts.tried} candidates closes '
+            f'{100.0 * facts.best:.0f} % of it.',
+        )
+    rest = ''.join(
+        f' {drive} reads its position in steps of {length(step, of)}: commands of its controller '
+        'have that period. No simulation can repeat their course, so it does not count as closed.'
+        for drive, (step, of) in facts.steps.items()
+    )
+    rest += ''.join(
+        f' The logged effort of {drive} stays at about {limit:.3g} {facts.effort_unit} where '
+        'its control law asks for more. No constant limit repeats its course, so it does not '
+        'count as closed.'
+        for drive, limit in facts.limits.items()
+    )
+    if not rest and evidence['remaining'] >= evidence['unexplained']:
+        rest = f' {evidence["remaining"]:.2f} times the noise floor remains unexplained.'
+    # One share, on data held out; these may show no gap at all, then of all data.
+    closed = d.share_closed.value if len(d.steps) > 1 else evidence['closed']
+    if not math.isfinite(closed):
+        closed = min(max(evidence['closed'], 0.0), 1.0)
+    closes = 'they close' if d.also else 'it closes'
+    what = _missing(_titles(d, logged=False), _titles(d, logged=True))
+    return what, f'; {closes} {100 * closed:.0f} % of a gap of {gap}.{rest}'
 
 
 def _missing(names: Sequence[str], logged: Sequence[str] = ()) -> str:
@@ -272,53 +306,6 @@ def _stated(c: WrongConstant) -> str:
     unit = '' if c.unit == '1' else f' {c.unit}'
     found = f'{c.value:.4g} [{c.low:.4g}, {c.high:.4g}]{unit}'
     return f'{c.key} is {quantity(c.stated, c.unit)} in the machine file, and {found}'
-
-
-def _answer(d: Diagnosis) -> str:
-    """Return the cause with its numbers."""
-    facts, evidence, unit, what = d.facts, d.evidence, d.unit, _what(d)
-    size = evidence['size']
-    floors = [g.noise_floor for g in d.per_drive.values()]
-    level = f'({sum(floors) / len(floors):.4g} {unit})'
-    share = of_output(d.per_drive[facts.worst].share_of_output, unit)
-    gap = f'{size:.2f} times the noise floor, {share}'
-    if facts.cause == Cause.NONE and size < evidence['material']:
-        return f'{what}; the largest of a drive is {size:.2f} times the noise floor {level}.'
-    if facts.cause == Cause.NONE:
-        return (
-            f'{what}; that of {facts.worst} is {gap} {level}, and no effect of the catalogue '
-            'closes enough of it to count.'
-        )
-    if facts.cause == Cause.EVENTS:
-        return f'{what}: {events(facts.events, facts.effort_unit)}'
-    if facts.cause == Cause.SLOW:
-        return f'{what}: {slow(facts.slow.items(), unit)}'
-    if facts.cause == Cause.CUT_SHORT:
-        return f'{what}; it is {gap} {level}.'
-    if facts.cause == Cause.UNKNOWN:
-        return (
-            f'{what}: the gap is {gap}, and the best of {facts.tried} candidates closes '
-            f'{100.0 * facts.best:.0f} % of it.'
-        )
-    rest = ''.join(
-        f' {drive} reads its position in steps of {length(step, of)}: commands of its controller '
-        'have that period. No simulation can repeat their course, so it does not count as closed.'
-        for drive, (step, of) in facts.steps.items()
-    )
-    rest += ''.join(
-        f' The logged effort of {drive} stays at about {limit:.3g} {facts.effort_unit} where '
-        'its control law asks for more. No constant limit repeats its course, so it does not '
-        'count as closed.'
-        for drive, limit in facts.limits.items()
-    )
-    if not rest and evidence['remaining'] >= evidence['unexplained']:
-        rest = f' {evidence["remaining"]:.2f} times the noise floor remains unexplained.'
-    # One share, on data held out; these may show no gap at all, then of all data.
-    closed = d.share_closed.value if len(d.steps) > 1 else evidence['closed']
-    if not math.isfinite(closed):
-        closed = min(max(evidence['closed'], 0.0), 1.0)
-    closes = 'they close' if d.also else 'it closes'
-    return f'{what}; {closes} {100 * closed:.0f} % of a gap of {gap}.{rest}'
 
 
 def advice(d: Diagnosis) -> tuple[str, ...]:

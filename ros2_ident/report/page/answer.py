@@ -229,17 +229,13 @@ def _gap(name: str, g: DriveGap, d: Diagnosis, longest: float) -> Gap:
     if quiet(g, d):
         note = 'too slow for noise' if name in d.facts.slow else 'noise only'
     floor = _length(g.noise_floor, longest)
-    if len(d.steps) < 2 or not math.isfinite(g.after) or note:
-        size, part = quantity(g.before, d.unit, 3), percent(g.shares[0])
-        return Gap(name, size, part, g.before / longest, None, floor, note)
-    return Gap(
-        name,
-        f'{from_to(g.before, g.after)} {unit_of(d.unit)}',
-        shares(*g.shares) if math.isfinite(sum(g.shares)) else '–',
-        g.before / longest,
-        g.after / longest,
-        floor,
-    )
+    closes = len(d.steps) > 1 and math.isfinite(g.after) and not note
+    size, part = quantity(g.before, d.unit, 3), percent(g.shares[0])
+    if closes:
+        size = f'{from_to(g.before, g.after)} {unit_of(d.unit)}'
+        part = shares(*g.shares) if math.isfinite(sum(g.shares)) else '–'
+    after = g.after / longest if closes else None
+    return Gap(name, size, part, g.before / longest, after, floor, note)
 
 
 def _length(value: float, longest: float) -> float | None:

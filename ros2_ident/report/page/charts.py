@@ -27,8 +27,6 @@ SIZE = 417.6, 252.0
 _EMPTY = 0.36
 # A picture over the speed is read at once: it goes before one that shows hardly more.
 FAMILIAR = 1.25
-# Names of coordinates in a sentence.
-NAMES = {'load': 'transmitted load', 'torque': 'simulated effort', 'lagging friction': 'time'}
 _KEYS = {
     'forwards': Key('moving forwards', BLUE, 'dot'),
     'backwards': Key('moving backwards', ORANGE, 'square'),
@@ -53,7 +51,7 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
         return None
     spectrum = found.coordinate == 'frequency'
     laws = _laws(found) if effects else []
-    name = NAMES.get(found.coordinate, found.coordinate)
+    name, _, _ = found.label.partition(' [')
     title = f'{found.drive}: measured minus simulated {compared(found.unit)} over the {name}'
     # In words what the picture shows.
     summary = f'{title}. It runs {_range(before, found.unit)}'
