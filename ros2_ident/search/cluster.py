@@ -6,13 +6,14 @@ is evaluated in this process.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, wait
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 import math
 import pickle
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,13 +23,13 @@ from ros2_ident.search.evaluators import (
     Cancel,
     dealt,
     Evaluate,
-    Evaluators,
     Objective,
     RunTasks,
     Stop,
     Subject,
     Threads,
 )
+from ros2_ident.threads import processors
 
 # So long to reach a scheduler, and to wait for a worker where there is none, s.
 PATIENCE = 30.0
@@ -88,22 +89,24 @@ class Cluster:
     Args:
         scheduler: Address of the scheduler, as `tcp://host:8786`; or a `distributed.Client`, which
             stays open.
+
+    Attributes:
+        count: Threads of this process.
     """
 
     def __init__(self, scheduler: Any) -> None:
         self._scheduler = scheduler
+        self.count = processors()
 
     @contextmanager
-    def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluators]:
+    def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluate]:
         """Connect, and bring the data to the workers; see `Workers`.
 
         Raises:
             IdentError: INVALID_GOAL where there is no Dask, no scheduler, or no worker.
         """
         with self._link(objective, cancel) as link, Threads().open(objective) as here:
-            # A candidate's residuals are as long as the log: sending them takes longer than
-            # simulating them anew.
-            yield Evaluators(_Costs(link, here.costs), here.residuals)
+            yield _Costs(link, here)
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:
@@ -116,8 +119,8 @@ class Cluster:
 
             def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
                 here = getattr(subject, name)
-                calls = [_Away(link, here, name, item) for item in items]
-                return (one.result() for one in calls)
+                sent = [(link.send(name, item), partial(here, *item)) for item in items]
+                return (link.result(*one) for one in sent)
 
             yield run
 
@@ -128,11 +131,7 @@ class Cluster:
         client = connect(self._scheduler) if own else self._scheduler
         try:
             _await_workers(client, cancel)
-            link = _Link(subject, client, cancel)
-            try:
-                yield link
-            finally:
-                link.close()
+            yield _Link(subject, client, cancel)
         finally:
             if own:
                 client.close()
@@ -140,12 +139,7 @@ class Cluster:
 
 def _slots(client: Any) -> int:
     """Return how many tasks the workers of a client's cluster run at the same time."""
-    return sum(int(worker['nthreads']) for worker in _workers(client).values())
-
-
-def _workers(client: Any) -> dict[str, Any]:
-    found: dict[str, Any] = client.scheduler_info(n_workers=-1).get('workers', {})
-    return found
+    return sum(client.nthreads().values())
 
 
 def _await_workers(client: Any, cancel: Cancel | None) -> None:
@@ -166,23 +160,14 @@ class _Link:
     def __init__(self, subject: Subject, client: Any, cancel: Cancel | None) -> None:
         self._packed = pickle.dumps(subject, protocol=pickle.HIGHEST_PROTOCOL)
         self._client = client
-        self._executor = client.get_executor(pure=False)
         self._asked = -math.inf
         self._slots = 0
         self._alone_since = math.inf
         self._scatter()
         # Every worker compiles before a clock runs.
-        ready = [
-            self._executor.submit(_call, self._data, 'prepare', (), workers=[x])
-            for x in _workers(client)
-        ]
-        while wait(ready, _LOOK).not_done and not (cancel is not None and cancel.is_set()):
-            pass
+        ready = [self.send('prepare', (), workers=[name]) for name in client.nthreads()]
         for future in ready:
-            if future.done() and not future.cancelled():
-                error = future.exception()
-                if error is not None and not _lost(error):
-                    raise _said(error) from error
+            self.result(future, bool, cancel.is_set if cancel else bool)
 
     def _scatter(self) -> None:
         """Bring the data to every worker."""
@@ -204,92 +189,58 @@ class _Link:
         """Whether to wait for workers no longer."""
         if self._client.status != 'running':
             return True
-        if self.slots:
-            self._alone_since = math.inf
-        elif self._alone_since == math.inf:
-            self._alone_since = time.monotonic()
-        return time.monotonic() - self._alone_since > PATIENCE
+        now = time.monotonic()
+        self._alone_since = math.inf if self.slots else min(self._alone_since, now)
+        return now - self._alone_since > PATIENCE
 
-    def send(self, name: str, arguments: tuple[Any, ...]) -> 'Future[Any] | None':
-        """Send a call of the object's method; None where no worker can be reached."""
+    def send(self, name: str, arguments: tuple[Any, ...], **where: Any) -> Any:
+        """Return the future of a call of the object's method; None without a worker."""
         if self.hopeless:
             return None
         try:
             # The only worker that held the data may be the one that was lost.
             if self._data.status != 'finished' and _slots(self._client):
                 self._scatter()
-            found: Future[Any] = self._executor.submit(_call, self._data, name, arguments)
-            return found
+            return self._client.submit(_call, self._data, name, arguments, pure=False, **where)
         except Exception as error:
             if not _lost(error):
                 raise
             return None
 
-    def close(self) -> None:
-        """Let go of the workers."""
-        # What is still on its way belongs to a run that has ended.
-        if self._client.status == 'running':
-            self._executor.shutdown(wait=False)
-
-
-class _Away:
-    """A call on its way; done here where Dask gives it up."""
-
-    def __init__(
-        self, link: _Link, here: Callable[..., Any], name: str, arguments: tuple[Any, ...]
-    ) -> None:
-        self._link, self._here, self._arguments = link, here, arguments
-        self._there, self._value = False, None
-        self._future = link.send(name, arguments)
-
-    def wait(self, seconds: float) -> bool:
-        """Return whether the result is there, after waiting at most so long."""
-        if not self._there and self._future is not None and wait([self._future], seconds).done:
+    def result(self, future: Any, here: Callable[[], Any], stop: Stop = bool) -> Any:
+        """Return the result of a call, made `here` where Dask gives it up; None once stopped."""
+        while future is not None and not self.hopeless:
             try:
-                self._there, self._value = True, self._future.result()
-            except (CancelledError, Exception) as error:
-                self._there, self._future = False, None
-                if not _lost(error):
-                    raise _said(error) from error
-        if not self._there and (self._future is None or self._link.hopeless):
-            self._there, self._value = True, self._here(*self._arguments)
-        return self._there
-
-    def result(self) -> Any:
-        """Wait for the result."""
-        while not self.wait(_LOOK):
-            pass
-        return self._value
-
-    def drop(self) -> None:
-        """Take it back where no worker has begun."""
-        if self._future is not None:
-            self._future.cancel()
+                future.exception(timeout=_LOOK)
+                return future.result()
+            except Exception as error:
+                if future.done():
+                    if not _lost(error):
+                        raise _said(error) from error
+                    break
+                if stop():
+                    return None
+        return here()
 
 
+@dataclass(frozen=True)
 class _Costs:
     """The costs, each batch cut into equal pieces, one for each worker."""
 
-    limited = True
-
-    def __init__(self, link: _Link, here: Evaluate) -> None:
-        self._link = link
-        self._here = here
+    link: _Link
+    here: Evaluate
+    limited: ClassVar[bool] = True
 
     def __call__(self, theta: Array, limit: float = math.inf, stop: Stop = bool) -> Array:
         """Evaluate (S, N) candidates; `stop` is asked here, the workers do not know it."""
-        pieces = [
-            (rows, _Away(self._link, self._here, 'costs', (theta[rows], limit)))
-            for rows in dealt(len(theta), self._link.slots)
-        ]
+        pieces = dealt(len(theta), self.link.slots)
+        sent = [self.link.send('costs', (theta[rows], limit)) for rows in pieces]
         out = np.full(len(theta), np.inf)
-        for rows, piece in pieces:
-            while not piece.wait(_LOOK):
-                if stop():
-                    for _, left in pieces:
-                        left.drop()
-                    return out
-            out[rows] = piece.result()
+        for rows, future in zip(pieces, sent, strict=True):
+            told = self.link.result(future, partial(self.here, theta[rows], limit, stop), stop)
+            if told is None:
+                break
+            out[rows] = told
         return out
 
 

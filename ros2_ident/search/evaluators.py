@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where candidates are evaluated: the seam, and threads of this process behind it.
 
-`Workers` is what a caller chooses, `Evaluators` is what a run gets from it. A cluster is in
-`cluster`.
+`Workers` is what a caller chooses. A cluster is in `cluster`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 import math
 from typing import Any, Protocol
 
@@ -57,25 +55,19 @@ class Objective(Subject, Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Evaluators:
-    """Evaluators of a run's candidates.
-
-    Attributes:
-        costs: (S, N) -> (S,), here or elsewhere; `limited`.
-        residuals: (S, N) -> (S, R).
-    """
-
-    costs: Evaluate
-    residuals: Evaluate
-
-
 # Method of the subject, arguments of each task -> results in their order, as they come.
 RunTasks = Callable[[str, Sequence[tuple[Any, ...]]], Iterator[Any]]
 
 
 class Workers(Protocol):
-    """Who evaluates: threads, a cluster."""
+    """Who evaluates: threads, a cluster.
+
+    Attributes:
+        count: Threads of this process, for what is evaluated here: residuals are as long as the
+            log, and to send them takes longer than to simulate them.
+    """
+
+    count: int
 
     def tasks(self, subject: Subject) -> AbstractContextManager[RunTasks]:
         """Make ready to run a subject's methods side by side, until the context is left.
@@ -87,8 +79,8 @@ class Workers(Protocol):
 
     def open(
         self, objective: Objective, cancel: Cancel | None = None
-    ) -> AbstractContextManager[Evaluators]:
-        """Make ready for an objective, until the context is left.
+    ) -> AbstractContextManager[Evaluate]:
+        """Make ready for the costs of an objective, until the context is left; `limited`.
 
         Args:
             objective: What to evaluate.
@@ -166,12 +158,12 @@ class Threads:
     """
 
     def __init__(self, count: int | None = None) -> None:
-        self._count = count or processors()
+        self.count = count or processors()
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:
         """Start the threads; see `Workers`."""
-        with ThreadPoolExecutor(self._count, 'task') as pool:
+        with ThreadPoolExecutor(self.count, 'task') as pool:
 
             def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
                 method = getattr(subject, name)
@@ -179,11 +171,8 @@ class Threads:
 
             yield run
 
-    @contextmanager
-    def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluators]:
+    def open(
+        self, objective: Objective, cancel: Cancel | None = None
+    ) -> AbstractContextManager[Evaluate]:
         """Start the threads; see `Workers`."""
-        with (
-            ThreadedEvaluator(objective.costs, self._count, limited=True) as costs,
-            ThreadedEvaluator(objective.residuals, self._count) as residuals,
-        ):
-            yield Evaluators(costs, residuals)
+        return ThreadedEvaluator(objective.costs, self.count, limited=True)

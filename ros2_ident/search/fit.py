@@ -14,7 +14,14 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.driver import Budget, minimise, OnProgress, Progress, SearchResult
-from ros2_ident.search.evaluators import Cancel, Evaluators, Objective, Threads, Workers
+from ros2_ident.search.evaluators import (
+    Cancel,
+    Evaluate,
+    Objective,
+    ThreadedEvaluator,
+    Threads,
+    Workers,
+)
 from ros2_ident.search.genetic import GeneticSearch, GeneticSettings, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences
 from ros2_ident.search.journal import Journal, Within
@@ -186,9 +193,13 @@ def fit(
     """
     settings = settings or FitSettings()
     _require_memory(settings, len(problem.low))
-    with (workers or Threads()).open(problem, cancel) as evaluators:
+    workers = workers or Threads()
+    with (
+        workers.open(problem, cancel) as costs,
+        ThreadedEvaluator(problem.residuals, workers.count) as residuals,
+    ):
         return _Fit(
-            problem, settings, seed, evaluators, cancel, on_progress, journal or Journal()
+            problem, settings, seed, costs, residuals, cancel, on_progress, journal or Journal()
         ).solve()
 
 
@@ -237,14 +248,14 @@ class _Fit:
     problem: Solvable
     settings: FitSettings
     seed: int
-    evaluators: Evaluators
+    costs: Evaluate
+    residuals: Evaluate
     cancel: Cancel | None
     on_progress: OnProgress | None
     journal: Journal
 
     def __post_init__(self) -> None:
         problem, settings = self.problem, self.settings
-        self.residuals = self.evaluators.residuals
         self.names = problem.names
         self.candidates: list[Array] = []
         self.told: list[Array] = []
@@ -309,7 +320,7 @@ class _Fit:
         budget = self.settings.budget
         kept = 1.0 - REFINEMENT_SHARE if self.settings.refine else 1.0
         return minimise(
-            self.evaluators.costs,
+            self.costs,
             self.search,
             low=self.problem.low,
             high=self.problem.high,

@@ -66,8 +66,8 @@ def search() -> GeneticSearch:
 
 
 def run(workers: Any, objective: Any, **more: Any) -> Any:
-    with workers.open(objective) as evaluators:
-        return minimise(evaluators.costs, search(), low=LOW, high=HIGH, **more)
+    with workers.open(objective) as costs:
+        return minimise(costs, search(), low=LOW, high=HIGH, **more)
 
 
 @pytest.fixture(scope='module')
@@ -111,19 +111,17 @@ def test_failure_of_the_work_is_no_loss_of_the_worker(near: Any) -> None:
 
 def test_cut_batches_are_put_together_again(near: Any) -> None:
     theta = np.random.default_rng(1).random((37, 3))
-    with near.open(Bowl()) as evaluators:
+    with near.open(Bowl()) as costs:
         for count in (37, 3):
-            np.testing.assert_array_equal(
-                evaluators.costs(theta[:count]), Bowl().costs(theta[:count])
-            )
+            np.testing.assert_array_equal(costs(theta[:count]), Bowl().costs(theta[:count]))
 
 
 def test_a_cancel_does_not_wait_for_the_workers(near: Any) -> None:
     event = threading.Event()
-    with near.open(Slow()) as evaluators:
+    with near.open(Slow()) as costs:
         threading.Timer(0.2, event.set).start()
         begin = time.monotonic()
-        found = minimise(evaluators.costs, search(), low=LOW, high=HIGH, cancel=event)
+        found = minimise(costs, search(), low=LOW, high=HIGH, cancel=event)
         assert time.monotonic() - begin < 2.0
     assert found.stop is StopReason.CANCELLED and not found.evaluations
 
@@ -161,10 +159,10 @@ def test_work_is_done_here_when_every_dask_worker_is_gone(
             n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
         ) as lonely,
         distributed.Client(lonely) as client,
-        Cluster(client).open(Bowl()) as evaluators,
+        Cluster(client).open(Bowl()) as costs,
     ):
         lonely.scale(0)
-        there = minimise(evaluators.costs, search(), low=LOW, high=HIGH)
+        there = minimise(costs, search(), low=LOW, high=HIGH)
     np.testing.assert_array_equal(there.theta, run(Threads(1), Bowl()).theta)
 
 
