@@ -214,7 +214,7 @@ class Effect:
         twins: Ids of effects that no log tells from this one: one answer under several names.
         variant_of: Id of an effect that has the same cause and another course.
         shown_by: What of a log shows the effect by itself; `gap` looks for it.
-        about: What it is, a sentence; the first line of its module where empty.
+        about: What it is, a sentence.
     """
 
     id: str
