@@ -16,7 +16,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.fits import Explanation, Fits, PROMISING, Trials
-from ros2_ident.gap.screen import limits_shown, Start
+from ros2_ident.gap.screen import limits_shown, share_of_limit, Start
 from ros2_ident.identify.hidden import MATERIAL, residual_of, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
@@ -179,10 +179,37 @@ class Attribution:
             for r in rounds
         ]
 
-    def nominal(self, settings: FitSettings, seed: int) -> Explanation:
-        """Identify the nominal parameters on the fit part, as an identification does."""
+    def limited(
+        self, candidates: Sequence[EffectAt], settings: FitSettings, seed: int
+    ) -> Explanation | None:
+        """Return the fit with the limits that control laws show; None without any.
+
+        A fit without them is bent by what a drive does while it is limited, so this is no step
+        from there: the nominal parameters are searched again.
+        """
+        model = self.case.fit.models[0]
+        shown = {
+            c: share(self.limits[c.where])
+            for c in candidates
+            if c.where in self.limits and (share := share_of_limit(c, model)) is not None
+        }
+        return self.nominal(settings, seed, shown) if shown else None
+
+    def nominal(
+        self, settings: FitSettings, seed: int, known: Mapping[EffectAt, Array] | None = None
+    ) -> Explanation:
+        """Identify the nominal parameters on the fit part, as an identification does.
+
+        Args:
+            settings: Of the search.
+            seed: Of the search.
+            known: Effects that are there, each with its (P,) parameters, held by the search.
+        """
+        known = known or {}
         part = self.case.fit
-        joint = part.with_effects(())
+        joint = part.with_effects([*known])
+        own = np.concatenate([np.empty(0), *known.values()])
+        names = [p.name for p in joint.parameters[len(joint.parameters) - own.size :]]
         compared = [m.restricted(there) for m, there in zip(joint.models, part.masks, strict=True)]
 
         def report(progress: Progress) -> None:
@@ -190,7 +217,9 @@ class Attribution:
             self.on_step(0.9 * share, 'identifying the nominal parameters')
 
         found = fit(
-            Problem(compared, part.labels, part.conditions),
+            Problem(
+                compared, part.labels, part.conditions, fixed=dict(zip(names, own, strict=True))
+            ),
             settings,
             seed,
             cancel=_Stop(self.stopped),
@@ -198,11 +227,11 @@ class Attribution:
             workers=self.workers,
             journal=self.journal,
         )
-        theta = found.theta
+        theta = np.concatenate([found.theta, own])
         if not np.isfinite(theta).all():
             # Stopped before anything was simulated, or everything diverged.
             theta = 0.5 * (joint.low + joint.high)
-        return self.refit((), theta)
+        return self.refit([*known], theta)
 
     def _shown(
         self, base: Explanation, candidates: Sequence[EffectAt]
@@ -220,8 +249,8 @@ class Attribution:
         seen = [
             (c, start)
             for c in candidates
-            if c not in base.effects
-            for start in limits_shown(c, joint.models, thetas, self.limits, c.where == worst)
+            if c not in base.effects and c.where == worst
+            for start in limits_shown(c, joint.models, thetas)
         ]
         if not seen:
             return []

@@ -315,15 +315,12 @@ class _Passes:
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
             clock.rounds(explainer.size(e) if explainer.open(e) else 0.0)
 
-        found = explainer.explain(begun.base, begun.candidates, note)
+        limited = explainer.attribution.limited(begun.candidates, SEARCH, self.seed)
+        found = explainer.explain(begun.base, begun.candidates, note, limited)
         readings: tuple[CoarseReading, ...] = ()
         if not clock.stopped():
             readings = _readings(explainer, found.chain[0], begun.candidates)
         verdict = judge(explainer, found, readings)
-        if verdict.limits and not set(found.chain[-1].effects) <= set(verdict.named):
-            # What stood in for the limit is no finding.
-            found = found.nominal()
-            verdict = replace(verdict, closed=0.0)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
             found, verdict = self._of_the_file(begun, found, verdict)

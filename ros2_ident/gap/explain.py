@@ -44,12 +44,17 @@ class Explained:
 
 
 class Explainer(Criteria):
-    """Runs the rounds; see `Criteria` for its arguments."""
+    """Runs the rounds; see `Criteria` for its arguments.
+
+    Attributes:
+        shown: Effects that stay since the controllers' log shows them.
+    """
 
     def __init__(
         self, attribution: Attribution, floor: Floor, rules: Rules | None = None
     ) -> None:
         super().__init__(attribution, floor, rules)
+        self.shown: tuple[EffectAt, ...] = ()
         self._seen: dict[frozenset[EffectAt], tuple[Explanation, Predictability]] = {}
 
     def explain(
@@ -57,9 +62,24 @@ class Explainer(Criteria):
         base: Explanation,
         candidates: Sequence[EffectAt],
         on_best: Callable[[Explanation], None],
+        limited: Explanation | None = None,
     ) -> Explained:
-        """Add effects while they are material, drop what became superfluous, look for rivals."""
+        """Add effects while they are material, drop what became superfluous, look for rivals.
+
+        Args:
+            base: The nominal fit.
+            candidates: Effects at places.
+            on_best: Told what is found.
+            limited: The fit with the limits that the control laws show; these stay.
+        """
         chain, rounds = [base], list[Round]()
+        if limited is not None:
+            self.shown, theta = limited.effects, limited.theta
+            less = range(1, len(self.shown))
+            steps = [
+                self.attribution.refit(self.shown[:n], theta[: n - len(self.shown)]) for n in less
+            ]
+            chain, rounds = [base, *steps, limited], [Round(base, {}, {}, (limited,))]
         stopped = self.attribution.stopped
         while len(rounds) < self.rules.most and self.open(chain[-1]) and not stopped():
             round_ = self.attribution.round(chain[-1], candidates)
@@ -190,6 +210,8 @@ class Explainer(Criteria):
         for index in range(len(best.effects) - 2, -1, -1):
             if self.attribution.stopped():
                 break
+            if best.effects[index] in self.shown:
+                continue
             less = self.without(kept, index)
             # Against all of them: one by one hardly anything would count.
             if not self.material(less, best):

@@ -45,31 +45,22 @@ class Start:
 
 
 def limits_shown(
-    candidate: EffectAt,
-    models: Sequence[FullModel],
-    thetas: Sequence[Array],
-    known: Mapping[str, float],
-    lost: bool,
+    candidate: EffectAt, models: Sequence[FullModel], thetas: Sequence[Array]
 ) -> list[Array]:
     """Return (P,) parameters to start an effort's limit from; none for another effect.
 
-    It acts only below what a drive would do without it: at what the control law shows or, on the
-    drive of which most is missing, at the highest logged effort; without one below what the model
-    makes.
+    It acts only below what a drive would do without it: at the highest logged effort; without one
+    below what the model makes.
 
     Args:
         candidate: The effect and its place.
         models: The models without it, one a recording.
         thetas: (N,) parameters of each.
-        known: Size of the effort at which the law shows a drive to be limited, see `gates.Law`.
-        lost: Whether most is missing there.
     """
-    share = _share_of_limit(candidate, models[0])
-    top = known.get(candidate.where, 0.0)
-    if share is None or not (top or lost):
+    share = share_of_limit(candidate, models[0])
+    if share is None:
         return []
-    if not top:
-        top = max(_highest(effort_of(model, candidate.where)) for model in models)
+    top = max(_highest(effort_of(model, candidate.where)) for model in models)
     if top:
         return [share(top)]
     row = models[0].places.index(candidate.where)
@@ -84,7 +75,7 @@ def _highest(effort: Array) -> float:
     return float(np.abs(uniform_filter1d(logged, _MEAN)).max()) if logged.size else 0.0
 
 
-def _share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:
+def share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:
     """Return what makes an effort an effect's (P,) parameters; None where it is no limit's."""
     if get_effect(candidate.effect).shown_by != 'flat_top':
         return None

@@ -78,7 +78,7 @@ class Verdict:
         closed: Share of the explainable gap that all effects found close.
         readings: Encoders whose steps cause what is left on their drives.
         limits: Drives whose logged effort stays below what the control law asks for, and at what
-            size, where no fit repeats it.
+            size, where no fit repeats it exactly.
         restless: Drives whose noise floor is too large and too slow to be noise, and their floors.
         events: Effort that was not commanded.
         constants: Numbers of the machine file that fit, where those stated do not.
@@ -139,8 +139,7 @@ def judge(
     left = [r for r in readings if gap[drives.index(r.drive)] >= explainer.rules.material]
     if left:
         return _with_readings(explainer, found, left, t)
-    plain = _with_restless(explainer, found, _judge(explainer, found, t), t)
-    return _with_limits(explainer, found, plain, t)
+    return _with_restless(explainer, found, _judge(explainer, found, t), t)
 
 
 def _with_restless(
@@ -165,35 +164,6 @@ def _with_restless(
         where=_together(tuple(restless), case.drives),
         probability=t.restless,
         restless=restless,
-    )
-
-
-def _with_limits(
-    explainer: Explainer, found: Explained, plain: Verdict, t: Temperatures
-) -> Verdict:
-    """Answer where an effort stays below what its control law asks for, and no fit repeats that.
-
-    A limit that is no constant leaves nearly all of its gap, and the log shows it all the same.
-    """
-    effect = shown_by('flat_top')
-    of_all = 'all' in plain.where
-    shown = {
-        drive: size
-        for drive, size in explainer.attribution.limits.items()
-        if of_all or drive in plain.where
-    }
-    if effect is None or plain.effect != UNKNOWN or not found.complete or not shown:
-        return plain
-    first, *others = (EffectAt(effect.id, drive) for drive in shown)
-    # On such a drive anything may stand in for the limit.
-    beside = [at for at in found.chain[-1].effects if at.where not in shown]
-    return replace(
-        plain,
-        effect=first.effect,
-        where=(first.where,),
-        probability=t.believed,
-        also=(*others, *beside),
-        limits=shown,
     )
 
 
@@ -253,8 +223,15 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     alone = max((explainer.share(base, e) for e in tried), default=0.0)
     nearest = closed if len(found.chain) > 1 else alone
     named = t.escaped + (1.0 - t.escaped) * _sigmoid((nearest - rules.closed) / t.closed)
-    # What is left may be immaterial however small the share that closes.
-    believed = len(found.chain) > 1 and found.remaining < rules.unknown
+    # What is left may be immaterial however small the share that closes, and a limit that the
+    # controllers' log shows is there however little of its course a constant one repeats.
+    left = np.maximum(explainer.gap(final), 0.0)
+    limits = {
+        at.where: explainer.attribution.limits[at.where]
+        for at in explainer.shown
+        if left[explainer.case.drives.index(at.where)] >= rules.material**2
+    }
+    believed = len(found.chain) > 1 and (found.remaining < rules.unknown or bool(explainer.shown))
     if believed:
         named = max(named, t.believed)
     ranking = _weigh(explainer, found, missing * named, t)
@@ -279,8 +256,9 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     same = {leader, *twins(leader)}
     probability = sum(w.probability for w in ranking if w.at in same)
     return Verdict(
-        leader.effect, (leader.where,), probability, final.effects[1:], confusable, ranking, closed
-    )
+        leader.effect, (leader.where,), probability, final.effects[1:], confusable, ranking, closed,
+        limits=limits,
+    )  # fmt: skip
 
 
 def _where(explainer: Explainer, e: Explanation) -> tuple[str, ...]:

@@ -241,7 +241,7 @@ def _limit(asked: Array, effort: Array) -> float:
     calm = size <= max(0.5 * float(size.max()), float(np.median(size)))
     asked = asked + float(np.median((effort - asked)[calm]))
     least = np.maximum(MORE * size, 0.4 * size.max())
-    beyond = (np.abs(asked) > least) & (asked * effort > 0.0) & (size > 0.4 * size.max())
+    beyond = (np.abs(asked) > least) & (size > 0.4 * size.max())
     if beyond.sum() < max(_FEW, _RARE * effort.size):
         return math.inf
     missed = (effort - asked) ** 2

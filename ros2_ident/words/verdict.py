@@ -229,8 +229,7 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
     )
     rest += ''.join(
         f' The logged effort of {drive} stays at about {limit:.3g} {facts.effort_unit} where '
-        'its control law asks for more. No constant limit repeats its course, so it does not '
-        'count as closed.'
+        'its control law asks for more; no constant limit repeats its course exactly.'
         for drive, limit in facts.limits.items()
     )
     if not rest and evidence['remaining'] >= evidence['unexplained']:

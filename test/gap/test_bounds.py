@@ -121,15 +121,12 @@ THETAS = [np.array([1.0]), np.array([1.0])]
 def test_a_limit_is_looked_for_at_the_highest_logged_effort_whatever_is_compared() -> None:
     cut, free = _log(0.5), _log(10.0)
     cut[::3] = np.nan
-    # By what the law shows, or where most is missing; a mean of nine keeps a third of the noise.
-    assert limits_shown(LIMIT, _positions(cut), THETAS[:1], {}, False) == []
-    (share,) = limits_shown(LIMIT, _positions(cut), THETAS[:1], {}, True)
+    # A mean of nine keeps a third of the noise.
+    (share,) = limits_shown(LIMIT, _positions(cut), THETAS[:1])
     assert share == pytest.approx(0.05, abs=2e-3)
-    (share,) = limits_shown(LIMIT, _positions(cut, free), THETAS, {}, True)
+    (share,) = limits_shown(LIMIT, _positions(cut, free), THETAS)
     assert share == pytest.approx(0.1 * np.abs(free).max(), abs=3e-3)
-    (share,) = limits_shown(LIMIT, _positions(free), THETAS[:1], {'one': 0.3}, False)
-    assert share == pytest.approx(0.03)
-    assert limits_shown(GAIN, _positions(cut), THETAS[:1], {'one': 0.3}, True) == []
+    assert limits_shown(GAIN, _positions(cut), THETAS[:1]) == []
 
 
 def test_without_a_logged_effort_a_limit_is_looked_for_below_what_the_model_makes() -> None:
@@ -139,7 +136,7 @@ def test_without_a_logged_effort_a_limit_is_looked_for_below_what_the_model_make
         model.simulated_effort = lambda theta, n=number: n * theta[0] * np.array([[-3.0, 1.0]])
 
     def starts(scale: float) -> list[float]:
-        found = limits_shown(LIMIT, silent, [scale * x for x in THETAS], {}, True)
+        found = limits_shown(LIMIT, silent, [scale * x for x in THETAS])
         return np.array(found).ravel().tolist()
 
     assert starts(1.0) == pytest.approx([0.3, 0.39, 0.48, 0.552])

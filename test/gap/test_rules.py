@@ -222,30 +222,24 @@ def test_a_step_that_slow_noise_may_make_does_not_count(explainer, attribution, 
 # ---------------------------------------------------------------------- limits
 
 
-def test_an_effort_that_stays_below_what_is_asked_names_its_limit(explainer):
-    chain = [made((2.0, 2.0)), made((1.5, 1.5), effects=[DRAG])]
-    assert answered(explainer, chain, [chain[-1]], remaining=1.2).effect == UNKNOWN
-    explainer.attribution.limits = {'one': 0.4}
-    said = answered(explainer, chain, [chain[-1]], remaining=1.2)
-    assert said.named == (EffectAt('torque_saturation', 'one'), DRAG)
+def test_limits_that_the_law_shows_are_named_however_little_they_close(explainer):
+    one, two = (EffectAt('torque_saturation', drive) for drive in DRIVES)
+    base, limited = made((4.0, 1.0)), made((3.5, 0.1), effects=[one, two])
+    rests = [base, made((3.6, 0.5), effects=[one])]
+    chain = [base, rests[1], limited]
+    assert answered(explainer, chain, [rests[1]], [limited], rests, remaining=1.2).effect == UNKNOWN
+    explainer.shown, explainer.attribution.limits = (one, two), {'one': 0.4, 'two': 0.3}
+    said = answered(explainer, chain, [rests[1]], [limited], rests, remaining=1.2)
+    assert said.named == (one, two)
     assert (said.probability, said.limits) == (0.9, {'one': 0.4})
 
 
-def test_every_drive_with_a_limit_is_named_and_what_stood_in_for_it_is_not(explainer):
-    beside = EffectAt('backlash', 'all')
-    base, one = made((2.0, 2.0)), made((1.8, 1.8), effects=[STRIBECK])
-    chain = [base, one, made((1.5, 1.5), effects=[STRIBECK, beside])]
-    explainer.attribution.limits = {'one': 0.4, 'two': 0.3}
-    rests, rivals = [one, one], [chain[-1]]
-    said = answered(explainer, chain, [one], rivals, rests, remaining=1.2)
-    limits = tuple(EffectAt('torque_saturation', drive) for drive in DRIVES)
-    assert said.named == (*limits, beside)
-    assert said.limits == {'one': 0.4, 'two': 0.3}
-    cut = answered(explainer, chain, [one], rivals, rests, remaining=1.2, complete=False)
-    assert cut.effect == UNKNOWN
-    # What is named otherwise stays.
-    closed = [base, made((0.0, 0.0), effects=[DRAG])]
-    assert answered(explainer, closed, [closed[-1]]).named == (DRAG,)
+def test_limits_that_the_law_shows_come_first_and_stay(explainer, attribution):
+    one = EffectAt('torque_saturation', 'one')
+    base, limited = made((2.0, 2.0)), made((0.0, 1.9), effects=[one])
+    attribution.rounds = [[]]
+    got = explainer.explain(base, [], print, limited)
+    assert got.chain == (base, limited)
 
 
 # ---------------------------------------------------------------------- the answer
