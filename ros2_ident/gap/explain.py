@@ -80,6 +80,10 @@ class Explainer(Criteria):
                 self.attribution.refit(self.shown[:n], theta[: n - len(self.shown)]) for n in less
             ]
             chain, rounds = [base, *steps, limited], [Round(base, {}, {}, (limited,))]
+            # How far a limited drive moves hangs on each instant of its limit: what the fit leaves
+            # there is taken for anything.
+            places = {at.where for at in self.shown}
+            candidates = [c for c in candidates if c.where not in places]
         stopped = self.attribution.stopped
         while len(rounds) < self.rules.most and self.open(chain[-1]) and not stopped():
             round_ = self.attribution.round(chain[-1], candidates)
