@@ -4,6 +4,7 @@
 `python tools/effects_page.py` writes docs/effects.md.
 """
 
+import importlib
 from pathlib import Path
 
 from ros2_ident.effects import CATALOGUE, Effect, EffectParameter
@@ -64,12 +65,18 @@ def _parameters(effect: Effect) -> str:
     return '; '.join(part for part in parts if part)
 
 
+def what_it_is(effect: Effect) -> str:
+    """Return an effect in one sentence: the first line of its module's docstring."""
+    module = importlib.import_module(f'ros2_ident.effects.{effect.id}')
+    return (module.__doc__ or '').strip().split('\n')[0]
+
+
 def row(effect: Effect) -> str:
     """Return the line on one effect."""
     motion = effect.separated_by.format(drive='the drive')
     cells = [
         f'`{effect.id}`',
-        f'{effect.about} `{effect.equation}` ({effect.source})',
+        f'{what_it_is(effect)} `{effect.equation}` ({effect.source})',
         _parameters(effect),
         ', '.join(effect.confusable) or '-',
         motion,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The catalogue: EFFECT or EFFECTS of every module of this folder.
+"""The catalogue: every module of this folder that defines EFFECT is one effect.
 
 Other packages add theirs by entry points, users by files of their own; see `loading`.
 """

@@ -214,7 +214,6 @@ class Effect:
         twins: Ids of effects that no log tells from this one: one answer under several names.
         variant_of: Id of an effect that has the same cause and another course.
         shown_by: What of a log shows the effect by itself; `gap` looks for it.
-        about: What it is, a sentence.
     """
 
     id: str
@@ -234,7 +233,6 @@ class Effect:
     twins: tuple[str, ...] = ()
     variant_of: str = ''
     shown_by: Detector | None = None
-    about: str = ''
 
     def applies(self, context: Context) -> bool:
         """Whether a machine can have the effect.

@@ -41,12 +41,10 @@ class Catalogue:
         self.effects: dict[str, Effect] = {}
         self.sources: dict[Path, str] = {}
         self.closed = False
-        names = [name for _, name, _ in pkgutil.iter_modules(folders)]
-        modules = [importlib.import_module(f'{package}.{name}') for name in names]
-        own = [m.EFFECT for m in modules if hasattr(m, 'EFFECT')]
-        own += [effect for m in modules for effect in getattr(m, 'EFFECTS', ())]
-        for effect in sorted(own, key=lambda effect: effect.id):
-            self._add(effect, effect.id)
+        for name in sorted(name for _, name, _ in pkgutil.iter_modules(folders)):
+            own = getattr(importlib.import_module(f'{package}.{name}'), 'EFFECT', None)
+            if own is not None:
+                self._add(own, name)
         for effect, source, module in _of_packages():
             self._add(effect, source)
             self.sources[Path(str(module.__file__)).resolve()] = module.__name__

@@ -6,7 +6,7 @@ parameters already fitted can imitate, is compared with the residual. It ranks c
 each its starts; it decides nothing.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np

@@ -255,8 +255,9 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     # Twins are one answer under two names.
     same = {leader, *twins(leader)}
     probability = sum(w.probability for w in ranking if w.at in same)
+    also = final.effects[1:]
     return Verdict(
-        leader.effect, (leader.where,), probability, final.effects[1:], confusable, ranking, closed,
+        leader.effect, (leader.where,), probability, also, confusable, ranking, closed,
         limits=limits,
     )  # fmt: skip
 

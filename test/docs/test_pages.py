@@ -69,7 +69,7 @@ def test_pages_are_made_from_the_code(tool) -> None:
 @pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
 def test_an_entry_holds_what_a_reader_needs(effect) -> None:
     text = effects_page.row(effect).replace('\\|', '|')
-    assert effect.about.endswith('.')
+    assert effects_page.what_it_is(effect).endswith('.')
     for part in (effect.equation, effect.source, *effect.confusable):
         assert part in text
     for parameter in effect.parameters:

@@ -227,9 +227,10 @@ def test_limits_that_the_law_shows_are_named_however_little_they_close(explainer
     base, limited = made((4.0, 1.0)), made((3.5, 0.1), effects=[one, two])
     rests = [base, made((3.6, 0.5), effects=[one])]
     chain = [base, rests[1], limited]
-    assert answered(explainer, chain, [rests[1]], [limited], rests, remaining=1.2).effect == UNKNOWN
+    fitted = chain, [rests[1]], [limited], rests
+    assert answered(explainer, *fitted, remaining=1.2).effect == UNKNOWN
     explainer.shown, explainer.attribution.limits = (one, two), {'one': 0.4, 'two': 0.3}
-    said = answered(explainer, chain, [rests[1]], [limited], rests, remaining=1.2)
+    said = answered(explainer, *fitted, remaining=1.2)
     assert said.named == (one, two)
     assert (said.probability, said.limits) == (0.9, {'one': 0.4})
 

@@ -19,11 +19,6 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.hooks import check_memories
 
 ROOT = Path(__file__).parents[2]
-MORE = '''
-from dataclasses import replace
-from ros2_ident.effects.loop import EFFECTS
-EFFECT = replace(EFFECTS[0], id='more_current_loop_lag')
-'''
 
 
 def twice_on_one_hook():
@@ -71,8 +66,9 @@ def twice_on_one_hook():
 
 
 def test_effects_of_one_hook_have_a_memory_each(tmp_path: Path) -> None:
+    text = (ROOT / 'ros2_ident/effects/current_loop_lag.py').read_text(encoding='utf-8')
     more = tmp_path / 'more_current_loop_lag.py'
-    more.write_text(MORE, encoding='utf-8')
+    more.write_text(text.replace("id='current", "id='more_current"), encoding='utf-8')
     ran = subprocess.run(
         [sys.executable, '-c', f'{inspect.getsource(twice_on_one_hook)}\ntwice_on_one_hook()'],
         cwd=ROOT,

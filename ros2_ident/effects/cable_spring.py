@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cable or hose that pulls as a spring."""
+
+from typing import Any
+
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.lanes import inlined
+
+
+@inlined
+def _kernel(value: Any, drive: Any, p: Any) -> Any:
+    return value - p[0] * (drive.carriage - p[1])
+
+
+EFFECT = Effect(
+    id='cable_spring',
+    group='drive',
+    title='cable spring',
+    equation='-k (s - s_0) on the load side',
+    source='Khatib/FloBaRoID catalogue of disturbance forces; Hooke',
+    parameters=(
+        EffectParameter('stiffness', 'N/m', -300.0, 300.0, 0.0, symbol='k'),
+        EffectParameter(
+            'rest',
+            'm',
+            -1.0,
+            2.0,
+            0.5,
+            role='position',
+            symbol='s_0',
+            meaning='position without force',
+        ),
+    ),
+    hook=Hook.CARRIAGE_FORCE,
+    kernel=_kernel,
+    place='drive',
+    family='position',
+    confusable=(
+        'position_dependent_friction',
+        'rail_radius_error',
+        'rod_length_error',
+    ),
+    separated_by='sweep {drive} slowly both ways over its whole stroke',
+)

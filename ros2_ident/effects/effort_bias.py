@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The logged effort is off by a constant."""
+
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+
+EFFECT = Effect(
+    id='effort_bias',
+    group='measurement',
+    title='effort bias',
+    equation='logged effort plus b',
+    source='offset of a current sensor',
+    parameters=(EffectParameter('bias', 'effort', -0.5, 0.5, 0.0, target='log_bias', symbol='b'),),
+    hook=Hook.PARAMETER,
+    kernel=None,
+    place='drive',
+    family='offset',
+    confusable=(
+        'constant_force',
+        'asymmetric_friction',
+    ),
+    separated_by='no motion can: turn the axis over, or log the effort with the motor off',
+    twins=('constant_force',),
+    needs=lambda context: 'constant_load' not in context.identified,
+)

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The position gain differs from the machine file's."""
+
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
+
+EFFECT = Effect(
+    id='position_gain_error',
+    group='controller',
+    title='position-gain error',
+    equation='k_p times g',
+    source='controller law against log',
+    parameters=(
+        EffectParameter(
+            'factor', '1', 0.3, 3.0, 1.0, target='position_gain', how='scale', symbol='g'
+        ),
+    ),
+    hook=Hook.PARAMETER,
+    kernel=None,
+    place='drive',
+    family='loop gains',
+    confusable=(
+        'velocity_gain_error',
+        'integral_gain_error',
+    ),
+    separated_by='compare the logged effort of {drive} with the law: no motion needed',
+    needs=closed_loop,
+)

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torque that ripples with the motor angle: cogging."""
+
+from typing import Any
+
+from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.lanes import cosine, inlined, sine
+
+
+@inlined
+def _kernel(value: Any, drive: Any, p: Any) -> Any:
+    angle = p[2] * drive.turn * drive.position
+    return value + p[0] * sine(angle) + p[1] * cosine(angle)
+
+
+EFFECT = Effect(
+    id='torque_ripple',
+    group='drive',
+    title='torque ripple',
+    equation='A sin(n gear z) + B cos(n gear z) added to the motor torque',
+    source='Holtz and Springob, IEEE TIE 43(2), 1996',
+    parameters=(
+        EffectParameter('sine', 'effort', -0.25, 0.25, 0.0, symbol='A', meaning='sine part'),
+        EffectParameter('cosine', 'effort', -0.25, 0.25, 0.0, symbol='B', meaning='cosine part'),
+        EffectParameter(
+            'order',
+            '1',
+            0.5,
+            24.5,
+            1.0,
+            starts=(
+                1.0,
+                2.0,
+                3.0,
+                4.0,
+                5.0,
+                6.0,
+                7.0,
+                8.0,
+                10.0,
+                12.0,
+                14.0,
+                16.0,
+                18.0,
+                20.0,
+                24.0,
+            ),
+            role='order',
+            symbol='n',
+            meaning='periods per motor turn',
+        ),
+    ),
+    hook=Hook.TORQUE,
+    kernel=_kernel,
+    place='drive',
+    family='motor angle',
+    confusable=('transmission_eccentricity',),
+    separated_by='turn {drive} slowly at constant speed over many motor turns',
+)
