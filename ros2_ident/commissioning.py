@@ -16,7 +16,7 @@ from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import check, Dataset, Finding, Recording, Report
-from ros2_ident.recording.findings import Level
+from ros2_ident.recording.quality import Level
 
 # What a finding on the bag may owe to the machine file.
 _KEY_OF = {

@@ -35,7 +35,7 @@ TOPICS = ('/joint_states', '/effort', '/joint_command')
 MAGIC = b'\x89MCAP0\r\n'
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # Formats in which every byte is covered by a checksum: no damage may pass without a word.
-CHECKED = ('mcap', 'db3', 'mcap_plain', 'mcap_lz4')
+CHECKED = ('mcap', 'mcap_plain', 'mcap_lz4')
 
 
 def make_recording(size=120, seed=0):
@@ -198,16 +198,31 @@ class Kind:
         return folder if any(x == 'metadata.yaml' for x, _ in self.beside) else path
 
 
+def rosbags_bag(path, recording, storage=StoragePlugin.SQLITE3, mode=None):
+    """Write a recording as a bag by `rosbags` and return the path."""
+    writer = Writer(path, version=9, storage_plugin=storage)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connections = {x: writer.add_connection(x, JOINT_STATE, typestore=STORE) for x in TOPICS}
+        for when, topic, data in raw_messages(recording):
+            writer.write(connections[topic], when, data)
+    return path
+
+
 def kinds(room: Path, size: int = 120) -> dict[str, Kind]:
     """Return the logs that are damaged, by name; `size` samples a stream."""
     recording = make_recording(size)
     found = {}
-    for storage, suffix in (('mcap', '.mcap'), ('sqlite3', '.db3')):
-        bag = write_bag(room / f'own_{storage}', recording, storage=storage)
-        file, notes = bag / f'{bag.name}{suffix}', (bag / 'metadata.yaml').read_bytes()
-        found[suffix[1:]] = Kind(file.name, file.read_bytes(), (('metadata.yaml', notes),))
-        found[f'{suffix[1:]}_bare'] = Kind(file.name, file.read_bytes())
-        if storage == 'mcap':
+    bags = {
+        'mcap': write_bag(room / 'own_mcap', recording),
+        'db3': rosbags_bag(room / 'own_sqlite3', recording),
+    }
+    for kind, bag in bags.items():
+        file, notes = bag / f'{bag.name}.{kind}', (bag / 'metadata.yaml').read_bytes()
+        found[kind] = Kind(file.name, file.read_bytes(), (('metadata.yaml', notes),))
+        found[f'{kind}_bare'] = Kind(file.name, file.read_bytes())
+        if kind == 'mcap':
             beside = ((file.name, file.read_bytes()),)
             found['metadata'] = Kind('metadata.yaml', notes, beside)
     found['mcap_plain'] = Kind('a.mcap', mcap_bytes(recording))
@@ -224,15 +239,8 @@ def kinds(room: Path, size: int = 120) -> dict[str, Kind]:
         ('mcap_file_zstd', StoragePlugin.MCAP, CompressionMode.FILE),
         ('db3_message_zstd', StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
     ):
-        writer = Writer(room / name, version=9, storage_plugin=storage)
-        writer.set_compression(mode, CompressionFormat.ZSTD)
-        with writer:
-            connections = {
-                x: writer.add_connection(x, JOINT_STATE, typestore=STORE) for x in TOPICS
-            }
-            for when, topic, data in raw_messages(recording):
-                writer.write(connections[topic], when, data)
-        (file,) = (x for x in (room / name).iterdir() if x.name != 'metadata.yaml')
+        bag = rosbags_bag(room / name, recording, storage, mode)
+        (file,) = (x for x in bag.iterdir() if x.name != 'metadata.yaml')
         found[name] = Kind(file.name, file.read_bytes())
     table = table_text(recording).encode()
     found['table'] = Kind('a.csv', table, (('a.columns.yaml', COLUMNS.encode()),))
@@ -321,8 +329,23 @@ def outcome(path: Path, truth: list[Recording], judged: bool = True) -> str:
     return 'salvaged' if any(x.warnings for x in found) else 'silent'
 
 
-def equal(one: list[Recording], two: list[Recording]) -> bool:
-    return [x.streams for x in one] == [x.streams for x in two]
+def alike(one: Stream, two: Stream) -> bool:
+    """Say whether streams hold the same values; NaN equals NaN."""
+    mine, theirs = one.fields, two.fields
+    return (
+        one.names == two.names
+        and mine.keys() == theirs.keys()
+        and np.array_equal(one.stamp, two.stamp)
+        and all(np.array_equal(x, theirs[k], equal_nan=True) for k, x in mine.items())
+    )
+
+
+def equal(one: Sequence[Recording], two: Sequence[Recording]) -> bool:
+    """Say whether recordings hold the same streams."""
+    pairs = [(x.streams, y.streams) for x, y in zip(one, two, strict=False)]
+    return len(one) == len(two) and all(
+        x.keys() == y.keys() and all(alike(x[role], y[role]) for role in x) for x, y in pairs
+    )
 
 
 def timed(path: Path, truth: list[Recording], judged: bool = True) -> tuple[str, float]:

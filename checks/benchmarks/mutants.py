@@ -54,7 +54,6 @@ OWN: dict[str, str] = {
     'recording.table': 'recording_table',
     'recording.trajectory': 'recording_ros2_control',
     'recording.db3_scan': 'recording_damage recording_bag',
-    'recording.findings': 'recording_quality',
     'recording.outliers': 'recording_outliers',
     'recording.limits': 'recording_damage',
     'recording.mcap_scan': 'recording_damage recording_bag',

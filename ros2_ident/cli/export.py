@@ -116,8 +116,7 @@ def run(args: argparse.Namespace) -> int:
 def _tables(args: argparse.Namespace) -> tuple[Path, ...]:
     """Write results, or else a log, as CSV."""
     from ros2_ident.recording import read_bag
-    from ros2_ident.recording.columns import MAP_SUFFIX
-    from ros2_ident.recording.table import write_table
+    from ros2_ident.recording.table import MAP_SUFFIX, write_table
     from ros2_ident.report.files import holds_results
     from ros2_ident.report.tables import write_tables
 

@@ -9,11 +9,11 @@ from ros2_ident.recording.builder import LIVE as LIVE
 from ros2_ident.recording.builder import RecordingBuilder as RecordingBuilder
 from ros2_ident.recording.dataset import Dataset as Dataset
 from ros2_ident.recording.dataset import StreamQuality as StreamQuality
-from ros2_ident.recording.findings import Finding as Finding
-from ros2_ident.recording.findings import render as render
-from ros2_ident.recording.findings import Report as Report
 from ros2_ident.recording.motion import smooth_motion as smooth_motion
 from ros2_ident.recording.quality import check as check
+from ros2_ident.recording.quality import Finding as Finding
+from ros2_ident.recording.quality import render as render
+from ros2_ident.recording.quality import Report as Report
 from ros2_ident.recording.streams import Recording as Recording
 from ros2_ident.recording.streams import scale_effort as scale_effort
 from ros2_ident.recording.streams import Stream as Stream

@@ -61,7 +61,6 @@ def align(
     *,
     need: Collection[str] = ('effort',),
     effort_scale: float | Mapping[str, float] = 1.0,
-    limits: Limits | None = None,
     released: bool = False,
     follows: bool = True,
 ) -> Dataset:
@@ -75,7 +74,6 @@ def align(
             `command`.
         effort_scale: Factor from the logged effort to N m or N (a torque constant, say), or that
             of each joint.
-        limits: How much memory the grid may take; the default where None.
         released: Whether a stream of set-points that stops before the state does means that the
             motors were switched off.
         follows: Whether set-points of position drive the model; where not, of the command only
@@ -114,7 +112,7 @@ def align(
         off, cycles = _released(placed, start, cycles, cycle, warnings)
     warnings += _outside(placed, start, cycles)
     what = f'{where}: a grid of {cycles} controller cycles takes'
-    (limits or Limits()).require_memory(what, _GRIDS * cycles * len(names) * 8)
+    Limits.from_environment().require_memory(what, _GRIDS * cycles * len(names) * 8)
     command = placed.get('command')
     position = velocity = None
     if command is not None:

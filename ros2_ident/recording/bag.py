@@ -11,7 +11,6 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import db3_scan, mcap_scan, rosbag1_scan
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.columns import SUFFIXES as TABLES
 from ros2_ident.recording.content import Content, Messages
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
@@ -30,6 +29,7 @@ from ros2_ident.recording.storage import (
 )
 from ros2_ident.recording.streams import Recording, ROLES
 from ros2_ident.recording.table import read_table
+from ros2_ident.recording.table import SUFFIXES as TABLES
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ def _scan_all(path: Path, files: list[Path], content: Content, metadata: Metadat
     with unpacked(files, content.limits) as plain:
         for file, (place, whole) in zip(files, plain, strict=True):
             try:
-                losses = _scan(place, content, metadata if len(files) == 1 else None)
+                losses = _scan(place, content)
             except Damage as exc:
                 refused.append(_unreadable(file, place.suffix, str(exc)))
                 continue
@@ -310,7 +310,7 @@ def _account(file: Path, losses: Losses, content: Content, *, alone: bool) -> No
     content.warnings.append(f'{file}: is damaged: {losses.text}, {read}; {remedy}')
 
 
-def _scan(path: Path, content: Content, metadata: Metadata | None) -> Losses:
+def _scan(path: Path, content: Content) -> Losses:
     """Read one file by its kind."""
     if not path.stat().st_size:
         raise Damage('')
@@ -319,7 +319,7 @@ def _scan(path: Path, content: Content, metadata: Metadata | None) -> Losses:
     if path.suffix == '.bag':
         return rosbag1_scan.scan(path, content)
     if path.suffix == '.db3':
-        return db3_scan.scan(path, content, metadata.custom if metadata else None)
+        return db3_scan.scan(path, content)
     raise Damage('its kind is not known')
 
 

@@ -506,17 +506,24 @@ def _match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
     """Return the segments by role, in the order of arrival, that belong to each play of a bag.
 
     Topics jump back at slightly different moments, but each of them once per restart: with equal
-    numbers of segments the k-th belong together. Where one role missed a play, its segments go, in
-    order, where their stamps overlap most.
+    numbers of segments the k-th belong together. Where one role missed a play, its segments go,
+    one after the other, where their stamps overlap most.
     """
     count = max(len(streams) for streams in pieces.values())
     leader = next(streams for streams in pieces.values() if len(streams) == count)
     groups: list[dict[str, Stream]] = [{} for _ in range(count)]
     for role, streams in pieces.items():
-        places = range(count) if len(streams) == count else _places(streams, leader)
-        for place, stream in zip(places, streams, strict=True):
+        place = -1
+        for last, stream in enumerate(streams, count - len(streams)):
+            free = leader[place + 1 : last + 1]
+            place += 1 + int(np.argmax([_overlap(stream.stamp, x.stamp) for x in free]))
             groups[place][role] = stream
     return groups
+
+
+def _overlap(one: IntArray, two: IntArray) -> int:
+    """Return how long both streams of stamps last at once, ns."""
+    return max(0, int(min(one[-1], two[-1]) - max(one[0], two[0])))
 
 
 def _split_pauses(group: dict[str, Stream]) -> list[dict[str, Stream]]:
@@ -547,25 +554,3 @@ def _split_pauses(group: dict[str, Stream]) -> list[dict[str, Stream]]:
         cut = {role: stream.between(begin, end + 1) for role, stream in group.items()}
         parts.append({role: stream for role, stream in cut.items() if stream is not None})
     return parts
-
-
-def _places(streams: list[Stream], leader: list[Stream]) -> list[int]:
-    """Return increasing places in `leader` with the largest total overlap, early ones first."""
-    rows, columns = len(streams), len(leader)
-    best = np.full((rows + 1, columns + 1), -np.inf)
-    best[rows, :] = 0.0
-    taken = np.zeros((rows, columns))
-    for i in range(rows - 1, -1, -1):
-        for j in range(columns - 1, -1, -1):
-            one, two = streams[i].stamp, leader[j].stamp
-            overlap = max(0.0, float(min(one[-1], two[-1]) - max(one[0], two[0])))
-            taken[i, j] = overlap + best[i + 1, j + 1]
-            best[i, j] = max(best[i, j + 1], taken[i, j])
-    places = []
-    j = 0
-    for i in range(rows):
-        while taken[i, j] < best[i, j]:
-            j += 1
-        places.append(j)
-        j += 1
-    return places

@@ -1,32 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a sound db3 bag (SQLite).
-
-The format has no checksums; what `write_bag` writes states one per topic.
-"""
+"""The messages of a sound db3 bag (SQLite); its format has no checksums."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
 from contextlib import closing
 from pathlib import Path
 import sqlite3
 from urllib.parse import quote
-import zlib
 
 from ros2_ident.recording.content import Content, Sink
 from ros2_ident.recording.damage import Damage, Losses
 
-# Custom data of a bag: the checksum over times and bytes of a topic's messages.
-CHECKSUM = 'crc32 of '
 _SOUND_STEPS, _STEPS_PER_BYTE, _EVERY = 2_000_000, 20, 10_000
 
 
-def scan(path: Path, content: Content, custom: Mapping[str, str] | None = None) -> Losses:
+def scan(path: Path, content: Content) -> Losses:
     """Read the messages of a db3 file into a bag's content.
 
     Args:
         path: The file.
         content: What to fill.
-        custom: Custom data of a bag in one file, with checksums of topics or without.
 
     Returns:
         What is lost of the file; its text is empty where nothing is.
@@ -34,8 +26,6 @@ def scan(path: Path, content: Content, custom: Mapping[str, str] | None = None) 
     Raises:
         Damage: SQLite finds it malformed, or no bag.
     """
-    stated = (custom or {}).items()
-    checksums = {k[len(CHECKSUM) :]: x for k, x in stated if k.startswith(CHECKSUM)}
     losses = Losses(size=path.stat().st_size)
     wal = path.with_name(path.name + '-wal')
     if wal.is_file() and wal.stat().st_size:
@@ -46,22 +36,10 @@ def scan(path: Path, content: Content, custom: Mapping[str, str] | None = None) 
             _guard(base, losses.size, content.limits.chunk)
             if base.execute('PRAGMA quick_check(1)').fetchone() != ('ok',):
                 raise Damage('SQLite finds it malformed')
-            _read(base, content, checksums, losses)
+            _read(base, content, losses)
     except (sqlite3.Error, UnicodeDecodeError, OverflowError, TypeError) as exc:
         raise Damage(f'SQLite cannot read it: {exc}') from None
     return losses
-
-
-def topic_checksum(messages: Iterable[tuple[int, bytes]]) -> str:
-    """Return the checksum over log times, ns, and bytes of a topic's messages, in order."""
-    total = 0
-    for when, data in messages:
-        total = _added(total, when, data)
-    return f'{total:08x}'
-
-
-def _added(total: int, when: int, data: bytes) -> int:
-    return zlib.crc32(data, zlib.crc32(when.to_bytes(8, 'little', signed=True), total))
 
 
 def _guard(base: sqlite3.Connection, size: int, largest: int) -> None:
@@ -82,9 +60,7 @@ def _guard(base: sqlite3.Connection, size: int, largest: int) -> None:
         raise Damage("none of its tables is a bag's")
 
 
-def _read(
-    base: sqlite3.Connection, content: Content, checksums: Mapping[str, str], losses: Losses
-) -> None:
+def _read(base: sqlite3.Connection, content: Content, losses: Losses) -> None:
     ways: dict[int, tuple[str, Sink | None]] = {}
     query = 'SELECT id, name, type, serialization_format FROM topics ORDER BY id'
     for number, name, kind, form in base.execute(query):
@@ -93,7 +69,6 @@ def _read(
     found: Counter[int] = Counter()
     found.update(dict(base.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id')))
     losses.unknown = sum(count for number, count in found.items() if number not in ways)
-    sums: Counter[int] = Counter()
     wanted = [number for number, (_, target) in ways.items() if target is not None]
     rows = base.execute(
         'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN '  # noqa: S608
@@ -106,12 +81,6 @@ def _read(
             losses.unknown += 1
             continue
         ways[number][1](when, data)  # type: ignore[misc]
-        if checksums:
-            sums[number] = _added(sums[number], when, data)
-    for number, (topic, target) in ways.items():
+    for number, (topic, _) in ways.items():
         content.counts[topic] += found[number]
         losses.whole += found[number]
-        if target is not None and checksums.get(topic, '') not in ('', f'{sums[number]:08x}'):
-            losses.say(f'the checksum of {topic} does not fit')
-    for topic in sorted(content.wanted.keys() & set(checksums) - {x for x, _ in ways.values()}):
-        losses.say(f'{topic} is missing')

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray
 
@@ -126,7 +127,7 @@ def _floor(x: FloatArray, rule: Rule) -> float:
 
 def _candidates(x: FloatArray, rule: Rule, least: float) -> IntArray:
     """Return where a cubic through two samples on each side is far off, and not so beside it."""
-    near, far = 6, 8
+    far = 8
     # a run of samples shows half its jump at its edges
     part_of = 1.0 if rule.run == 1 else 0.4
     off = np.zeros(x.size + 2 * far)
@@ -134,11 +135,10 @@ def _candidates(x: FloatArray, rule: Rule, least: float) -> IntArray:
         outer, inner = x[:-4] + x[4:], x[1:-3] + x[3:-1]
         off[far + 2 : far + x.size - 2] = np.abs(x[2:-2] - (4.0 * inner - outer) / 6.0)
     rows = np.flatnonzero(off[far:-far] > part_of * least)
-    beside = np.zeros(rows.size)
-    for shift in range(near, far + 1):
-        np.maximum(beside, off[far - shift + rows], out=beside)
-        np.maximum(beside, off[far + shift + rows], out=beside)
-    return rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside]
+    nearby = maximum_filter1d(off, 3)
+    beside = np.maximum(nearby[far - 7 + rows], nearby[far + 7 + rows])
+    found: IntArray = rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside]
+    return found
 
 
 def _run_at(

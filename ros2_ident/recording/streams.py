@@ -108,22 +108,6 @@ class Stream:
                 'instead'
             )
 
-    def __eq__(self, other: object) -> bool:
-        """Compare values; NaN equals NaN."""
-        if not isinstance(other, Stream):
-            return NotImplemented
-        mine, theirs = self.fields, other.fields
-        return (
-            self.names == other.names
-            and mine.keys() == theirs.keys()
-            and np.array_equal(self.stamp, other.stamp)
-            and all(np.array_equal(x, theirs[k], equal_nan=True) for k, x in mine.items())
-        )
-
-    def __hash__(self) -> int:
-        """Hash by what is cheap; equality decides the rest."""
-        return hash((self.names, self.stamp.size, int(self.stamp[0])))
-
     @property
     def duration(self) -> float:
         """Time from the first to the last sample, s."""

@@ -4,7 +4,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import mcap.writer
 import numpy as np
@@ -23,7 +23,6 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import remove_directory, replacing_directory
 from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import Topics
-from ros2_ident.recording.db3_scan import CHECKSUM, topic_checksum
 from ros2_ident.recording.ros2_control import JOINT_STATE
 from ros2_ident.recording.storage import NAME, read_metadata
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
@@ -43,7 +42,6 @@ _LATCHED = Qos(
 )
 # Key of a bag's mark in the custom data of its metadata.
 MARK = 'ros2_ident'
-_STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 
 
 class _McapStorage:
@@ -90,10 +88,7 @@ class _McapStorage:
 class BagWriter(Writer):
     """rosbags' writer of bags with the storage above."""
 
-    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
-        **Writer.STORAGE_PLUGINS,
-        StoragePlugin.MCAP: _McapStorage,
-    }
+    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {StoragePlugin.MCAP: _McapStorage}
 
 
 @dataclass(frozen=True)
@@ -115,24 +110,21 @@ def write_bag(
     path: str | Path,
     streams: Recording | Mapping[str, Stream],
     *,
-    topics: Topics | None = None,
     mark: str = '',
-    storage: Literal['mcap', 'sqlite3'] = 'mcap',
     custom: Mapping[str, str] | None = None,
     others: Sequence[Topic] = (),
 ) -> Path:
     """Write JointState topics as a bag: the same streams give the same bytes.
+
+    It is an MCAP file, zstd compressed, with every checksum of the format.
 
     Args:
         path: The directory to make.
         streams: A recording, whose roles get their topics' names, or streams by topic name. A
             joint that has no value in a sample (NaN in every field) is still named there, with
             NaN.
-        topics: Topic names of the roles of a recording.
         mark: What the bag is, where it is made anew with every run; noted in its custom data. A
             bag there that has the same mark is replaced, anything else there is never touched.
-        storage: `mcap` (zstd compressed, with every checksum of the format) or `sqlite3`, with a
-            checksum of each topic in the custom data.
         custom: Texts for the custom data of metadata.yaml.
         others: Topics of other types, recorded as latched.
 
@@ -144,8 +136,7 @@ def write_bag(
     """
     path = Path(path)
     if isinstance(streams, Recording):
-        names = topics or Topics()
-        streams = {getattr(names, role): stream for role, stream in streams.streams.items()}
+        streams = {getattr(Topics, role): stream for role, stream in streams.streams.items()}
     by_topic = {'/' + topic.lstrip('/'): stream for topic, stream in streams.items()}
     if not by_topic:
         raise IdentError(
@@ -154,9 +145,8 @@ def write_bag(
     require_room(path, mark)
     noted = {**(custom or {}), **({MARK: mark} if mark else {})}
     with replacing_directory(path, replace=bool(mark)) as new:
-        writer = BagWriter(new, version=9, storage_plugin=_STORAGES[storage])
-        if storage == 'mcap':
-            writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        writer = BagWriter(new, version=9, storage_plugin=StoragePlugin.MCAP)
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         for key, value in sorted(noted.items()):
             writer.set_custom_data(key, value)
         _write(writer, by_topic, others)
@@ -183,10 +173,6 @@ def _write(writer: BagWriter, by_topic: Mapping[str, Stream], others: Sequence[T
             )
             messages.append([data for _, data in other.messages])
             stamps.append(np.array([when for when, _ in other.messages], dtype=np.int64))
-        if writer.storage_plugin == StoragePlugin.SQLITE3:  # a format without checksums
-            for connection, times, data in zip(connections, stamps, messages, strict=True):
-                pairs = [(int(times[k]), data[k]) for k in np.argsort(times, kind='stable')]
-                writer.set_custom_data(CHECKSUM + connection.topic, topic_checksum(pairs))
         when = np.concatenate(stamps)
         which = np.repeat(np.arange(len(messages)), [len(x) for x in messages])
         row = np.concatenate([np.arange(len(x)) for x in messages])

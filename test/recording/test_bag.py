@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from reader_cases import make_recording, ros_1_file
+from reader_cases import alike, equal, make_recording, ros_1_file
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
@@ -54,12 +54,11 @@ def write_messages(path, messages, start=START):
     return path
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_what_is_written_is_read(recording, tmp_path, storage):
-    path = write_bag(tmp_path / 'log', recording, storage=storage)
+def test_what_is_written_is_read(recording, tmp_path):
+    path = write_bag(tmp_path / 'log', recording)
     (read,) = read_bag(path)
     for role in ('state', 'effort', 'command'):
-        assert getattr(read, role) == getattr(recording, role)
+        assert alike(getattr(read, role), getattr(recording, role))
     assert read.source == str(path)
     assert read.warnings == ()
 
@@ -90,7 +89,7 @@ def test_other_tools_read_it(recording, bag):
 def test_streams_under_other_names(recording, tmp_path):
     path = write_bag(tmp_path / 'log', {'robot/js': recording.state, '/tau': recording.effort})
     (read,) = read_bag(path, Topics(state='/robot/js', effort='tau', command=''))
-    assert read.state == recording.state
+    assert alike(read.state, recording.state)
     assert read.command is None
 
 
@@ -143,11 +142,11 @@ def test_one_damaged_file_of_a_split_bag(bag, tmp_path):
 def test_without_metadata(bag, recording, tmp_path):
     (tmp_path / 'log.mcap').write_bytes((bag / 'log.mcap').read_bytes())
     (read,) = read_bag(tmp_path)
-    assert read.state == recording.state
+    assert alike(read.state, recording.state)
     assert 'metadata.yaml is missing; `ros2 bag reindex' in read.warnings[0]
     (tmp_path / 'metadata.yaml').write_text('nonsense: [')
     (read,) = read_bag(tmp_path)
-    assert read.state == recording.state
+    assert alike(read.state, recording.state)
     assert 'metadata.yaml does not fit the files' in read.warnings[0]
 
 
@@ -157,7 +156,7 @@ def test_a_split_ros_1_bag_gives_the_same_streams(tmp_path):
     for number, (begin, end) in enumerate([(0, middle), (middle, 1 << 62)]):
         ros_1_file(tmp_path / f'log_{number}.bag', recording.between(begin, end))
     (read,) = read_bag(tmp_path)
-    assert read.streams == recording.streams
+    assert equal([read], [recording])
     assert read.warnings == ()
 
 

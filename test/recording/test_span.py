@@ -6,7 +6,6 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import align, Recording, Stream
-from ros2_ident.recording.limits import Limits
 
 CYCLE = 1e-3
 MS = 1_000_000
@@ -54,12 +53,13 @@ def test_a_command_that_stops_before_the_state_switches_the_motors_off(last, off
     assert align(Recording(state, command=command), NAMES, CYCLE).released is None
 
 
-def test_memory_of_the_grid_is_bounded():
-    recording = Recording(sampled(np.arange(0, 1000)))
-    needed = 10 * 1000 * 8
-    assert align(recording, NAMES, CYCLE, limits=Limits(memory=needed)).cycles == 1000
-    with pytest.raises(IdentError, match='a grid of 1000 controller cycles takes') as caught:
-        align(recording, NAMES, CYCLE, limits=Limits(memory=needed - 1))
+def test_memory_of_the_grid_is_bounded(monkeypatch):
+    monkeypatch.setenv('ROS2_IDENT_MAX_MEMORY', '1')
+    most = (1 << 20) // (10 * 8)
+    recording = Recording(sampled(np.arange(0, most + 1)))
+    assert align(recording.between(0, recording.end), NAMES, CYCLE).cycles == most
+    with pytest.raises(IdentError, match=f'a grid of {most + 1} controller cycles') as caught:
+        align(recording, NAMES, CYCLE)
     assert caught.value.code is ErrorCode.BAD_VALUES
 
 
