@@ -153,7 +153,9 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     links = None
     if isinstance(model, Serial) and model.arm.bodies:
         links = links_of(model, theta, information_of(model, theta, estimate), spread)
-        theta = _above_zero(model, links.theta)
+        # without the negative sizes that links may have made
+        negative = (links.theta < 0.0) & [p.low >= 0.0 for p in model.parameters]
+        theta = np.where(negative, 0.0, links.theta)
     logged = tuple(at for at in model.effects if get_effect(at.effect).group == 'measurement')
     effects = tuple(at for at in model.effects if at not in logged)
     plain = model.extended(effects)
@@ -207,12 +209,6 @@ def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:
     """Return the candidate of the plain model, which adds nothing to the log."""
     values = {p.name: value for p, value in zip(model.parameters, theta, strict=True)}
     return np.array([0.0 if p.kind == 'measurement' else values[p.name] for p in plain.parameters])
-
-
-def _above_zero(model: DriveModel, theta: Array) -> Array:
-    """Return a candidate without the negative sizes that links may have made."""
-    low = np.array([p.low for p in model.parameters])
-    return np.where((low >= 0.0) & (theta < 0.0), 0.0, theta)
 
 
 def _closest(

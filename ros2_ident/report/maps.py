@@ -168,7 +168,7 @@ def _bins(values: Array, row: Array, block: NDArray[np.int64]) -> tuple[Array, A
     """
     edges = bin_edges(values, _BINS)
     number = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, edges.size - 2)
-    centre, mean, half = [], [], []
+    bins = []
     for b in range(edges.size - 1):
         inside = number == b
         if inside.sum() < 10:
@@ -177,9 +177,7 @@ def _bins(values: Array, row: Array, block: NDArray[np.int64]) -> tuple[Array, A
         counts = np.bincount(block[inside])
         average = float(row[inside].mean())
         off = (sums - average * counts)[counts > 0]
-        stretches = off.size
-        error = np.sqrt((off**2).sum() * stretches / max(1, stretches - 1)) / inside.sum()
-        centre.append(float(values[inside].mean()))
-        mean.append(average)
-        half.append(NORMAL * float(error))
-    return np.array(centre), np.array(mean), np.array(half)
+        spread = (off**2).sum() * off.size / max(1, off.size - 1)
+        bins.append((values[inside].mean(), average, NORMAL * np.sqrt(spread) / inside.sum()))
+    centre, mean, half = np.reshape(bins, (-1, 3)).T
+    return centre, mean, half

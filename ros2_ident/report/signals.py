@@ -100,8 +100,9 @@ def signals_of_problem(problem: Problem, theta: Array, check: Problem | None = N
         recordings = [replace(r, title=r.title or 'fitted to') for r in recordings]
         own = np.stack([check.taken_from(problem, values) for values in both])
         recordings += _simulated(check, own, ['held out'] * len(check.models))
-    models = ('middle of the bounds', 'identified')
-    return Signals(problem.unit, problem.drives, models, tuple(recordings), _travel(problem), 1)
+    models, machine = ('middle of the bounds', 'identified'), problem.models[0].machine
+    travel = 'm' if machine is None else machine.travel_unit
+    return Signals(problem.unit, problem.drives, models, tuple(recordings), travel, 1)
 
 
 def _simulated(problem: Problem, theta: Array, titles: Sequence[str]) -> Iterator[Curves]:
@@ -111,11 +112,6 @@ def _simulated(problem: Problem, theta: Array, titles: Sequence[str]) -> Iterato
         measured = model.measured[:drives]
         simulated = model.simulate(problem.own(number, theta))[:, :drives]
         yield _curves(title, model.cycle, measured, simulated, following_error(model))
-
-
-def _travel(problem: Problem) -> str:
-    machine = problem.models[0].machine
-    return 'm' if machine is None else machine.travel_unit
 
 
 def signals_of_diagnosis(found: Diagnosis) -> Signals:

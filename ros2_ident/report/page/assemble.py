@@ -116,7 +116,7 @@ def _of_identification(result: Identification, out: str) -> dict[str, Any]:
     return {
         'answer': answer,
         'identified': answer,
-        'correlations': plots.correlations(result),
+        'correlated': plots.correlated(result),
         'held': [(name, numbers.quantity(x, units.get(name, ''))) for name, x in fixed],
         'identification_facts': _identification_facts(result),
     }

@@ -170,11 +170,15 @@ def all_of(w: Written, effects: str) -> tuple[Picture | None, list[Picture]]:
         return m.drive in where, _explained(m) * closed if effects else 0.0
 
     best = max(w.maps, key=telling)
-    hero, *drawn = [picture(m, effects) for m in (best, *w.maps)]
+    drawn: dict[str, Picture] = {}
     # what lags behind the motion is shown over time, as what depends on time
-    titled = {c.title: c for c in drawn[::-1] if c is not None}
-    others = [c for c in titled.values() if hero is None or c.title != hero.title][::-1]
-    if hero is not None and effects and best.drive not in where and len(drives) > 1:
+    for m in (best, *(m for m in w.maps if m is not best)):
+        if made := picture(m, effects):
+            drawn.setdefault(made.title, made)
+    if not drawn:
+        return None, []
+    hero, *others = drawn.values()
+    if effects and best.drive not in where and len(drives) > 1:
         explained = f'{best.drive}, where the effects explain most'
         hero = replace(hero, title=hero.title.replace(best.drive, explained, 1))
     return hero, others
@@ -189,7 +193,6 @@ def _explained(found: ResidualMap) -> float:
         for b, a in zip(found.before, found.after, strict=False)
         if b.mean.size == a.mean.size
     ]
-    if not squares:
-        return 0.0
-    mean = float(np.concatenate(squares).mean()) / found.noise_floor**2
-    return mean * (FAMILIAR if found.coordinate == 'velocity' else 1.0)
+    mean = float(np.concatenate(squares).mean()) if squares else 0.0
+    familiar = FAMILIAR if found.coordinate == 'velocity' else 1.0
+    return familiar * mean / found.noise_floor**2

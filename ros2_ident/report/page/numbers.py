@@ -136,15 +136,14 @@ def plus_minus(value: float, half: float, unit: str) -> str:
     return f'{f"({text})·{raised(power)}" if power else text} {unit_of(unit)}'.rstrip()
 
 
-def from_to(before: float, after: float, scale: float = 1.0) -> str:
-    """Return two numbers with the same decimals, three digits of the first."""
-    largest = max(abs(before), abs(after)) * scale
+def from_to(before: float, after: float) -> str:
+    """Return two numbers with the same decimals, three digits of the larger."""
+    largest = max(abs(before), abs(after))
     exponent = math.floor(math.log10(largest)) if largest > 0.0 else 0
     if not -5 < exponent < 7:
-        return f'{number(before * scale, 3)} → {number(after * scale, 3)}'
+        return f'{number(before, 3)} → {number(after, 3)}'
     decimals = max(0, 2 - exponent)
-    texts = [f'{x * scale:.{decimals}f}' for x in (before, after)]
-    return ' → '.join(texts).replace('-', '−')
+    return f'{before:.{decimals}f} → {after:.{decimals}f}'.replace('-', '−')
 
 
 def shares(before: float, after: float) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search, as SVG by matplotlib, and the correlations of the estimates."""
+"""The search, as SVG by matplotlib."""
 
 from collections.abc import Sequence
 import math
@@ -24,8 +24,6 @@ WIDE = 20.0
 COLUMNS, HIGH = 4, 205
 # How a cloud of candidates is drawn: as pixels, for it can be of many thousands.
 _DOTS: dict[str, Any] = {'s': 9.0, 'lw': 0.0, 'rasterized': True}
-# A correlation below this is on so dark a blue that white is read best.
-DARK = -0.93
 
 
 def _of_costs(axes: 'Axes', costs: Array) -> None:
@@ -130,35 +128,6 @@ def cost_over_parameters(result: Identification) -> Picture | None:
     return Picture(svg(draw, WIDTH, HIGH * rows), summary, least=WIDTH)
 
 
-def correlations(result: Identification) -> list[tuple[str, list[tuple[str, str, str]]]]:
-    """Return the correlation of each two estimates, row by row; nothing where none is known.
-
-    Returns:
-        Name, and of each cell the percentage, both names with the number, and its colours (CSS).
-    """
-    matrix, names = result.correlation, [p.name for p in result.parameters]
-    if len(matrix) < 2 or not np.isfinite(matrix[~np.eye(len(matrix), dtype=bool)]).any():
-        return []
-    return [
-        (
-            name,
-            [
-                (_percent(v) if r != c else '', f'{name}, {names[c]}: {number(v, 3)}', _shade(v))
-                for c, v in enumerate(row)
-            ],
-        )
-        for r, (name, row) in enumerate(zip(names, matrix.tolist(), strict=True))
-    ]  # fmt: skip
-
-
-def _percent(value: float) -> str:
-    return f'{100.0 * value:.0f}'.replace('-', '−') if math.isfinite(value) else ''
-
-
-def _shade(value: float) -> str:
-    """Return the colours of a correlation: blue for -1, white for 0, vermilion for 1."""
-    if not math.isfinite(value):
-        return 'background:#eee;color:black'
-    end = (0, 114, 178) if value < 0.0 else (213, 94, 0)
-    shade = ','.join(f'{255 + (e - 255) * abs(value):.0f}' for e in end)
-    return f'background:rgb({shade});color:{"white" if value < DARK else "black"}'
+def correlated(result: Identification) -> bool:
+    """Whether the correlation of any two estimates is known."""
+    return bool(np.isfinite(result.correlation[~np.eye(len(result.parameters), dtype=bool)]).any())
