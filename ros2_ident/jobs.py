@@ -317,7 +317,7 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
             problem,
             theta,
             topics=request.topics,
-            verdict=bags.verdict_of(done.result),
+            found=done.result,
             # to simulate the motion takes seconds, and a cancelled run is wanted to end
             moving=whole,
         )

@@ -2,7 +2,6 @@
 """Measured and simulated effort side by side: streams, and a bag that any tool opens."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 import glob
 import json
 from pathlib import Path
@@ -43,42 +42,6 @@ SAMPLES = 500
 _STRING, _ARRAY = 'std_msgs/msg/String', 'diagnostic_msgs/msg/DiagnosticArray'
 
 Series = list[Stream]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Result of a run, for those who open the bag.
-
-    Attributes:
-        name: `fit` or `gap`: the entry in `/diagnostics` that it becomes.
-        good: Whether nothing is amiss.
-        sentence: It in words.
-        values: Numbers and more words, by name.
-        document: All of it, as in the run's own file.
-    """
-
-    name: str
-    good: bool
-    sentence: str
-    values: Mapping[str, str]
-    document: Mapping[str, Any]
-
-
-def verdict_of(found: Identification | Diagnosis) -> Verdict:
-    """Return what an identification or a diagnosis found."""
-    of = found.parameters
-    named: Mapping[str, Value | ParameterEstimate] = (
-        of if isinstance(of, Mapping) else {p.name: p for p in of}
-    )
-    values = {
-        name: f'{v.value:.6g} [{v.low:.6g}, {v.high:.6g}] {v.unit}' for name, v in named.items()
-    }
-    if isinstance(found, Identification):
-        good = found.outcome is Outcome.IDENTIFIED
-        return Verdict('fit', good, message(found), values, result_mapping(found))
-    values |= {f'where {k}': where(x) for k, x in enumerate(found.localisation, 1)}
-    values |= {f'advice {k}': text for k, text in enumerate(advice(found), 1)}
-    return Verdict('gap', found.effect == 'none', sentence(found), values, to_mapping(found))
 
 
 def diagnosed_problem(problem: Problem, found: Diagnosis) -> tuple[Problem, Array]:
@@ -138,7 +101,7 @@ def write_overlay(
     theta: Array,
     *,
     topics: Topics | None = None,
-    verdict: Verdict | None = None,
+    found: Identification | Diagnosis | None = None,
     moving: bool = True,
 ) -> tuple[Path, ...]:
     """Write bags with the original streams, the simulated and the residual effort.
@@ -151,7 +114,7 @@ def write_overlay(
         problem: The problem, from data that hold their recordings.
         theta: (N,) parameters, physical units.
         topics: Names of the original streams' topics.
-        verdict: What was found, for `/diagnostics` and, whole, for `/identifier/verdict`.
+        found: What was found, for `/diagnostics` and, whole, for `/identifier/verdict`.
         moving: Whether the machine moves in them; to simulate a tripod takes seconds.
 
     Returns:
@@ -171,7 +134,7 @@ def write_overlay(
         recording = problem.data.recordings[number - 1]
         streams = {getattr(names, role): stream for role, stream in recording.streams.items()}
         streams |= {SIMULATED: extra['simulated'], RESIDUAL: extra['residual']}
-        others = [] if verdict is None else _said(verdict, recording.begin)
+        others = [] if found is None else _said(found, recording.begin)
         scene = scene_of(problem, theta, extra['residual'], number - 1) if moving else None
         if scene is not None:
             others.append(Topic(SCENE, MARKERS, scene_messages(scene)))
@@ -218,8 +181,23 @@ def _place(path: Path, number: int) -> Path:
     return path if number == 1 else path.with_name(f'{path.name}_{number}')
 
 
-def _said(verdict: Verdict, stamp: int) -> list[Topic]:
-    """Return a verdict as messages at the beginning of a bag."""
+def _said(found: Identification | Diagnosis, stamp: int) -> list[Topic]:
+    """Return what was found as messages at the beginning of a bag."""
+    of = found.parameters
+    named: Mapping[str, Value | ParameterEstimate] = (
+        of if isinstance(of, Mapping) else {p.name: p for p in of}
+    )
+    values = {
+        name: f'{v.value:.6g} [{v.low:.6g}, {v.high:.6g}] {v.unit}' for name, v in named.items()
+    }
+    if isinstance(found, Identification):
+        name, good, said = 'fit', found.outcome is Outcome.IDENTIFIED, message(found)
+        document = result_mapping(found)
+    else:
+        name, good, said = 'gap', found.effect == 'none', sentence(found)
+        values |= {f'where {k}': where(x) for k, x in enumerate(found.localisation, 1)}
+        values |= {f'advice {k}': text for k, text in enumerate(advice(found), 1)}
+        document = to_mapping(found)
     store = get_typestore(Stores.ROS2_JAZZY)
     types = store.types
     pair = types['diagnostic_msgs/msg/KeyValue']
@@ -229,15 +207,15 @@ def _said(verdict: Verdict, stamp: int) -> list[Topic]:
         types['std_msgs/msg/Header'](begin, ''),
         [
             status(
-                level=int(not verdict.good),
-                name=f'identifier: {verdict.name}',
-                message=verdict.sentence,
+                level=int(not good),
+                name=f'identifier: {name}',
+                message=said,
                 hardware_id='',
-                values=[pair(name, text) for name, text in verdict.values.items()],
+                values=[pair(key, text) for key, text in values.items()],
             )
         ],
     )
-    text = types[_STRING](json.dumps(plain(verdict.document), indent=1))
+    text = types[_STRING](json.dumps(plain(document), indent=1))
     return [
         Topic(DIAGNOSTICS, _ARRAY, [(stamp, bytes(store.serialize_cdr(array, _ARRAY)))]),
         Topic(VERDICT, _STRING, [(stamp, bytes(store.serialize_cdr(text, _STRING)))]),

@@ -88,6 +88,9 @@ def read(kind: Any, value: Any) -> Any:
         return kind(**{name: read(kinds[name], value[name]) for name in there})  # type: ignore[operator]
     if origin is np.ndarray:
         return np.array(value, dtype=get_args(parts[1])[0])
+    if origin is tuple and isinstance(value, Mapping):  # by the first of its fields
+        name = fields(parts[0])[0].name
+        return tuple(read(parts[0], {name: key, **x}) for key, x in value.items())
     if origin is tuple:
         return tuple(map(read, repeat(parts[0]) if ... in parts else parts, value))
     if origin is Mapping:
@@ -142,19 +145,9 @@ def intact(path: Path) -> Iterator[None]:
 
 def _result(data: Mapping[str, Any]) -> Identification:
     search, size = data['search'], len(data['parameters'])
-    residuals = {
-        name: [{'drive': drive, **x} for drive, x in data.get(there, {}).items()]
-        for name, there in (('residuals', 'residual'), ('validation', 'validation'))
-    }
     known = {
-        'parameters': [
-            {
-                'name': name,
-                'state': 'identified' if entry['identifiable'] else 'not determined',
-                **entry,
-            }
-            for name, entry in data['parameters'].items()
-        ],
+        'residuals': data.get('residual', {}),
+        'validation': data.get('validation', {}),
         'correlation': np.reshape(data['correlation'], (size, size)),
         'generations': search['generations'],
         'search_stop': search['stop'],
@@ -166,5 +159,5 @@ def _result(data: Mapping[str, Any]) -> Identification:
             'generations': (),
         },
     }
-    found: Identification = read(Identification, {**data, **residuals, **known})
+    found: Identification = read(Identification, {**data, **known})
     return found

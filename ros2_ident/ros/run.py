@@ -24,7 +24,6 @@ from ros2_ident.report.overlay import (
     overlay_streams,
     Preview,
     Series,
-    verdict_of,
     write_overlay,
 )
 from ros2_ident.report.scene import largest_gap, scene_of
@@ -191,7 +190,7 @@ def compare(
             problem,
             theta,
             topics=done.request.topics,
-            verdict=verdict_of(done.result),
+            found=done.result,
         )
     streams = overlay_streams(problem, theta)
     scene = scene_of(problem, theta, streams[0]['residual'])

@@ -8,6 +8,7 @@ from identify_cases import ROOT, tripod
 from mcap.reader import make_reader
 import numpy as np
 import pytest
+from report_cases import diagnosed
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
@@ -16,12 +17,8 @@ from ros2_ident.identify.run import read_data
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import read_bag
-from ros2_ident.report.overlay import (
-    diagnosed_problem,
-    overlay_streams,
-    Verdict,
-    write_overlay,
-)
+from ros2_ident.report.diagnosis import to_mapping
+from ros2_ident.report.overlay import diagnosed_problem, overlay_streams, write_overlay
 from ros2_ident.report.scene import (
     colours,
     largest_gap,
@@ -30,10 +27,11 @@ from ros2_ident.report.scene import (
     scene_messages,
     scene_of,
 )
+from ros2_ident.words.finding import where
+from ros2_ident.words.verdict import sentence
 
 BAG = ROOT / 'bags/tripod_pick_and_place'
 STORE = get_typestore(Stores.ROS2_JAZZY)
-SAID = Verdict('gap', False, 'Backlash on drive_2.', {'drive_2.backlash.gap': '1 m'}, {'a': [1.5]})
 
 
 @pytest.fixture(scope='module')
@@ -55,7 +53,7 @@ def scene(problem, theta):
 @pytest.fixture(scope='module')
 def overlay(problem, theta, tmp_path_factory):
     (path,) = write_overlay(
-        tmp_path_factory.mktemp('bags') / 'overlay', problem, theta, verdict=SAID
+        tmp_path_factory.mktemp('bags') / 'overlay', problem, theta, found=diagnosed()
     )
     return path
 
@@ -83,12 +81,15 @@ def test_the_original_streams_come_back_bit_for_bit(overlay):
 
 
 def test_the_verdict_is_in_the_bag_and_latched(overlay):
+    found = diagnosed()
     ((_, array),) = messages(overlay, '/diagnostics')
     (status,) = array.status
-    assert (status.name, status.level, status.message) == ('identifier: gap', 1, SAID.sentence)
-    assert [(x.key, x.value) for x in status.values] == [('drive_2.backlash.gap', '1 m')]
+    assert (status.name, status.level, status.message) == ('identifier: gap', 1, sentence(found))
+    values = {x.key: x.value for x in status.values}
+    assert values['drive_1.coulomb_torque'] == '0.05 [0.049, 0.051] N m'
+    assert values['where 1'] == where(found.localisation[0])
     ((_, text),) = messages(overlay, '/identifier/verdict')
-    assert json.loads(text.data) == {'a': [1.5]}
+    assert json.loads(text.data) == to_mapping(found)
     with Reader(overlay) as reader:
         latched = {
             x.topic for x in reader.connections

@@ -70,15 +70,13 @@ class LivePage:
         trace: TracebackType | None,
     ) -> None:
         """Leave the report; after an error, the reason of the end."""
-        if error is None and not self._page.exists():
-            why = 'it could not be written'
-        elif error is None:
+        if error is None and self._page.exists():
             return
-        elif isinstance(error, IdentError):
+        why = 'it could not be written' if error is None else type(error).__name__
+        if isinstance(error, IdentError):
             why = error.message
-        else:
-            interrupted = isinstance(error, KeyboardInterrupt)
-            why = 'it was interrupted twice' if interrupted else type(error).__name__
+        elif isinstance(error, KeyboardInterrupt):
+            why = 'it was interrupted twice'
         self._write(headline=f'The run ended without a report: {why}', reload=0)
 
     @property
