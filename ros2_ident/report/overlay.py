@@ -6,7 +6,6 @@ import glob
 import json
 from pathlib import Path
 import time
-from typing import Any
 
 import numpy as np
 from rosbags.typesys import get_typestore, Stores

@@ -18,18 +18,13 @@ BLUE, ORANGE, GREEN, RED, GREY, SKY = (
 WIDTH = 8.0
 
 
-def number(value: float, _: int | None = None) -> str:
-    """Return a tick's label; the second argument is its place, as matplotlib calls it."""
-    return f'{value:g}'
-
-
 def numbers(axis: 'Axis') -> None:
     """Write plain numbers along a logarithmic axis, at 1, 2 and 5 of each decade."""
     # Who takes the colours only need not wait for matplotlib.
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+    from matplotlib.ticker import LogLocator, NullLocator
 
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(number))
+    axis.set_major_formatter('{x:g}')
     axis.set_minor_locator(NullLocator())
 
 

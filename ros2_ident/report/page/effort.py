@@ -81,14 +81,33 @@ def effort_plot(
     first = int(np.argmax(power / np.maximum(1, count)))
     plots = _Plots(time, starts)
     for d, drive in enumerate(signals.drives):
-        plots.visible = len(signals.drives) < TABS or d == first
-        plots.add_efforts(signals, d, measured[d], simulated[:, d], floor.get(drive))
+        shown = len(signals.drives) < TABS or d == first
+        unit, label = signals.unit, f'{drive}\n{compared(signals.unit)} [{signals.unit}]'
+        top = plots.figure(d, 185, label, visible=shown)
+        below = plots.figure(d, 105, f'residual [{unit}]', 4, visible=shown)
+        for side in (-2.0, 2.0) if drive in floor else ():
+            below.hspan(side * floor[drive], line_color=GREY, line_dash='dashed')
+        scale, name = _scale(measured[d], simulated[:, d]), f'measured_{d}'
+        plots.hold(name, measured[d], scale)
+        plots.line(top, name, scale, line_color=SKY, line_width=3.0)
+        for m, colour in enumerate(_colours(signals)):
+            look: dict[str, Any] = {'name': f'model-{m}', 'visible': signals.judged in (-1, m)}
+            plots.hold(f'simulated_{d}_{m}', simulated[m, d], scale)
+            plots.line(top, f'simulated_{d}_{m}', scale, line_color=colour, **look)
+            without = 0.0, scale[1]
+            plots.line(below, name, without, f'simulated_{d}_{m}', line_color=colour,
+                       line_width=0.7, **look)  # fmt: skip
         if np.isfinite(tracking[d]).any():
-            plots.add_tracking(signals.travel, d, tracking[d])
-        last = plots.figures[-1]
-        last.xaxis.axis_label = 'time [s]' + ', one recording after another' * (len(starts) > 1)
-        last.height += 44
-        last.xaxis.visible = True
+            # in thousandths of the unit of travel
+            scale = _scale(1e3 * tracking[d])
+            plots.hold(f'tracking_{d}', 1e3 * tracking[d], scale)
+            below = plots.figure(
+                d, 85, f'following\nerror [m{signals.travel}]', 3, visible=shown
+            )
+            plots.line(below, f'tracking_{d}', scale, line_color=ORANGE)
+        below.xaxis.axis_label = 'time [s]' + ', one recording after another' * (len(starts) > 1)
+        below.height += 44
+        below.xaxis.visible = True
     layout = gridplot(
         plots.figures, ncols=1, toolbar_options={'logo': None}, sizing_mode='stretch_width'
     )
@@ -105,13 +124,13 @@ def effort_plot(
     )
 
 
-def _colours(models: int) -> list[str]:
-    return [INK] if models == 1 else [RED, INK]
+def _colours(signals: Signals) -> list[str]:
+    return [RED, INK][-len(signals.models) :]
 
 
 def _keys(signals: Signals, tracked: bool) -> Iterator[Key]:
     yield Key('measured', SKY, '3')
-    for model, colour in zip(signals.models, _colours(len(signals.models)), strict=True):
+    for model, colour in zip(signals.models, _colours(signals), strict=True):
         yield Key(f'simulated, {model}', colour, '1.5')
     if tracked:
         yield Key('following error: set-point minus measured position', ORANGE, '1.5')
@@ -146,16 +165,7 @@ def _choices(
 
 
 class _Plots:
-    """Plots that share the time axis, and the samples behind their curves.
-
-    Args:
-        time: (T,) s.
-        starts: When each recording starts.
-
-    Attributes:
-        figures: From top to bottom.
-        visible: Whether those that are added are shown at first.
-    """
+    """Plots that share the time axis (T,), s, and the samples behind their curves."""
 
     def __init__(self, time: Array, starts: Sequence[float]) -> None:
         self._time, self._starts = time, starts
@@ -167,7 +177,6 @@ class _Plots:
         self._cursor = CrosshairTool(dimensions='height', overlay=line)
         self._views: list[dict[str, Any]] = []
         self.figures: list[Any] = []
-        self.visible = True
 
     def fill_with_zoom(self) -> None:
         """Have the curves filled with what is in view."""
@@ -180,7 +189,8 @@ class _Plots:
         self._whole.js_on_change('start', refill)
         self._whole.js_on_change('end', refill)
 
-    def _figure(self, d: int, height: int, label: str, ticks: int = 6) -> Any:
+    def figure(self, d: int, height: int, label: str, ticks: int = 6, *, visible: bool) -> Any:
+        """Add an empty plot of a drive below the others."""
         wheel = WheelZoomTool(dimensions='width', modifiers='ctrl')
         made: Any = figure(
             output_backend='svg',
@@ -198,7 +208,7 @@ class _Plots:
             active_scroll=wheel,
             name=f'drive-{d}',
             sizing_mode='stretch_width',
-            visible=self.visible,
+            visible=visible,
         )
         made.toolbar.update(autohide=True, logo=None)
         for axis in made.axis:
@@ -217,47 +227,17 @@ class _Plots:
         self.figures.append(made)
         return made
 
-    def add_efforts(
-        self, signals: Signals, d: int, measured: Array, simulated: Array, floor: float | None
-    ) -> None:
-        """Add measured (T,) and simulated (M, T) effort and the residuals."""
-        unit = signals.unit
-        top = self._figure(d, 185, f'{signals.drives[d]}\n{compared(unit)} [{unit}]')
-        below = self._figure(d, 105, f'residual [{unit}]', 4)
-        for side in () if floor is None else (-2.0 * floor, 2.0 * floor):
-            below.hspan(side, line_color=GREY, line_dash='dashed')
-        offset, step = _scale(measured, simulated)
-        self._hold(f'measured_{d}', measured, offset, step)
-        self._line(top, f'measured_{d}', offset, step, line_color=SKY, line_width=3.0)
-        for m, colour in enumerate(_colours(len(signals.models))):
-            column = f'simulated_{d}_{m}'
-            self._hold(column, simulated[m], offset, step)
-            look: dict[str, Any] = {
-                'line_color': colour,
-                'name': f'model-{m}',
-                'visible': signals.judged in (-1, m),
-            }
-            self._line(top, column, offset, step, **look)
-            self._line(below, f'measured_{d}', 0.0, step, minus=column, line_width=0.7, **look)
-
-    def add_tracking(self, travel: str, d: int, tracking: Array) -> None:
-        """Add the following error (T,), in thousandths of the unit of travel."""
-        values = 1e3 * tracking
-        offset, step = _scale(values)
-        self._hold(f'tracking_{d}', values, offset, step)
-        made = self._figure(d, 85, f'following\nerror [m{travel}]', 3)
-        self._line(made, f'tracking_{d}', offset, step, line_color=ORANGE)
-
-    def _hold(self, column: str, values: Array, offset: float, step: float) -> None:
-        """Keep a curve in whole numbers."""
+    def hold(self, column: str, values: Array, scale: tuple[float, float]) -> None:
+        """Keep a curve (T,) in whole numbers."""
+        offset, step = scale
         codes = np.clip(np.round((values - offset) / step), -32500, 32500)
         codes = np.where(np.isfinite(codes), codes, NOTHING)
         self._data[column] = codes.astype(np.int16)
 
-    def _line(
-        self, made: Any, column: str, offset: float, step: float, minus: str = '', **look: Any
+    def line(
+        self, made: Any, column: str, scale: tuple[float, float], minus: str = '', **look: Any
     ) -> None:
-        """Add an empty line, and what fills it."""
+        """Add an empty line, and what fills it: a curve that is held, less another."""
         source = ColumnDataSource({'x': [], 'y': []})
         made.line('x', 'y', source=source, **look)
         steps = np.diff(self._time[self._data[column] != NOTHING])
@@ -267,8 +247,8 @@ class _Plots:
             # it breaks between recordings
             late = min(late, 0.9 * GAP * float(self._time[-1]) / (1.0 + GAP * others))
         self._views.append({
-            'source': source, 'column': column, 'minus': minus, 'offset': offset, 'step': step,
-            'late': late / TICK,
+            'source': source, 'column': column, 'minus': minus, 'offset': scale[0],
+            'step': scale[1], 'late': late / TICK,
         })  # fmt: skip
 
 

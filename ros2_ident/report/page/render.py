@@ -48,11 +48,12 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         'unit': numbers.unit_of,
         'width': numbers.width,
     }
+    folder = resources('ros2_ident.report.page')
     library = Resources(mode='inline', components=['bokeh']).render() if plots else ''
     page: str = environment.get_template(template).render(
         version=package_version(),
-        css=Markup(_asset('page.css')),
-        script=Markup(_asset('page.js')),
+        css=Markup((folder / 'page.css').read_text(encoding='utf-8')),
+        script=Markup((folder / 'page.js').read_text(encoding='utf-8')),
         library=Markup(library),
         **context,
     )
@@ -63,10 +64,6 @@ def _item(picture: Picture, name: str) -> Markup:
     """Return a plot as JSON that may stand inside a script element."""
     text = serialize_json(json_item(picture.drawn, name))  # type: ignore[arg-type]
     return Markup(text.replace('<', '\\u003c'))
-
-
-def _asset(name: str) -> str:
-    return (resources('ros2_ident.report.page') / name).read_text(encoding='utf-8')
 
 
 def _shade(value: float) -> str:
