@@ -57,7 +57,7 @@ class Kinds(Mapping[str, Kind]):
 
     def __contains__(self, name: object) -> bool:
         """Return whether there is one, without loading it."""
-        return name in own_kinds() or any(name == known for known in self)
+        return any(name == known for known in self)
 
     def __getitem__(self, name: str) -> Kind:
         """Return a kind.
@@ -66,26 +66,24 @@ class Kinds(Mapping[str, Kind]):
             KeyError: Where there is none of that name.
             IdentError: UNKNOWN_MODEL where the package that offers it does not give it.
         """
-        return own_kinds()[name] if name in own_kinds() else _others(name)
-
-
-def _others(name: str) -> Kind:
-    for point in entry_points(group=ENTRY_POINTS, name=name):
-        try:
-            kind = point.load()
-        except (ImportError, AttributeError) as error:
+        if name in own_kinds():
+            return own_kinds()[name]
+        for point in entry_points(group=ENTRY_POINTS, name=name):
+            try:
+                kind = point.load()
+            except (ImportError, AttributeError) as error:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_MODEL,
+                    f'the machine kind {name} of {point.value} cannot be loaded ({error}); repair '
+                    'or remove the package that registers it',
+                ) from error
+            if isinstance(kind, Kind) and kind.name == name:
+                return kind
             raise IdentError(
                 ErrorCode.UNKNOWN_MODEL,
-                f'the machine kind {name} of {point.value} cannot be loaded ({error}); repair or '
-                'remove the package that registers it',
-            ) from error
-        if isinstance(kind, Kind) and kind.name == name:
-            return kind
-        raise IdentError(
-            ErrorCode.UNKNOWN_MODEL,
-            f'{point.value} is no machine kind {name}; register a Kind by its own name',
-        )
-    raise KeyError(name)
+                f'{point.value} is no machine kind {name}; register a Kind by its own name',
+            )
+        raise KeyError(name)
 
 
 KINDS: Mapping[str, Kind] = Kinds()

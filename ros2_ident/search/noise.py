@@ -54,16 +54,6 @@ class NoiseModel:
         return self.samples * min(1.0, self.variance / at_zero)
 
     @property
-    def correlation(self) -> float:
-        """Correlation of neighbouring samples, from the first reflection coefficient."""
-        a = self.coefficients.copy()
-        # Levinson's recursion backwards, from order p to order 1.
-        while a.size > 1:
-            last = a[-1]
-            a = (a[:-1] + last * a[:-1][::-1]) / (1.0 - last**2)
-        return float(a[0]) if a.size else 0.0
-
-    @property
     def independent_squares(self) -> float:
         """Share of the samples whose squares, were they independent, would tell as much."""
         # Squares of a Gaussian process correlate by the square of its own correlation; the sum of

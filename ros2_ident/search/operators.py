@@ -71,33 +71,11 @@ def normal(uniform: Array) -> Array:
 
 
 def _steps(uniform: Array, root: bool) -> Array:
-    # Generations are small and calls dear, so loops; the logarithm stays numpy's, to the last bit.
-    flat = np.ascontiguousarray(uniform).reshape(-1)
-    # Made here: an array that compiled code returns costs more than all it does to this one.
-    steps = np.empty(flat.size)
-    _distance(flat, steps)
-    np.log(steps, out=steps)
-    _with_sign(flat, steps, root)
-    return steps.reshape(uniform.shape)
-
-
-@cached
-def _distance(uniform: Array, distance: Array) -> None:
-    """Write 2 |x - 1/2|."""
-    for i in range(uniform.size):
-        # At x = 1/2 the logarithm's pole is multiplied by sgn(0) = 0; a finite stand-in keeps
-        # that zero.
-        distance[i] = max(2.0 * abs(uniform[i] - 0.5), TINY)
-
-
-@cached
-def _with_sign(uniform: Array, steps: Array, root: bool) -> None:
-    """Turn logarithms of the distances into steps."""
-    for i in range(steps.size):
-        size = max(-steps[i], 0.0)
-        if root:
-            size = math.sqrt(size)
-        steps[i] = size * np.sign(uniform[i] - 0.5)
+    # At x = 1/2 the pole of the logarithm is multiplied by sgn(0) = 0; a finite stand-in keeps it.
+    away = uniform - 0.5
+    size = np.maximum(-np.log(np.maximum(2.0 * np.abs(away), TINY)), 0.0)
+    steps: Array = (np.sqrt(size) if root else size) * np.sign(away)
+    return steps
 
 
 MUTATIONS: dict[str, Callable[[Array], Array]] = {
@@ -190,18 +168,8 @@ def mutate(
         (P * children, N) in the unit cube; the children of one parent are neighbours.
     """
     steps = MUTATIONS[law](rng.random((len(parents) * children, parents.shape[1])))
-    _step(parents, scale, steps)
-    return steps
-
-
-@cached
-def _step(parents: Array, scale: float, steps: Array) -> None:
-    """Turn the children's steps into their places in the cube."""
-    children = len(steps) // len(parents)
-    for child in range(len(steps)):
-        for i in range(steps.shape[1]):
-            place = parents[child // children, i] + scale * steps[child, i]
-            steps[child, i] = min(max(place, 0.0), 1.0)
+    out: Array = np.clip(parents.repeat(children, axis=0) + scale * steps, 0.0, 1.0)
+    return out
 
 
 def select(points: Array, costs: Array, count: int, distance: float) -> Index:
@@ -221,14 +189,8 @@ def select(points: Array, costs: Array, count: int, distance: float) -> Index:
     Returns:
         (P,) indices by rising cost, P <= count.
     """
-    points, squared = np.ascontiguousarray(points), distance * distance
-    # Mostly the best are apart as they are; all are sorted where they are not. Only the loops are
-    # compiled: with what is around them a first run would wait ten seconds longer.
-    best = _best(costs, count)
-    chosen = _apart(points, costs, best, count, squared)
-    if chosen.size == count or best.size < count:
-        return chosen
-    return _apart(points, costs, np.argsort(costs, kind='stable'), count, squared)
+    order = np.argsort(costs, kind='stable')
+    return _apart(np.ascontiguousarray(points), costs, order, count, distance * distance)
 
 
 def survive(
@@ -255,25 +217,6 @@ def survive(
     both, pool = np.concatenate((parents, points)), np.concatenate((parent_costs, costs))
     chosen = select(both, pool, count, distance)
     return both[chosen], pool[chosen]
-
-
-@cached
-def _best(costs: Array, count: int) -> Index:
-    """Return at most `count` indices by rising cost, of equal ones the earlier first; no inf."""
-    best = np.empty(count, dtype=np.intp)
-    size = 0
-    bar = math.inf
-    for index in range(costs.size):
-        if costs[index] < bar:
-            at = min(size, count - 1)
-            while at > 0 and costs[best[at - 1]] > costs[index]:
-                best[at] = best[at - 1]
-                at -= 1
-            best[at] = index
-            size = min(size + 1, count)
-            if size == count:
-                bar = costs[best[size - 1]]
-    return best[:size]
 
 
 @cached

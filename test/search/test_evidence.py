@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from ros2_ident.search.evidence import weigh
-from ros2_ident.search.noise import NoiseModel, Run
+from ros2_ident.search.noise import Run
 
 ROWS = 6000
 RUNS = (Run(0, ROWS // 2, 0), Run(ROWS // 2, ROWS, 0))
@@ -36,7 +36,8 @@ def test_noise_of_any_size_and_colour_is_noise(rho, size):
     assert seen.floor[0] == pytest.approx(residual.std(), rel=0.05)
     assert seen.predicted[0] < 0.25 * size
     assert seen.gain < 5.0
-    assert seen.noise[0].correlation == pytest.approx(rho, abs=0.03)
+    answer = lfilter([1.0], [1.0, *-seen.noise[0].coefficients], np.eye(1, 4000)[0])
+    assert answer[1:] @ answer[:-1] == pytest.approx(rho * (answer @ answer), rel=0.03, abs=0.03)
 
 
 @pytest.mark.parametrize('rho', [0.0, 0.9])
@@ -161,15 +162,6 @@ def test_a_model_without_anything_to_add_is_weighed_too():
     seen = weigh(noise(rng, 0.01, 0.5), waves(rng, 2), np.empty((ROWS, 0)), RUNS, BLOCKS)
     assert seen.gain == 0.0
     assert seen.floor[0] == pytest.approx(0.01, rel=0.05)
-
-
-def test_the_correlation_of_neighbours_comes_from_any_order():
-    rng = np.random.default_rng(9)
-    drawn = lfilter([1.0], [1.0, -1.2, 0.5], rng.standard_normal(50_000))[100:]
-    told = np.corrcoef(drawn[1:], drawn[:-1])[0, 1]
-    model = NoiseModel(np.array([1.2, -0.5]), 1.0, 1.0, drawn.size)
-    assert model.correlation == pytest.approx(told, abs=0.01)
-    assert model.scaled(3.0).variance == 9.0
 
 
 # ------------------------------------------------- against the dense Gaussian formulas

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 import copy
+from dataclasses import dataclass, field
 import functools
 import math
 from typing import Any
@@ -38,7 +39,6 @@ _OUTSIDE = frozenset(('measurement_delay', 'joint_zero', 'set_point_delay'))
 _TURN, _SLIDE, _SPEED, _ACCELERATION = 0.5, 0.1, 1.0, 4.0
 # Samples of the position that show how fast a joint starts.
 _FIRST = 10
-_SENSORS = {'effort': 'jointactuatorfrc', 'position': 'jointpos', 'velocity': 'jointvel'}
 
 
 class Mujoco(MachineModel):
@@ -281,7 +281,7 @@ class Mujoco(MachineModel):
         parts = []
         places = list(self.signals.places)
         for quantity in quantities:
-            seen = sense[:, None] * told[_SENSORS[quantity]]
+            seen = sense[:, None] * told[quantity]
             if quantity == 'position':
                 seen = seen + zero[:, :, None]
             if quantity == 'effort':
@@ -329,32 +329,26 @@ class Mujoco(MachineModel):
         return found[name][d] if d in found.get(name, {}) else self.plant.stated(name, d)
 
 
-@functools.lru_cache(maxsize=8)
-def _compiled(key: '_Same') -> Plant:
-    return Plant(key.machine)
-
-
+@dataclass(frozen=True)
 class _Same:
     """A machine that is the key of its compiled model: by what the model is made from."""
 
-    def __init__(self, machine: Machine) -> None:
-        self.machine = machine
-        words = ('description', 'joint', 'actuator', 'direction', 'body')
-        # As text: what is unknown is NaN, which is unlike itself.
-        numbers = (str(machine.numbers(word)) for word in (*OWN, 'cycle'))
-        stated = machine.given & {*OWN}
-        self._made = (machine.drives, stated, *numbers, *(machine.texts(word) for word in words))
+    made: tuple[Any, ...]
+    machine: Machine = field(compare=False)
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._made == other._made
 
-    def __hash__(self) -> int:
-        return hash(self._made)
+@functools.lru_cache(maxsize=8)
+def _compiled(key: _Same) -> Plant:
+    return Plant(key.machine)
 
 
 def _plant(machine: Machine) -> Plant:
     """Return the compiled model of a machine, made once in a process."""
-    return _compiled(_Same(machine))
+    words = ('description', 'joint', 'actuator', 'direction', 'body')
+    # As text: what is unknown is NaN, which is unlike itself.
+    numbers = (str(machine.numbers(word)) for word in (*OWN, 'cycle'))
+    made = (machine.drives, machine.given & {*OWN}, *numbers, *map(machine.texts, words))
+    return _compiled(_Same(made, machine))
 
 
 def space(machine: Machine) -> Space:

@@ -28,7 +28,8 @@ from ros2_ident.machine.machine import Machine
 _TOGETHER, _NUMBERS = 64, 4_000_000
 # Steps of the simulator in a cycle, at most.
 _SUBSTEPS = 10_000
-_QUANTITIES = ('jointpos', 'jointvel', 'jointactuatorfrc')
+# Sensors of a joint by the quantity that they tell.
+_SENSORS = {'position': 'JOINTPOS', 'velocity': 'JOINTVEL', 'effort': 'JOINTACTFRC'}
 # Of an actuator, what a machine file states in the description's place; a URDF has none.
 OWN = 'kp', 'kv', 'force_limit'
 # Steps to close a loop, and how far apart its ends may be, m or rad.
@@ -142,39 +143,44 @@ def _limit(model: Any, at: Place) -> float:
     )
 
 
-# Numbers of a model where a drive is, and factors on what its body has.
-_NUMBERS_OF = {
-    'armature': ('dof_armature', 'dof'),
-    'damping': ('dof_damping', 'dof'),
-    'frictionloss': ('dof_frictionloss', 'dof'),
-    'stiffness': ('jnt_stiffness', 'joint'),
+# Numbers of a model where a drive is: array, whose number, column, sign.
+_NUMBERS_OF: dict[str, tuple[str, str, tuple[int, ...], float]] = {
+    'armature': ('dof_armature', 'dof', (), 1.0),
+    'damping': ('dof_damping', 'dof', (), 1.0),
+    'frictionloss': ('dof_frictionloss', 'dof', (), 1.0),
+    'stiffness': ('jnt_stiffness', 'joint', (), 1.0),
+    'actuator_gear': ('actuator_gear', 'actuator', (0,), 1.0),
+    'kp': ('actuator_gainprm', 'actuator', (0,), 1.0),
+    'kv': ('actuator_biasprm', 'actuator', (2,), -1.0),
+    'body_mass': ('body_mass', 'body', (), 1.0),
 }
+# Factors on what its body has.
 _FACTORS = {'body_place': 'body_pos', 'body_centre': 'body_ipos', 'body_inertia': 'body_inertia'}
+
+
+def _number_of(name: str, model: Any, at: Place) -> tuple[Any, tuple[int, ...], float]:
+    """Return the array that holds a number of a drive, its place there, and its sign."""
+    field, of, column, sign = _NUMBERS_OF[name]
+    return getattr(model, field), (getattr(at, of), *column), sign
 
 
 def _put(name: str, model: Any, at: Place, value: float) -> None:
     """Write a parameter into a model where a drive is."""
-    if name in _NUMBERS_OF:
-        field, index = _NUMBERS_OF[name]
-        getattr(model, field)[getattr(at, index)] = value
-    elif name in _FACTORS:
+    if name in _FACTORS:
         getattr(model, _FACTORS[name])[at.body] *= value
-    elif name == 'kp':
-        model.actuator_gainprm[at.actuator, 0] = value
-        model.actuator_biasprm[at.actuator, 1] = -value
-    elif name == 'kv':
-        model.actuator_biasprm[at.actuator, 2] = -value
-    elif name == 'force_limit':
+        return
+    if name == 'force_limit':
         model.actuator_forcelimited[at.actuator] = True
         model.actuator_forcerange[at.actuator] = -value, value
         # Where a URDF has its limit, which would hold beside this one.
         model.jnt_actfrclimited[at.joint] = False
-    elif name == 'actuator_gear':
-        model.actuator_gear[at.actuator, 0] = value
-    else:
-        assert name == 'body_mass'
+        return
+    if name == 'body_mass':
         model.body_inertia[at.body] *= value / model.body_mass[at.body]
-        model.body_mass[at.body] = value
+    elif name == 'kp':
+        model.actuator_biasprm[at.actuator, 1] = -value
+    numbers, place, sign = _number_of(name, model, at)
+    numbers[place] = sign * value
 
 
 _FIELDS = (
@@ -209,8 +215,8 @@ class Plant:
             if self._bare:
                 self._actuate(spec, joints)
             for joint in joints:
-                for quantity in _QUANTITIES:
-                    kind = getattr(mj.mjtSensor, f'mjSENS_{_SENSORS[quantity]}')
+                for quantity, word in _SENSORS.items():
+                    kind = getattr(mj.mjtSensor, f'mjSENS_{word}')
                     spec.add_sensor(
                         name=f'ident {quantity} {joint}', type=kind,
                         objtype=mj.mjtObj.mjOBJ_JOINT, objname=joint,
@@ -250,7 +256,7 @@ class Plant:
             quantity: np.array(
                 [int(self.model.sensor(f'ident {quantity} {j}').adr[0]) for j in joints]
             )
-            for quantity in _QUANTITIES
+            for quantity in _SENSORS
         }
         self._own = threading.local()
 
@@ -296,20 +302,13 @@ class Plant:
         """Return what the description has in place of a parameter."""
         at, model = self.places[drive], self.model
         if name in _NUMBERS_OF:
-            field, index = _NUMBERS_OF[name]
-            return float(getattr(model, field)[getattr(at, index)])
-        if name in _FACTORS:
-            return 1.0
-        found = {
-            'actuator_gear': model.actuator_gear[at.actuator, 0],
-            'body_mass': model.body_mass[at.body],
-            'joint_zero': 0.0,
-            'free_fall': float(np.linalg.norm(model.opt.gravity)),
-            'kp': model.actuator_gainprm[at.actuator, 0],
-            'kv': -model.actuator_biasprm[at.actuator, 2],
-            'force_limit': _limit(model, at),
-        }
-        return float(found[name])
+            numbers, place, sign = _number_of(name, model, at)
+            return float(sign * numbers[place])
+        if name == 'force_limit':
+            return float(_limit(model, at))
+        if name == 'free_fall':
+            return float(np.linalg.norm(model.opt.gravity))
+        return 0.0 if name == 'joint_zero' else 1.0
 
     @property
     def ends(self) -> Array:
@@ -366,7 +365,7 @@ class Plant:
             start: (S, 2, D) positions and rates of the joints at the first cycle.
 
         Returns:
-            (S, D, K) of `jointpos`, `jointvel` and `jointactuatorfrc`, in the joints' own
+            (S, D, K) positions, velocities and efforts by quantity, in the joints' own
             coordinates and at the instants of the set-points.
         """
         mj = _mujoco()
@@ -397,8 +396,8 @@ class Plant:
         told = told[:, :: self.substeps]
         out = {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
         if self._bare:
-            place, rate, force = (out[quantity] for quantity in _QUANTITIES)
-            later = after[:, :, self._sensors['jointvel']].swapaxes(1, 2)
+            place, rate, force = out.values()
+            later = after[:, :, self._sensors['velocity']].swapaxes(1, 2)
             rate[:, :, : later.shape[2]] += 0.5 * (later - rate[:, :, : later.shape[2]])
             for s, model in enumerate(models):
                 for d, at in enumerate(self.places):
@@ -408,11 +407,6 @@ class Plant:
                     asked = gear * (kp * error - kv * gear * rate[s, d])
                     force[s, d] = np.clip(asked, -_limit(model, at), _limit(model, at))
         return out
-
-
-_SENSORS = {
-    'jointpos': 'JOINTPOS', 'jointvel': 'JOINTVEL', 'jointactuatorfrc': 'JOINTACTFRC',
-}  # fmt: skip
 
 
 def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
