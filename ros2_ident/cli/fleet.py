@@ -4,13 +4,13 @@
 import argparse
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import add, add_conditions, add_topics, count, positive, wished
 from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
-    from ros2_ident.fleet import Row, Wish
+    from ros2_ident.fleet import Entry, Row, Wish
 
 DESCRIPTION = (
     'Identify and diagnose many bags as one job, and compare the machines. The same command goes '
@@ -78,26 +78,16 @@ def run(args: argparse.Namespace) -> int:
 
     entries = read_fleet(args.list, args.machine)
     rows: list[Row] = []
-    states = {entry.name: ('waiting', '') for entry in entries}
 
-    def picture() -> Any:
-        from rich.table import Table
-
-        table = Table('bag', 'state', 'verdict')
-        for name, cells in states.items():
-            table.add_row(name, *cells)
-        return table
-
-    def show(name: str, state: str = 'running', said: str = '') -> None:
-        states[name] = state, said
-        gone = sum(now in ('done', 'failed') for now, _ in states.values())
-        meter.draw(picture, f'{gone} of {len(states)}: {name} {state} {said}')
+    def begun(entry: 'Entry') -> None:
+        gone = sum(row['name'] != entry.name for row in rows)
+        meter(gone / len(entries), f'{gone} of {len(entries)}: {entry.name}')
 
     def done(row: 'Row') -> None:
         # one that is fitted once more for the comparison takes its own place
         kept = {x['name']: x for x in (*rows, row)}
         rows[:] = [kept[entry.name] for entry in entries if entry.name in kept]
-        show(row['name'], row['state'], _said(row))
+        meter.note(f'{row["name"]} {row["state"]} {_said(row)}')
 
     with (
         answered(_print) as answer,
@@ -111,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
             wish=wish_of(args),
             scheduler=args.scheduler,
             cancel=cancel,
-            on_start=lambda entry: show(entry.name),
+            on_start=begun,
             on_row=done,
         )
     page = page_line(Path(args.out), wanted=True)

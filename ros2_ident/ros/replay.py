@@ -2,13 +2,12 @@
 """The program `replay`: plays a bag's JointState topics where there is no `ros2 bag play`."""
 
 import argparse
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 import signal
 import sys
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
@@ -22,7 +21,7 @@ TYPE = 'sensor_msgs/msg/JointState'
 # is lost, and nothing tells when it is over.
 SETTLE = 0.5
 # Time for the last messages to leave this process: what reliable subscribers may take to confirm
-# them, and what comes on top for the others.
+# those of a topic, and what comes on top for the others.
 PATIENCE, LINGER = 1.0, 0.3
 # The longest sleep [s]: a signal is noticed after it.
 _NAP = 0.05
@@ -36,14 +35,8 @@ EXAMPLES = (
     '\n'
     'exit codes: 0 played to its end, 1 not played, 2 wrong arguments, 130 interrupted\n'
 )
-
-
-class Message(NamedTuple):
-    """One serialised message."""
-
-    topic: str
-    log_time: int
-    data: bytes
+# Topic, log time [ns], CDR of ROS 2.
+Message = tuple[str, int, bytes]
 
 
 class Bag:
@@ -51,64 +44,56 @@ class Bag:
 
     Args:
         path: A bag directory or a single file.
-        topics: Topics to take; all of the type where None.
+        topics: Topics to take; all of the type where empty.
 
     Attributes:
-        topics: Topics and how many messages each has.
+        topics: Topics that are played.
         skipped: Topics of other types.
-        duration: From the first to the last log time of the bag, s.
+        count: How many messages are played.
 
     Raises:
         IdentError: NO_DATA, MISSING_STREAM or DAMAGED_BAG.
     """
 
-    def __init__(self, path: str | Path, topics: Sequence[str] | None = None) -> None:
+    def __init__(self, path: str | Path, topics: Sequence[str] = ()) -> None:
         path = Path(path).expanduser()
         if not path.exists():
             raise IdentError(
                 ErrorCode.NO_DATA, f'{path}: does not exist; give a bag directory or an .mcap file'
             )
         try:
-            reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            reader.open()
+            self.reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            self.reader.open()
         except Exception as exc:  # rosbags lets errors of its decoders through
             reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
             raise IdentError(
                 ErrorCode.DAMAGED_BAG,
                 f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`',
             ) from None
-        self._reader = reader
-        counts: Counter[str] = Counter()
-        for connection in reader.connections:
-            if connection.msgtype == TYPE:
-                counts[connection.topic] += connection.msgcount
-        self.skipped = sorted({x.topic for x in reader.connections if x.msgtype != TYPE})
-        if absent := [topic for topic in topics or () if topic not in counts]:
+        found = [x for x in self.reader.connections if x.msgtype == TYPE]
+        self.skipped = sorted({x.topic for x in self.reader.connections if x.msgtype != TYPE})
+        if absent := sorted(set(topics) - {x.topic for x in found}):
             raise IdentError(
                 ErrorCode.MISSING_STREAM,
                 f'{path}: has no JointState topic {", ".join(absent)}; '
-                f'it has {", ".join(sorted(counts)) or "none"}',
+                f'it has {", ".join(sorted({x.topic for x in found})) or "none"}',
             )
-        self.topics = {x: n for x, n in counts.items() if topics is None or x in topics}
-        if not any(self.topics.values()):
+        self.connections = [x for x in found if not topics or x.topic in topics]
+        self.topics = {x.topic for x in self.connections}
+        self.count = sum(x.msgcount for x in self.connections)
+        if not self.count:
             raise IdentError(
                 ErrorCode.NO_DATA,
                 f'{path}: holds no message of type {TYPE}; '
                 f'its other topics are {", ".join(self.skipped) or "none"}',
             )
-        self.duration = 1e-9 * (int(reader.end_time) - int(reader.start_time))
 
     def messages(self) -> Iterator[Message]:
-        """Yield the messages in the order of log time, in the CDR of ROS 2."""
-        reader = self._reader
-        wanted = [x for x in reader.connections if x.msgtype == TYPE and x.topic in self.topics]
-        for connection, log_time, data in reader.messages(connections=wanted):
+        """Yield the messages in the order of log time."""
+        reader = self.reader
+        for connection, log_time, data in reader.messages(connections=self.connections):
             raw = data if reader.is2 else reader.typestore.ros1_to_cdr(data, TYPE)
-            yield Message(connection.topic, int(log_time), bytes(raw))
-
-    def close(self) -> None:
-        """Close the files."""
-        self._reader.close()
+            yield connection.topic, int(log_time), bytes(raw)
 
 
 def play(
@@ -126,18 +111,19 @@ def play(
         publish: Takes a message when it is due.
         rate: Times faster than recorded.
         stopped: Whether to end now.
-        between: Called with the log time now, ns, between the messages; has to be quick.
+        between: Called with the log time now, ns, before each message and while nothing is due.
     """
     first, start = None, time.monotonic_ns()
     for message in messages:
         if first is None:
-            first, start = message.log_time, time.monotonic_ns()
-        due = start + round((message.log_time - first) / rate)
+            first, start = message[1], time.monotonic_ns()
+        due = start + round((message[1] - first) / rate)
         while not stopped() and (now := time.monotonic_ns()) < due:
             between(first + round((now - start) * rate))
             time.sleep(min((due - now) * 1e-9, _NAP))
         if stopped():
             return False
+        between(message[1])
         publish(message)
     return True
 
@@ -158,7 +144,7 @@ def _options(words: Sequence[str]) -> argparse.Namespace:
          'after S seconds (10)'),
     ):  # fmt: skip
         add(flag, type=positive, nargs='?', const=const, metavar=metavar, help=text)
-    add('--topics', nargs='+', metavar='TOPIC', help='play only these')
+    add('--topics', nargs='+', default=[], metavar='TOPIC', help='play only these')
     add('-m', '--remap', nargs='+', default=[], metavar='OLD:=NEW', help='other names for topics')
     add('-q', '--quiet', action='store_true', help='say nothing of what is played')
     return found.parse_args(words)
@@ -177,19 +163,20 @@ def main(args: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if args is None else args)
     at = given.index('--ros-args') if '--ros-args' in given else len(given)
     options = _options(given[:at])
+    ros = (given[at:] or ['--ros-args']) + [x for pair in options.remap for x in ('-r', pair)]
     try:
-        return _play(options, given[at:], stop)
-    except IdentError as error:
-        print(f'replay: {error.message}', file=sys.stderr)
-        return 1
-    except ModuleNotFoundError as error:
-        print(f'replay: {missing(error)}', file=sys.stderr)
+        return _play(Bag(options.bag, options.topics), options, ros, lambda: stop.signal)
+    except (IdentError, ModuleNotFoundError) as error:
+        said = error.message if isinstance(error, IdentError) else missing(error)
+        print(f'replay: {said}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
 
 
-def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
+def _play(
+    bag: Bag, options: argparse.Namespace, ros: list[str], stopped: Callable[[], int]
+) -> int:
     """Play as the options say, and let the last messages out; return the exit code."""
     import rclpy
     from rclpy.duration import Duration
@@ -198,16 +185,11 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
 
-    bag = Bag(options.bag, options.topics)
     if not options.quiet:
         left = f'; not {", ".join(bag.skipped)}, no JointState' if bag.skipped else ''
-        print(
-            f'replay: {sum(bag.topics.values())} messages of {", ".join(bag.topics)}, '
-            f'{bag.duration / options.rate:.1f} s{left}',
-            file=sys.stderr,
-            flush=True,
-        )
-    ros = (ros or ['--ros-args']) + [x for pair in options.remap for x in ('-r', pair)]
+        seconds = 1e-9 * (int(bag.reader.end_time) - int(bag.reader.start_time)) / options.rate
+        what = f'{bag.count} messages of {", ".join(sorted(bag.topics))}, {seconds:.1f} s{left}'
+        print(f'replay: {what}', file=sys.stderr, flush=True)
     rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('replay')
     # reliable: matches every subscriber
@@ -222,11 +204,7 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
             clock.publish(Clock(clock=Time(nanoseconds=log_time).to_msg()))
 
     def publish(message: Message) -> None:
-        tick(message.log_time)
-        publishers[message.topic].publish(message.data)
-
-    def stopped() -> int:
-        return stop.signal
+        publishers[message[0]].publish(message[2])
 
     try:
         patience = options.wait_for_subscribers
@@ -238,14 +216,12 @@ def _play(options: argparse.Namespace, ros: list[str], stop: Stop) -> int:
             )
             return 1
         whole = play(bag.messages(), publish, rate=options.rate, stopped=stopped, between=tick)
-        return 0 if whole else 128 + stop.signal
+        return 0 if whole else 128 + stopped()
     finally:
-        deadline = time.monotonic() + PATIENCE
         for publisher in publishers.values():
-            left_over = max(0.0, deadline - time.monotonic())
-            publisher.wait_for_all_acked(Duration(seconds=left_over))
+            publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
         time.sleep(LINGER)
-        bag.close()
+        bag.reader.close()
         rclpy.try_shutdown()
 
 
@@ -258,8 +234,7 @@ def _unheard(
         if stopped() or time.monotonic() > end:
             return [] if stopped() else deaf
         time.sleep(_NAP)
-    if not stopped():
-        time.sleep(SETTLE)
+    time.sleep(SETTLE)
     return []
 
 

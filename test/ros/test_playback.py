@@ -12,18 +12,18 @@ import pytest
 from ros_helpers import BAG, ended, new_domain, program, Station
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.ros.replay import Bag, Message, play
+from ros2_ident.ros.replay import Bag, play
 
 STEP = 2_000_000  # ns
 
 
 def messages(count: int):
-    return iter(Message('/x', 10**18 + k * STEP, bytes([k % 256])) for k in range(count))
+    return iter(('/x', 10**18 + k * STEP, bytes([k % 256])) for k in range(count))
 
 
 def test_messages_come_in_order_and_at_their_times() -> None:
     came = []
-    assert play(messages(200), lambda m: came.append((time.monotonic_ns(), m.data[0])))
+    assert play(messages(200), lambda m: came.append((time.monotonic_ns(), m[2][0])))
     assert [x for _, x in came] == list(range(200))
     late = sorted((at - came[0][0]) - k * STEP for k, (at, _) in enumerate(came))
     assert late[0] > -STEP, 'never early'
@@ -49,19 +49,18 @@ def test_a_bag_is_read_as_it_was_recorded() -> None:
 
     bag = Bag(BAG)
     found = list(bag.messages())
-    bag.close()
-    assert len(found) == sum(bag.topics.values()) and set(bag.topics) == {x.topic for x in found}
-    assert all(a.log_time <= b.log_time for a, b in zip(found, found[1:], strict=False))
-    states = cdr.decode([x.data for x in found if x.topic == '/joint_states'])
+    bag.reader.close()
+    assert len(found) == bag.count and bag.topics == {topic for topic, _, _ in found}
+    assert all(a[1] <= b[1] for a, b in zip(found, found[1:], strict=False))
+    states = cdr.decode([data for topic, _, data in found if topic == '/joint_states'])
     assert states[0].stamp.tolist() == read_bag(BAG)[0].state.stamp.tolist()
-    assert bag.duration == pytest.approx(7.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
     ('path', 'topics', 'code'),
     [
-        ('/nowhere', None, ErrorCode.NO_DATA),
-        (__file__, None, ErrorCode.DAMAGED_BAG),
+        ('/nowhere', [], ErrorCode.NO_DATA),
+        (__file__, [], ErrorCode.DAMAGED_BAG),
         (BAG, ['/x'], ErrorCode.MISSING_STREAM),
     ],
 )
