@@ -12,7 +12,6 @@ import time
 
 from identify_cases import AXIS_FILE, ROOT
 import numpy as np
-import pytest
 
 from ros2_ident.cli import progress as module
 from ros2_ident.cli.progress import Meter
