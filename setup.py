@@ -54,7 +54,7 @@ def shared_files() -> list[tuple[str, list[str]]]:
 def parts() -> dict[str, Any]:
     """Return what the wheel and colcon's package differ in."""
     found = find_packages(include=[NAME, f'{NAME}.*'])
-    page = {f'{NAME}.report.page': ['*.css', '*.html', '*.js']}
+    data = {f'{NAME}.report.page': ['*.css', '*.html', '*.js'], f'{NAME}.cli': ['*.yaml']}
     main = f'{NAME}.cli.main:main'
     if os.environ.get('ROS2_IDENT_WHEEL'):
         extras = {**EXTRAS, 'page': PAGE, 'picture': PICTURE}
@@ -63,7 +63,7 @@ def parts() -> dict[str, Any]:
             'packages': [name for name in found if not name.startswith(f'{NAME}.ros')]
             + list(EXAMPLES),
             'package_dir': {name: folder for name, (folder, _) in EXAMPLES.items()},
-            'package_data': page | {name: files for name, (_, files) in EXAMPLES.items()},
+            'package_data': data | {name: files for name, (_, files) in EXAMPLES.items()},
             'install_requires': CORE,
             'extras_require': {**extras, 'all': sum(extras.values(), [])},
             'entry_points': {'console_scripts': [f'ident = {main}', f'ros2-ident = {main}']},
@@ -71,7 +71,7 @@ def parts() -> dict[str, Any]:
     return {
         'name': NAME,
         'packages': found,
-        'package_data': page | {f'{NAME}.ros': ['*.yaml']},
+        'package_data': data | {f'{NAME}.ros': ['*.yaml']},
         'data_files': [
             ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
             (f'share/{NAME}', ['package.xml']),

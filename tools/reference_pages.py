@@ -132,8 +132,8 @@ def command_line() -> str:
         '',
         *_table('command', 'does'),
         *(
-            f'| [`ident {name}`](#ident-{name}) | {line} |'
-            for name, line in COMMANDS.items()
+            f'| [`ident {name}`](#ident-{name}) | {command["help"]} |'
+            for name, command in COMMANDS.items()
         ),
         '',
         'Exit codes: 0 done; 1 done in part, or with a result that needs attention, as each',

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments that several subcommands share, and the checks of their values."""
+"""Arguments of the commands: from their table, `commands.yaml`, to parsers and to requests."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib import import_module
 import math
 from pathlib import Path
 from typing import Any
@@ -139,152 +140,48 @@ def files(*suffixes: str) -> Callable[..., list[str]]:
 
 
 bags = files('mcap', 'db3', 'bag', 'csv')
+machine_files = files('yaml', 'yml')
 
 
-# ---------------------------------------------------------------------- shared arguments
-
-_REPEATED: dict[str, Any] = {'action': 'append', 'default': []}
-_BAG = 'bag directory, or an .mcap, .db3, .bag or .csv file'
-# What several commands have; keywords of argparse, and what tab completes an argument by.
-SHARED: dict[str, dict[str, Any]] = {
-    'bag': {'metavar': 'BAG', 'help': _BAG, 'words': bags},
-    '--check': {**_REPEATED, 'metavar': 'BAG', 'words': bags},
-    '--machine': {
-        'required': True,
-        'metavar': 'FILE',
-        'words': files('yaml', 'yml'),
-        'help': 'machine file: what is known and the bounds of what is not, as config/tripod.yaml',
-    },
-    '--out': {'metavar': 'DIR', 'help': 'directory for the results'},
-    '--drives': {
-        'type': names,
-        'metavar': 'A,B',
-        'words': drives,
-        'help': 'identify these drives, the others follow their recorded motion; all by default',
-    },
-    '--fix': {
-        **_REPEATED,
-        'type': assignment,
-        'metavar': 'NAME=VALUE',
-        'words': parameters,
-        'help': 'hold a parameter; gear_stiffness means that of every drive',
-    },
-    '--set': {
-        **_REPEATED, 'type': assignment, 'metavar': 'NAME=VALUE', 'words': parameters,
-    },
-    '--effect': {
-        **_REPEATED,
-        'metavar': 'FILE.py',
-        'help': 'also look for the effect that this file defines; may be given several times',
-    },
-    '--outputs': {
-        'type': names,
-        'default': (),
-        'metavar': 'NAME[=W],..',
-        'help': 'what is compared: of effort, position and velocity, each with a weight, or '
-        'weighted by its noise; effort alone by default',
-    },
-    '--seed': {'type': whole, 'default': 0},
-    '--threads': {
-        'type': count, 'metavar': 'N', 'help': 'threads; by default one for each processor',
-    },
-    '--scheduler': {
-        'metavar': 'ADDRESS',
-        'help': 'simulate on the workers of this Dask scheduler, as tcp://host:8786; same result',
-    },
-    '--no-overlay': {'action': 'store_true', 'help': 'write no overlay bag'},
-    '--no-report': {'action': 'store_true', 'help': 'write no report.html'},
-    '--live': {
-        'action': 'store_true',
-        'help': 'keep report.html open in a browser and watch the run there; the report takes '
-        'its place at the end',
-    },
-    '--quiet': {'action': 'store_true', 'help': 'show no progress'},
-}  # fmt: skip
+# ---------------------------------------------------------------------- from the table
 
 
-def add(parser: Any, *flags: str, **own: Any) -> None:
-    """Add arguments to a parser or a group of one.
+def add_arguments(
+    parser: argparse.ArgumentParser, own: Mapping[str, Any], table: Mapping[str, Any]
+) -> None:
+    """Add the arguments of a command.
 
     Args:
-        parser: The parser.
-        flags: Their names; of those in `SHARED` what is not given is as there.
-        own: Keywords of argparse, and `words`, by which tab completes: it gets `prefix` and
-            `parsed_args`.
+        parser: The command's.
+        own: What `commands.yaml` says of the command.
+        table: The whole of `commands.yaml`.
     """
-    for flag in flags:
-        options = {**SHARED.get(flag, {}), **own}
-        words = options.pop('words', None)
-        action = parser.add_argument(flag, **options)
-        if words is not None:
-            action.completer = words
+    groups: list[tuple[Any, Mapping[str, Any]]] = [(parser, own['arguments'])]
+    for title, arguments in own.get('groups', {}).items():
+        groups.append((parser.add_argument_group(title), arguments or table['groups'][title]))
+    for group, arguments in groups:
+        one_of: Any = None
+        for flag, said in arguments.items():
+            options = {**table['shared'].get(flag, {}), **(said or {})}
+            words = options.pop('words', None)
+            place = group
+            if options.pop('exclusive', False):
+                place = one_of = one_of or group.add_mutually_exclusive_group()
+            if 'type' in options:
+                options['type'] = globals()[options['type']]
+            if isinstance(options.get('choices'), str):
+                module, _, name = options['choices'].rpartition('.')
+                options['choices'] = tuple(getattr(import_module(module), name))
+            if options.get('action') == 'append':
+                options['default'] = []
+            elif isinstance(options.get('default'), list):
+                options['default'] = tuple(options['default'])
+            action = place.add_argument(flag, **options)
+            if words is not None:
+                action.completer = globals()[words]
 
 
-def add_bags(parser: argparse.ArgumentParser) -> None:
-    """Add one bag or several of one machine, and what differs between them."""
-    add(parser, 'bag', nargs='+', help=f'{_BAG}; several of one machine make one fit')
-    add_conditions(parser)
-
-
-def add_conditions(parser: argparse.ArgumentParser) -> None:
-    """Add what differs between several bags of one machine."""
-    group = parser.add_argument_group('several bags')
-    add(
-        group,
-        '--each',
-        type=names,
-        default=(),
-        metavar='NAME,..',
-        words=parameters,
-        help='parameters with a value of their own in every bag, as tool_mass; the others are '
-        'shared',
-    )
-    add(
-        group,
-        '--differences',
-        metavar='FILE',
-        help='YAML file of what is known to differ: by bag, how much a parameter is above the '
-        'shared value, as `with_load: {tool_mass: 0.5}`',
-    )
-
-
-def add_topics(parser: argparse.ArgumentParser) -> None:
-    """Add the topics' names."""
-    group = parser.add_argument_group('topics and columns, where they have other names')
-    topics = (
-        ('state', '/joint_states', 'measured motion'),
-        ('effort', '/effort', 'measured effort'),
-        ('command', '/joint_command', 'set-point'),
-    )
-    for role, default, what in topics:
-        group.add_argument(
-            f'--{role}-topic',
-            default=default,
-            metavar='TOPIC',
-            help=f'{what}; {default} by default, `none` for none',
-        )
-    group.add_argument(
-        '--joint-names',
-        type=names,
-        default=(),
-        metavar='A,B',
-        help='what the numbers of a Float64MultiArray are, in its order: joints, or with an '
-        'interface as A/velocity',
-    )
-    group.add_argument(
-        '--columns',
-        default='',
-        metavar='FILE',
-        help='column map of a .csv file, as in docs/logs.md, NAME.columns.yaml by default; of a '
-        "LeRobot folder the robot's calibration",
-    )
-    group.add_argument(
-        '--position-unit',
-        default='',
-        choices=('rad', 'deg', 'percent'),
-        help='of a LeRobot folder, percent for -100 to 100; by the limits of the joints by '
-        'default',
-    )
+# ---------------------------------------------------------------------- what commands share
 
 
 def topics_of(args: argparse.Namespace) -> Any:
@@ -299,19 +196,6 @@ def topics_of(args: argparse.Namespace) -> Any:
         args.joint_names,
         position_unit=args.position_unit,
     )
-
-
-def add_log(parser: argparse.ArgumentParser) -> None:
-    """Add what the effort of the log is, and the topics' names."""
-    group = parser.add_argument_group('effort of the log, where the machine file says otherwise')
-    group.add_argument('--effort-unit', metavar='UNIT', help='N m, N, A or percent (of the rated)')
-    group.add_argument(
-        '--torque-constant', type=number, metavar='X', help='N m/A or N/A, for the unit A'
-    )
-    group.add_argument(
-        '--rated-torque', type=number, metavar='X', help='N m or N at 100 %%, for the unit percent'
-    )
-    add_topics(parser)
 
 
 def with_effort(machine: Any, args: argparse.Namespace) -> Any:

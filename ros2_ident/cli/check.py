@@ -4,33 +4,12 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, add_log, topics_of, with_effort
+from ros2_ident.cli.arguments import topics_of, with_effort
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.identify.data import Data
     from ros2_ident.models import Machine
-
-DESCRIPTION = (
-    'Say what is in a bag: streams, rates, gaps, missing values, motion, and whether the efforts '
-    'are plausible. With a machine file also what is missing or implausible in it, by itself and '
-    'beside the bag, each with the line to change, and how long an identification takes.'
-)
-EXAMPLES = (
-    '  ident check bags/axis_reversals\n'
-    '  ident check --machine config/tripod.yaml\n'
-    '  ident check bags/tripod_mixed --machine config/tripod.yaml\n'
-    '  ident check my_bag --machine my.yaml --effort-topic /drives/torque\n'
-)
-EXIT_CODES = {0: 'no errors, perhaps warnings', 1: 'errors found'}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    add(parser, 'bag', nargs='?')
-    add(parser, '--machine', required=False)
-    add(parser, '--drives')
-    add_log(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,79 +4,13 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, add_bags, add_log, asked, effects, names, not_negative
+from ros2_ident.cli.arguments import asked
 from ros2_ident.cli.runs import carry_out
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.gap.diagnosis import Diagnosis
     from ros2_ident.jobs import Request
-
-DESCRIPTION = (
-    'Say where the gap between simulation and log lies, which unmodelled effect causes it, '
-    'and how far it shrinks on data not used for fitting. Ctrl-C keeps the best so far.'
-)
-EXAMPLES = (
-    '  ident diagnose bags/tripod_pick_and_place --check bags/tripod_mixed \\\n'
-    '      --machine config/tripod.yaml --out diagnosis\n'
-    '  ident diagnose bags/axis_reversals --machine config/emps.yaml \\\n'
-    '      --without asymmetric_friction,backlash\n'
-    '  ident diagnose my_bag --machine my.yaml --effect rubber_buffer.py\n'
-    '\n'
-    'writes to DIR: diagnosis.json, diagnosis.npz (measured and simulated effort), overlay (a\n'
-    'bag with the measured effort, that of the model with the effects found, the residual, and\n'
-    'the diagnosis), report.html (all of it as a page, with the identification where DIR holds\n'
-    'one); while it runs, diagnose.checkpoint, which stays where it was cut short\n'
-)
-EXIT_CODES = {
-    0: 'the diagnosis is complete',
-    1: 'it was cut short, nothing could be simulated, log and machine file contradict each other, '
-    'or the model is not the one of the machine',
-}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    add_bags(parser)
-    add(
-        parser,
-        '--check',
-        help='recording to judge on, more than once for several; without it, every second block '
-        'of the others',
-    )
-    add(parser, '--machine', '--out')
-    add(
-        parser,
-        '--resume',
-        action='store_true',
-        help='go on where an earlier run of the same command ended, by DIR/diagnose.checkpoint; '
-        'same result',
-    )
-    add(parser, '--no-report', '--live')
-    add(
-        parser,
-        '--without',
-        type=names,
-        default=(),
-        metavar='EFFECT,..',
-        words=effects,
-        help='effects not to look for',
-    )
-    add(parser, '--effect', '--drives', '--fix')
-    add(
-        parser,
-        '--output',
-        choices=('effort', 'position', 'velocity'),
-        help='quantity whose gap is diagnosed; by default what the kind of machine compares: the '
-        'effort, of a servo and an MJCF the position',
-    )
-    add(parser, '--seed', default=1, help='same seed and data, same diagnosis')
-    add(
-        parser, '--seconds', type=not_negative, default=0.0, metavar='N',
-        help='stop after N seconds',
-    )  # fmt: skip
-    add(parser, '--threads', '--scheduler', '--no-overlay', '--quiet')
-    add_log(parser)
 
 
 def request_of(args: argparse.Namespace) -> 'Request':

@@ -4,20 +4,7 @@
 import argparse
 from pathlib import Path
 
-DESCRIPTION = (
-    'Write a bag whose parameters are known, and machine files of all kinds, and say what to run '
-    'on them.'
-)
-EXAMPLES = '  ident example --out ident_example\n'
-EXIT_CODES = {0: 'written'}
 _BAG = Path('bags', 'axis_reversals')
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument(
-        '--out', default='ident_example', metavar='DIR', help='new directory, default %(default)s'
-    )
 
 
 def shipped(inside: Path | str) -> Path:

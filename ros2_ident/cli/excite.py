@@ -7,88 +7,10 @@ import shlex
 import sys
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, names, not_negative, once, parameters, positive, whole
+from ros2_ident.cli.arguments import once
 
 if TYPE_CHECKING:
     from ros2_ident.excite.plan import Excitation, Wish
-
-DESCRIPTION = (
-    'Plan a motion that determines the parameters of a machine best, within limits on position, '
-    'velocity, acceleration, jerk and effort, of the set-points and of the simulated machine. '
-    'Needs no bag: what a log will show is computed at the expected parameters. '
-    'Collisions are not checked.'
-)
-EXAMPLES = (
-    '  ident excite motion --machine config/tripod.yaml --seconds 10\n'
-    '  ident excite motion --machine config/tripod.yaml --limits joint_limits.yaml \\\n'
-    '      --parameters gear_stiffness,tool_mass --criterion worst\n'
-    '  ident excite motion --machine config/tripod.yaml --results results\n'
-    '\n'
-    'writes to DIR: set_points (a bag), trajectory.yaml (JointTrajectory), motion.csv,\n'
-    'excite.json with the intervals to expect, and motion.png\n'
-)
-EXIT_CODES = {0: 'written'}
-# Motions that are simulated in the search, beside those of its first generation.
-GENERATIONS = 60
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument('out', metavar='DIR', help='directory for the files')
-    add(parser, '--machine')
-    parser.add_argument(
-        '--limits',
-        metavar='FILE',
-        help='limits of the drives, a file as joint_limits.yaml of MoveIt and ros2_control; what '
-        'it leaves out is taken from the machine file, its URDF, or what suits its kind',
-    )
-    parser.add_argument('--seconds', type=positive, default=10.0, help='duration; 10 by default')
-    add(parser, '--drives')
-    add(
-        parser,
-        '--parameters',
-        type=names,
-        default=(),
-        metavar='NAME,..',
-        words=parameters,
-        help='parameters to determine, all by default; gear_stiffness means that of every '
-        'drive. The others count as unknown, but their intervals do not matter',
-    )
-    parser.add_argument(
-        '--criterion',
-        choices=('d', 'worst'),
-        default='d',
-        help='d: least volume of the joint confidence region (default); worst: smallest of the '
-        'largest intervals, in widths of the ranges in the machine file',
-    )
-    group = parser.add_argument_group('expected parameters; the middle of their ranges by default')
-    add(group, '--set', help='an expected parameter')
-    group.add_argument(
-        '--results', metavar='RESULTS', help='those that `ident identify` or `diagnose` found'
-    )
-    add(group, '--fix', help='a parameter that is known')
-    group.add_argument(
-        '--rate', type=positive, metavar='HZ', help='samples of the log; one in every cycle'
-    )
-    group = parser.add_argument_group('motion')
-    group.add_argument(
-        '--harmonics', type=whole, default=8, help='largest number of frequencies; 8 by default'
-    )
-    group.add_argument(
-        '--rest', type=not_negative, default=0.25, help='rest before and after, s; 0.25'
-    )
-    group.add_argument(
-        '--lead', type=not_negative, default=3.0,
-        help='time the trajectory gives to reach its first point, s; 3 by default',
-    )  # fmt: skip
-    group = parser.add_argument_group('search')
-    group.add_argument('--seed', type=whole, default=0, help='of the search')
-    group.add_argument(
-        '--generations', type=whole, default=GENERATIONS, help=f'{GENERATIONS} by default'
-    )
-    group.add_argument('--max-seconds', type=positive, metavar='S', help='wall time of the search')
-    group.add_argument('--threads', type=whole, default=0, help='all processors by default')
-    add(group, '--quiet')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, add_log, names, positive, topics_of, with_effort
+from ros2_ident.cli.arguments import topics_of, with_effort
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
@@ -15,65 +15,6 @@ if TYPE_CHECKING:
 
 TARGETS = ('urdf', 'mjcf', 'isaac', 'ros2_control')
 TABLES = 'csv'
-DESCRIPTION = (
-    'Put what was identified into the files of simulators and controllers: links, friction and '
-    'armature into a URDF or an MJCF, actuators for Isaac Lab, gains and limits for ros2_control. '
-    'Says what each file cannot express, and how much of the gap that leaves along the log. '
-    'Also writes results, or a log, as CSV tables.'
-)
-EXAMPLES = (
-    '  ident export results --out simulator\n'
-    '  ident export results --out simulator --to urdf --prior 0.1\n'
-    '  ident export results my_bag --machine my_arm.yaml --into my_robot.xml --out simulator\n'
-    '  ident export results --to csv --out tables\n'
-    '  ident export bags/axis_reversals --to csv --out tables\n'
-    '\n'
-    'writes to DIR: robot.urdf or robot.xml, isaac.yaml, ros2_control.yaml, as far as machine\n'
-    'file and description allow, and export.json with what they cannot say; with --to csv,\n'
-    'parameters.csv and signals.csv (measured and simulated effort) of results, and of a bag a\n'
-    'table NAME.csv with the column map that reads it back\n'
-)
-EXIT_CODES = {0: 'written'}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument(
-        'results',
-        metavar='RESULTS',
-        help='what `ident identify` or `ident diagnose` wrote; for --to csv also a bag',
-    )
-    add(
-        parser,
-        'bag',
-        nargs='*',
-        help='the log it was identified from; that of the results by default',
-    )
-    add(parser, '--out', required=True, help='directory for the files')
-    add(
-        parser, '--machine', required=False, help='machine file; that of the results by default'
-    )
-    parser.add_argument(
-        '--to',
-        type=names,
-        metavar='NAME,..',
-        help=f'of {", ".join((*TARGETS, TABLES))}; by default all that apply, but {TABLES}',
-    )
-    parser.add_argument(
-        '--into',
-        metavar='FILE',
-        help='URDF or MJCF that gets the values; geometry.description of the machine file by '
-        'default',
-    )
-    parser.add_argument(
-        '--prior',
-        type=positive,
-        default=0.3,
-        metavar='X',
-        help="relative standard deviation of the description's masses; 0.3 by default, smaller "
-        'stays closer to the description',
-    )
-    add_log(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,54 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, add_conditions, add_topics, count, positive, wished
+from ros2_ident.cli.arguments import wished
 from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.fleet import Entry, Row, Wish
-
-DESCRIPTION = (
-    'Identify and diagnose many bags as one job, and compare the machines. The same command goes '
-    'on where the last one ended; a bad bag fails alone.'
-)
-EXAMPLES = (
-    '  ident fleet bags --machine config/tripod.yaml --out fleet\n'
-    '  ident fleet fleet.yaml --out fleet --scheduler tcp://head:8786\n'
-    '\n'
-    'writes to DIR: fleet.json, fleet.csv, report.html (the machines on a page), and rows/ with\n'
-    'a file for each bag\n'
-)
-EXIT_CODES = {
-    0: 'every bag is done',
-    1: 'some failed, are unfinished, or contradict their machine file',
-}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument('list', metavar='DIR_OR_LIST', help='directory of bags, or a YAML list')
-    add(parser, '--machine', required=False)
-    add(parser, '--out', required=True)
-    parser.add_argument('--no-diagnosis', action='store_true', help='identify only')
-    add(parser, '--seed', default=1, help='of every search')
-    add(
-        parser,
-        '--scheduler',
-        help='run the bags on the workers of this Dask scheduler; they have to see the same paths',
-    )
-    add(parser, '--fix')
-    parser.add_argument(
-        '--evaluations', type=count, metavar='N', help='simulate at most N candidates a bag'
-    )
-    parser.add_argument(
-        '--seconds',
-        type=positive,
-        metavar='N',
-        help='end the identification of a bag after N seconds, and its diagnosis likewise',
-    )
-    add(parser, '--quiet')
-    add_conditions(parser)
-    add_topics(parser)
 
 
 def wish_of(args: argparse.Namespace) -> 'Wish':

@@ -9,30 +9,25 @@ import argparse
 from collections.abc import Mapping, Sequence
 import importlib
 import os
+from pathlib import Path
 import sys
 import textwrap
 import time
 import traceback
 from typing import Any
 
+import yaml
+
+from ros2_ident.cli.arguments import add_arguments
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.threads import one_thread_for_linear_algebra
 
-# Name and line of help. The module of that name has DESCRIPTION, EXAMPLES, EXIT_CODES (what 0 and
-# 1 mean), add_arguments(parser) and run(args), and imports what is slow in run only.
-COMMANDS = {
-    'example': 'write a bag and machine files to try it on',
-    'new-machine': 'write a commented machine file',
-    'check': 'say what is in a bag and whether it can be used',
-    'identify': "identify a machine's parameters from a bag",
-    'diagnose': 'say where the gap lies, what causes it, how far it closes',
-    'predict': 'run what was found freely on any bag',
-    'report': 'write one page on a result directory',
-    'simulate': 'make a bag of a machine with known parameters',
-    'excite': 'plan the motion that determines parameters best',
-    'export': 'write what was identified for simulators and controllers',
-    'fleet': 'identify, diagnose and compare many bags as one job',
-}
+# Commands by name. The module of that name has run(args), which imports what is slow.
+_TABLE = yaml.load(
+    Path(__file__).with_name('commands.yaml').read_text(encoding='utf-8'),
+    getattr(yaml, 'CSafeLoader', yaml.SafeLoader),  # noqa: S506 - both are safe
+)
+COMMANDS: Mapping[str, Mapping[str, Any]] = _TABLE['commands']
 
 EXAMPLES = (
     'examples:\n'
@@ -45,10 +40,6 @@ EXIT_CODES = {0: 'success', 1: 'done, but the answer is not usable as it is'}
 # What ends every command in the same way.
 _FAILURES = {2: 'wrong use or bad input', 3: 'a defect of ident'}
 _CODES = 'An error ends with its code in brackets; docs/errors.md says what each means.\n'
-
-
-def _load(name: str) -> Any:
-    return importlib.import_module(f'ros2_ident.cli.{name.replace("-", "_")}')
 
 
 def exit_codes(own: Mapping[int, str]) -> str:
@@ -69,20 +60,22 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument('--version', action='store_true', help='print the version and exit')
     parsers = parser.add_subparsers(dest='command', metavar='COMMAND', title='commands')
     wanted = next((word for word in words if word in COMMANDS), None)
-    for name, line in COMMANDS.items():
+    for name, command in COMMANDS.items():
         if name != wanted:
-            parsers.add_parser(name, help=line)
+            parsers.add_parser(name, help=command['help'])
             continue
-        command = _load(name)
+        examples = textwrap.indent(command['examples'], '  ')
+        more = f'\n{command["more"]}' if 'more' in command else ''
+        codes = exit_codes(command['exit codes'])
         own = parsers.add_parser(
             name,
-            help=line,
-            description=command.DESCRIPTION,
-            epilog=f'examples:\n{command.EXAMPLES}\n{exit_codes(command.EXIT_CODES)}\n{_CODES}',
+            help=command['help'],
+            description=command['description'].rstrip(),
+            epilog=f'examples:\n{examples}{more}\n{codes}\n{_CODES}',
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
-        command.add_arguments(own)
+        add_arguments(own, command, _TABLE)
     return parser
 
 
@@ -117,7 +110,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help(sys.stderr)
         return 2
     try:
-        return int(_load(args.command).run(args))
+        command = importlib.import_module(f'{__package__}.{args.command.replace("-", "_")}')
+        return int(command.run(args))
     except IdentError as error:
         print(f'ident {args.command}: {error.message} [{error.code.name}]', file=sys.stderr)
         return error.code.exit_code

@@ -7,51 +7,13 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, add_topics, bags, topics_of
+from ros2_ident.cli.arguments import topics_of
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_text
 from ros2_ident.models.registry import KINDS, machine_from_mapping
 
 if TYPE_CHECKING:
     from ros2_ident.recording import Recording
-
-DESCRIPTION = (
-    'Write a machine file: every key with its unit, its meaning and the value of an example '
-    "machine. Put your machine's values in their place, then ask `ident check`. For an arm, a "
-    'description and a bag say all that an identification needs.'
-)
-EXAMPLES = (
-    '  ident new-machine --kind linear_axis --drives x_axis --out my_axis.yaml\n'
-    '  ident new-machine --kind tripod --drives left,right,rear --out my_tripod.yaml\n'
-    '  ident new-machine --description arm.urdf --bag my_bag --out my_arm.yaml\n'
-    '  ident new-machine --kind linear_axis --bag log.csv --out my_joint.yaml\n'
-    '  ident check --machine my_axis.yaml\n'
-)
-EXIT_CODES = {0: 'written'}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument(
-        '--kind',
-        choices=tuple(KINDS),
-        help='kind of machine; by default, with --description and --bag, mujoco (an arm under its '
-        'controllers) where the log holds set-points, else serial (along its recorded motion)',
-    )
-    add(parser, '--drives', default=(), words=None, help='joint names in your bags')
-    parser.add_argument(
-        '--description', metavar='FILE', help='URDF or MJCF of the machine; also gives its joints'
-    )
-    add(
-        parser,
-        '--bag',
-        metavar='BAG',
-        words=bags,
-        help='a log of the machine; also gives its joints and period. A CSV without a column map '
-        'gets one by the names in its header',
-    )
-    parser.add_argument('--out', metavar='FILE', help='file to write; standard output without it')
-    add_topics(parser)
 
 
 def run(args: argparse.Namespace) -> int:

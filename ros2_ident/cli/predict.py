@@ -6,59 +6,16 @@ from functools import partial
 import json
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, add_log, topics_of, whole
+from ros2_ident.cli.arguments import topics_of
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.export.estimate import Estimate
     from ros2_ident.prediction import Run
 
-DESCRIPTION = (
-    "Run what was identified or diagnosed freely: from a bag's start, by its set-points alone, "
-    "with the machine's own model and controllers. Prints how far position, velocity and effort "
-    'of each drive come from the log, of several results side by side.'
-)
-EXAMPLES = (
-    '  ident predict results my_bag\n'
-    '  ident predict results my_bag other_bag --beside diagnosis --out prediction\n'
-    '  ident predict diagnosis/diagnosis.json my_bag --machine my.yaml --warm-up 20\n'
-    '\n'
-    'writes to DIR: prediction.json, prediction.png (measured and simulated)\n'
-)
-EXIT_CODES = {0: 'predicted', 1: 'the model does not run freely on this bag'}
 JSON, PICTURE, FORMAT = 'prediction.json', 'prediction.png', 'ros2_ident.prediction'
 # Of a log that is only simulated no windows are chosen.
 _ALL = 10**12
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument(
-        'results',
-        metavar='RESULT',
-        help='what `ident identify` or `ident diagnose` wrote: its directory or JSON file',
-    )
-    add(parser, 'bag', nargs='+')
-    parser.add_argument(
-        '--beside',
-        action='append',
-        default=[],
-        metavar='RESULT',
-        help='another result on the same bag, more than once for several',
-    )
-    add(
-        parser, '--machine', required=False, help='machine file; that of each result by default'
-    )
-    parser.add_argument(
-        '--warm-up',
-        type=whole,
-        default=0,
-        metavar='N',
-        help="samples at a bag's start that are simulated and not compared; none by default",
-    )
-    add(parser, '--out', help='directory for table and picture')
-    add(parser, '--effect')
-    add_log(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -7,71 +7,13 @@ import re
 import shlex
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import add, effects_at, not_negative, once, positive, whole
+from ros2_ident.cli.arguments import once
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.models import Machine
 
-DESCRIPTION = (
-    'Make a bag of a machine with known parameters, with noise, quantisation, jitter and lost '
-    'samples. The model that identifies a machine simulates it: the log obeys the equations of '
-    'that model, as no real log does. Parameters that are not set lie a quarter into their '
-    'bounds, what a description holds is as described; all others are printed and kept in the '
-    'metadata of the bag.'
-)
-EXAMPLES = (
-    '  ident simulate my_bag --machine config/tripod.yaml --seconds 14 --seed 1 \\\n'
-    '      --set tool_mass=1.35 --set gear_stiffness=2e4 --set measurement_delay=0.002\n'
-    '  ident simulate with_stribeck --machine config/tripod.yaml \\\n'
-    '      --effect stribeck@drive_2:torque=0.05,velocity=0.03\n'
-    '  ident simulate clean --machine config/emps.yaml --motion reversals --clean\n'
-)
-EXIT_CODES = {0: 'written'}
-MOTIONS = (
-    'pick_and_place',
-    'multi_point',
-    'creep',
-    'chirp',
-    'multisine',
-    'reversals',
-    'dwell',
-    'mixed',
-    'steps',
-)
 QUARTER = 0.25
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument('bag', metavar='BAG', help='bag directory to make')
-    add(parser, '--machine')
-    add(parser, '--set', help='a true parameter; gear_stiffness means that of every drive')
-    parser.add_argument(
-        '--motion', choices=MOTIONS, default='multi_point', help='multi_point by default'
-    )
-    parser.add_argument('--seconds', type=positive, default=10.0, help='duration; 10 by default')
-    parser.add_argument('--seed', type=whole, default=0, help='of motion, noise and losses')
-    add(
-        parser,
-        '--effect',
-        metavar='EFFECT@DRIVE:...',
-        words=effects_at,
-        help='an unmodelled effect: with its values, stribeck@drive_2:torque=0.05,velocity=0.03, '
-        'or drawn by the seed as a share of the largest that is searched for with this motion, '
-        'stribeck@drive_2:size=0.5; docs/effects.md lists them; one of your own by its file, '
-        'rubber_buffer.py@drive_1:size=0.5',
-    )
-    noise = parser.add_mutually_exclusive_group()
-    noise.add_argument(
-        '--noise',
-        type=not_negative,
-        metavar='STD',
-        help="standard deviation of the effort's noise; the machine file's by default",
-    )
-    noise.add_argument(
-        '--clean', action='store_true', help='no noise, quantisation, jitter or losses'
-    )
 
 
 def run(args: argparse.Namespace) -> int:
