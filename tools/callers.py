@@ -20,6 +20,7 @@ from mypy.types import get_proper_type, Instance, Type, TypeType, UnionType
 ROOT = Path(__file__).parents[1]
 # Full names that others use, and who.
 OUTSIDE = {
+    r'cli\.arguments\.\w+': 'cli/commands.yaml',
     r'cli\.\w+\.run': 'cli.main, which imports a command by its name',
     r'kernel\.drive\._(flags_of|closed_loop)': 'numba.extending.overload',
     r'lanes\._(\w+Type\.\w+|\w+Model|\w*Template.*|neg)': 'numba, which registers it',
