@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rows of a fleet: what is found in a bag, here or on a cluster, and the key of its causes."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import as_completed, Future
+from contextlib import closing
 from dataclasses import asdict, fields, replace
 import hashlib
 import importlib
 import json
 from pathlib import Path
 import sys
-from typing import Any, TYPE_CHECKING
+from threading import Event
+from typing import Any
 
 from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
@@ -18,11 +20,6 @@ from ros2_ident.fleet.entries import Entry, Row, Wish
 from ros2_ident.fleet.summary import effects_named, PAGE, sound, SUMMARY, TABLE, write_summary
 from ros2_ident.search.evaluators import Cancel
 
-if TYPE_CHECKING:
-    from ros2_ident.gap.diagnosis import Diagnosis
-    from ros2_ident.identify.result import Identification
-
-OnRow = Callable[[Row], None]
 Tasks = Sequence[tuple[Entry, Row | None]]
 # Ids, each with its place.
 Effects = Sequence[Sequence[str]]
@@ -36,8 +33,8 @@ def run_fleet(
     wish: Wish | None = None,
     scheduler: str | None = None,
     cancel: Cancel | None = None,
-    on_start: Callable[[Entry], None] | None = None,
-    on_row: OnRow | None = None,
+    on_start: Callable[[Entry], None] = lambda entry: None,
+    on_row: Callable[[Row], None] = lambda row: None,
 ) -> list[Row]:
     """Run what is not done yet, and write the summary.
 
@@ -57,32 +54,27 @@ def run_fleet(
         IdentError: INVALID_GOAL where something is there that is not ours to replace; or, when all
             is worked out, where a file could not be written.
     """
-    wish = wish or Wish()
-    rows_folder = make_directory(Path(out) / 'rows')
-    names = SUMMARY, TABLE, PAGE, *(f'rows/{entry.name}.json' for entry in entries)
-    require_ours(Path(out) / name for name in names)
+    wish, cancel = wish or Wish(), cancel or Event()
+    files = {x.name: make_directory(Path(out) / 'rows') / f'{x.name}.json' for x in entries}
+    require_ours([*(Path(out) / name for name in (SUMMARY, TABLE, PAGE)), *files.values()])
     rows: dict[str, Row] = {}
     unwritten: list[IdentError] = []
 
-    def take(row: Row) -> None:
-        rows[row['name']] = row
-        if on_row is not None:
-            on_row(row)
-
     def work(tasks: Tasks) -> None:
-        here = _here(tasks, wish, cancel, on_start)
-        for found in here if scheduler is None else _there(tasks, wish, cancel, scheduler):
-            row = plain(found)
-            take(row)
-            text = json.dumps({**MARKED, **row}, indent=1, allow_nan=False) + '\n'
-            try:
-                write_text(rows_folder / f'{row["name"]}.json', text)
-            except IdentError as error:  # the others are worked out all the same
-                unwritten.append(error)
+        with closing(_worked(tasks, wish, scheduler, on_start)) as found:
+            while not cancel.is_set() and (row := plain(next(found, None))) is not None:
+                rows[row['name']] = row
+                on_row(row)
+                text = json.dumps({**MARKED, **row}, indent=1, allow_nan=False) + '\n'
+                try:
+                    write_text(files[row['name']], text)
+                except IdentError as error:  # the others are worked out all the same
+                    unwritten.append(error)
 
     for entry in entries:
-        if (known := _kept(rows_folder / f'{entry.name}.json', entry, wish)) is not None:
-            take(known)
+        if (known := _kept(files[entry.name], entry, wish)) is not None:
+            rows[entry.name] = known
+            on_row(known)
     work([(entry, None) for entry in entries if entry.name not in rows])
     # Values are compared of one model on all logs: with every effect that was named on any.
     common = effects_named(rows.values())
@@ -106,43 +98,33 @@ def _kept(path: Path, entry: Entry, wish: Wish) -> Row | None:
     return row if holds else None
 
 
-def _here(
-    tasks: Tasks,
-    wish: Wish,
-    cancel: Cancel | None,
-    on_start: Callable[[Entry], None] | None,
-) -> Iterator[Row]:
-    for entry, known in tasks:
-        if cancel is not None and cancel.is_set():
-            return
-        if on_start is not None:
+def _worked(
+    tasks: Tasks, wish: Wish, scheduler: str | None, on_start: Callable[[Entry], None]
+) -> Generator[Row]:
+    """Yield each row as it is there, from this process or from the workers of a scheduler."""
+    if scheduler is None:
+        for entry, known in tasks:
             on_start(entry)
-        yield run_entry(entry, wish, '', known)
-
-
-def _there(
-    entries: Tasks, wish: Wish, cancel: Cancel | None, scheduler: str
-) -> Iterator[Row]:
+            yield run_entry(entry, wish, '', known)
+        return
     from ros2_ident.identify.problem import sources
     from ros2_ident.search.cluster import connect
 
-    if not entries:
+    if not tasks:
         return
     client = connect(scheduler)
     try:
         executor = client.get_executor(pure=False)
-        tasks: dict[Future[Row], Entry] = {
+        futures: dict[Future[Row], Entry] = {
             executor.submit(run_entry, entry, wish, sources(), known): entry
-            for entry, known in entries
+            for entry, known in tasks
         }
-        for task in as_completed(tasks):
-            if cancel is not None and cancel.is_set():
-                return
+        for future in as_completed(futures):
             try:
-                yield task.result()
+                yield future.result()
             except Exception as error:
                 lost = f'the worker was lost ({error}); run the same command again'
-                yield {**_named(tasks[task]), **_failed(ErrorCode.INTERNAL, lost)}
+                yield _failed(_named(futures[future]), ErrorCode.INTERNAL, lost)
     finally:
         client.close()
 
@@ -184,33 +166,67 @@ def run_entry(entry: Entry, wish: Wish, asked: str = '', known: Row | None = Non
 
             require_sources(asked)
         row['key'] = key_of(entry, wish)
-        if known is None:
-            return {**row, **_found(entry, wish)}
-        return {**row, **_values(*_job(entry, wish)[0](known['common']))}
+        return {**row, **_found(entry, wish, None if known is None else known['common'])}
     except IdentError as error:
-        return {**row, **_failed(error.code, error.message)}
+        return _failed(row, error.code, error.message)
     except OSError as error:
         where = f'{error.filename or entry.bag}: cannot be read ({error.strerror})'
-        return {**row, **_failed(ErrorCode.NO_DATA, f'{where}; correct the path in the list')}
+        return _failed(row, ErrorCode.NO_DATA, f'{where}; correct the path in the list')
     except Exception as error:
         # A defect in one bag's run shall not cost the others theirs.
         what = f'{type(error).__name__}: {error}; run this bag alone and report what it says'
-        return {**row, **_failed(ErrorCode.INTERNAL, what)}
+        return _failed(row, ErrorCode.INTERNAL, what)
 
 
 def _named(entry: Entry) -> Row:
     return {**asdict(entry), 'labels': dict(entry.labels), 'key': ''}
 
 
-def _failed(code: ErrorCode, message: str) -> Row:
-    return {'state': 'failed', 'code': code.name, 'message': message}
+def _failed(row: Row, code: ErrorCode, message: str) -> Row:
+    return {**row, 'state': 'failed', 'code': code.name, 'message': message}
 
 
-def _found(entry: Entry, wish: Wish) -> Row:
+def _found(entry: Entry, wish: Wish, common: Effects | None) -> Row:
+    """Return what is found in a bag; only the parameters beside common effects where given."""
+    from ros2_ident import jobs
+    from ros2_ident.gap.case import recordings_from
+    from ros2_ident.gap.diagnose import diagnose
+    from ros2_ident.identify.run import identify
+    from ros2_ident.models import EffectAt, load_machine
     from ros2_ident.words.identification import message
+    from ros2_ident.words.verdict import sentence
 
-    fit, diagnosis = _job(entry, wish)
-    result, _ = fit(())
+    def able(model: Any) -> list[EffectAt]:
+        known = model.extensions() if common else ()
+        return [at for at in (EffectAt(*x) for x in common or ()) if at in known]
+
+    if entry.model:
+        make = _maker(entry.model)
+        models = recordings_from(make(entry.bag)).models
+        check = make(entry.check) if entry.check else ()
+        effects = able(models[0])
+        extended = [m.extended(effects) for m in models] if effects else models
+        result = identify(model=extended, fixed=wish.fixed, seed=wish.seed)
+    else:
+        request = jobs.Request(
+            load_machine(entry.machine_file),
+            bags=(entry.bag, *entry.more),
+            check=(entry.check,) if entry.check else (),
+            machine_file=entry.machine_file,
+            **{x.name: getattr(wish, x.name) for x in fields(wish) if x.name != 'diagnosed'},
+        )
+        logs = jobs.read(request)
+        effects = able(request.problem(logs.fit).models[0])
+        result = jobs.identify(replace(request, effects=tuple(effects)), logs).result
+    values: Row = {
+        'parameters': {
+            p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
+            for p in result.parameters
+        },
+        'beside': [[at.effect, at.where] for at in effects],
+    }
+    if common is not None:
+        return values
     found: Row = {
         'state': 'done',
         'code': result.outcome.error_code.name,
@@ -219,13 +235,14 @@ def _found(entry: Entry, wish: Wish) -> Row:
         'model': result.model,
         'residual': {x.drive: x.rms for x in result.residuals},
         'unit': result.cost.unit,
-        **_values(result),
+        **values,
     }
     if not wish.diagnosed:
         return found
-    from ros2_ident.words.verdict import sentence
-
-    verdict = diagnosis()
+    if entry.model:
+        verdict = diagnose(model=models, check_model=check, fixed=wish.fixed, seed=wish.seed)
+    else:
+        verdict = jobs.diagnose(request, logs).result
     return {
         **found,
         'effect': verdict.effect,
@@ -245,58 +262,6 @@ def _found(entry: Entry, wish: Wish) -> Row:
         },
         'complete': verdict.complete,
     }
-
-
-def _values(result: 'Identification', beside: Effects = ()) -> Row:
-    values = {
-        p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
-        for p in result.parameters
-    }
-    return {'parameters': values, 'beside': list(beside)}
-
-
-def _job(
-    entry: Entry, wish: Wish
-) -> 'tuple[Callable[[Effects], tuple[Identification, Effects]], Callable[[], Diagnosis]]':
-    """Return what identifies a bag with those effects it can have, and what diagnoses it."""
-    from ros2_ident import jobs
-    from ros2_ident.gap.case import recordings_from
-    from ros2_ident.gap.diagnose import diagnose
-    from ros2_ident.identify.run import identify
-    from ros2_ident.models import EffectAt, load_machine
-
-    def able(asked: Effects, model: Any) -> 'tuple[list[EffectAt], Effects]':
-        known = {(at.effect, at.where) for at in model.extensions()} if asked else set()
-        beside = [at for at in asked if tuple(at) in known]
-        return [EffectAt(*at) for at in beside], beside
-
-    if entry.model:
-        make = _maker(entry.model)
-        models = recordings_from(make(entry.bag)).models
-        check = make(entry.check) if entry.check else ()
-
-        def fit(asked: Effects) -> 'tuple[Identification, Effects]':
-            effects, beside = able(asked, models[0])
-            extended = [m.extended(effects) for m in models] if effects else models
-            return identify(model=extended, fixed=wish.fixed, seed=wish.seed), beside
-
-        return fit, lambda: diagnose(
-            model=models, check_model=check, fixed=wish.fixed, seed=wish.seed
-        )
-    request = jobs.Request(
-        load_machine(entry.machine_file),
-        bags=(entry.bag, *entry.more),
-        check=(entry.check,) if entry.check else (),
-        machine_file=entry.machine_file,
-        **{x.name: getattr(wish, x.name) for x in fields(wish) if x.name != 'diagnosed'},
-    )
-    logs = jobs.read(request)
-
-    def fit_bag(asked: Effects) -> 'tuple[Identification, Effects]':
-        effects, beside = able(asked, request.problem(logs.fit).models[0])
-        return jobs.identify(replace(request, effects=tuple(effects)), logs).result, beside
-
-    return fit_bag, lambda: jobs.diagnose(request, logs).result
 
 
 def _maker(model: str) -> Any:

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import json
 import math
 from pathlib import Path
-import statistics
 from typing import Any
 
 import numpy as np
@@ -110,12 +109,6 @@ def _effects_of(row: Row) -> Iterator[tuple[str, str]]:
         yield further['effect'], further['where']
 
 
-def _half(value: Mapping[str, Any]) -> float:
-    if value['low'] is None or value['high'] is None:
-        return math.inf
-    return 0.5 * (float(value['high']) - float(value['low']))
-
-
 def _medians(rows: Sequence[Row]) -> dict[tuple[str, str], Row]:
     """Return the median of each parameter and model that three machines or more have."""
     values: dict[tuple[str, str], list[Row]] = {}
@@ -131,8 +124,9 @@ def _median(values: Sequence[Mapping[str, Any]]) -> Row:
     It is drawn from their intervals: no formula holds for few values that are known unequally
     well. One that is hardly known does not hide how the others differ.
     """
-    middle = statistics.median(float(v['value']) for v in values)
-    halves = np.array([_half(v) for v in values])
+    middle = float(np.median([v['value'] for v in values]))
+    ends = np.array([(v['low'], v['high']) for v in values], dtype=float)
+    halves = 0.5 * (ends[:, 1] - ends[:, 0])
     if not np.isfinite(halves).all():
         return {'value': middle, 'low': None, 'high': None}
     draws = np.random.default_rng(0).normal(size=(DRAWS, len(values))) * halves / 1.96

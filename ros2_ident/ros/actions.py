@@ -17,6 +17,7 @@ from rclpy.task import Future
 from ros2_ident_msgs.action import Diagnose, Identify
 from ros2_ident_msgs.msg import Status
 
+from ros2_ident import jobs
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.jobs import Identified
 from ros2_ident.ros import conversion, parameters, run
@@ -44,7 +45,7 @@ class Kind:
         state: The node's meanwhile.
         field: Name of the result's field, which holds a message with an error code.
         topic: Where that message goes as well, latched.
-        run: Does what a goal wants, in the worker's thread; see `run.identify`.
+        find: Finds what a goal wants; see `run.carry_out`.
         feedback: Makes a progress a feedback, and a sentence of it.
         message: Makes the end of a run a message; see `conversion.result_message`.
         sentence: Returns what such a message says was found.
@@ -55,7 +56,7 @@ class Kind:
     state: int
     field: str
     topic: str
-    run: Callable[..., Any]
+    find: Callable[..., Any]
     feedback: Callable[..., tuple[Any, str]]
     message: Callable[..., Any]
     sentence: Callable[[Any], str]
@@ -67,7 +68,7 @@ IDENTIFY = Kind(
     Status.STATE_IDENTIFYING,
     'identification',
     'result',
-    run.identify,
+    jobs.identify,
     conversion.identify_feedback,
     conversion.result_message,
     lambda message: message.outcome_sentence,
@@ -78,7 +79,7 @@ DIAGNOSE = Kind(
     Status.STATE_DIAGNOSING,
     'gap',
     'gap',
-    run.diagnose,
+    jobs.diagnose,
     conversion.diagnose_feedback,
     conversion.gap_message,
     conversion.gap_sentence,
@@ -225,7 +226,7 @@ class GoalServer:
             node.worker.post(lambda: node.outlet.series(*series))
 
         def job(cancel: Cancel, say: Says) -> tuple[Any, ...]:
-            done = self.kind.run(wanted, received, cancel, say, preview)
+            done = run.carry_out(self.kind.find, wanted, received, cancel, say, preview)
             # a result is not lost with its file
             return done, excitation(done.logs.fit), *attempt(lambda: run.save(done))
 

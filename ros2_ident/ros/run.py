@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -15,8 +16,7 @@ import yaml
 from ros2_ident import jobs
 from ros2_ident.files import write_text
 from ros2_ident.gap.diagnose import DiagnoseProgress
-from ros2_ident.identify.settings import IdentifyProgress
-from ros2_ident.jobs import Diagnosed, Identified, Logs, Request
+from ros2_ident.jobs import Diagnosed, Identified, Request
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.recording import cdr, RecordingBuilder
 from ros2_ident.report.overlay import (
@@ -68,63 +68,51 @@ def asked_of(done: Identified | Diagnosed) -> Wanted:
     return done.request
 
 
-def identify(
+def carry_out(
+    find: Callable[..., Any],
     wanted: Wanted,
     received: RecordingBuilder | None,
     cancel: Cancel | None = None,
-    on_progress: Callable[[IdentifyProgress], None] = lambda progress: None,
+    on_progress: Callable[[Any], None] = lambda progress: None,
     on_preview: Callable[[Series, Series], None] | None = None,
-) -> Identified:
-    """Identify.
+) -> Any:
+    """Identify or diagnose.
 
     Args:
+        find: `jobs.identify` or `jobs.diagnose`.
         wanted: What to do.
         received: What the node has received; needed where the request names no bag.
         cancel: The best so far is kept.
         on_progress: Called from this thread.
-        on_preview: Gets simulated and residual effort of better and better candidates, from this
-            thread; see `Preview`.
+        on_preview: Gets simulated and residual effort of better and better candidates of an
+            identification, from this thread; see `Preview`.
 
     Returns:
-        The result, also where the run was cancelled.
+        What `find` returns, also where the run was cancelled.
 
     Raises:
         IdentError: With the remedy.
     """
+    identifying = find is jobs.identify
+    if not identifying:
+        on_progress(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
     logs, rate = jobs.read(wanted, received), wanted.preview_rate
-    preview = None
-    if on_preview is not None and rate:
-        preview = Preview(wanted.problem(logs.fit), on_preview, 1.0 / rate)
+    listeners = [on_progress]
+    if identifying and on_preview is not None and rate:
+        listeners.append(Preview(wanted.problem(logs.fit), on_preview, 1.0 / rate))
 
-    def report(progress: IdentifyProgress) -> None:
-        on_progress(progress)
-        if preview is not None:
-            preview(progress)
+    def report(progress: Any) -> None:
+        for listener in listeners:
+            listener(progress)
 
-    place = _place(wanted, logs, 'identify')
-    return jobs.identify(wanted, logs, cancel=cancel, on_progress=report, checkpoint=place)
-
-
-def diagnose(
-    wanted: Wanted,
-    received: RecordingBuilder | None,
-    cancel: Cancel,
-    on_progress: Callable[[DiagnoseProgress], None],
-    on_preview: object = None,
-) -> Diagnosed:
-    """Diagnose; arguments, result and errors as of `identify`, but that nothing is previewed."""
-    on_progress(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
-    logs = jobs.read(wanted, received)
-    place = _place(wanted, logs, 'diagnose')
-    done = jobs.diagnose(wanted, logs, cancel=cancel, on_progress=on_progress, checkpoint=place)
-    assert done.declared  # worked out here, not in the executor's thread
-    return done
-
-
-def _place(wanted: Wanted, logs: Logs, what: str) -> Path | None:
     check = logs.check.sha256 if logs.check else ''
     asked = wanted.machine.digest, wanted.configuration, repr(wanted.settings)
-    return checkpoint_of(wanted.output_directory, what, *asked, logs.sha256, check)
+    place = checkpoint_of(
+        wanted.output_directory, find.__name__, *asked, logs.sha256, check
+    )
+    done = find(wanted, logs, cancel=cancel, on_progress=report, checkpoint=place)
+    assert identifying or done.declared  # worked out here, not in the executor's thread
+    return done
 
 
 # ---------------------------------------------------------------------- files and series

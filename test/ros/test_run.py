@@ -2,6 +2,7 @@
 """A run of the worker: needs no rclpy."""
 
 from dataclasses import replace
+from functools import partial
 import os
 import threading
 
@@ -9,17 +10,19 @@ from identify_cases import After, AXIS_FILE, ROOT
 import numpy as np
 import pytest
 
+from ros2_ident import jobs
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.report.overlay import Preview, SAMPLES
 from ros2_ident.ros.paths import checkpoint_of, MOST
-from ros2_ident.ros.run import diagnose, identify, save, Wanted
+from ros2_ident.ros.run import carry_out, save, Wanted
 from ros2_ident.search import GeneticSettings
 from ros2_ident.search.journal import Journal
 
 BAG = ROOT / 'bags/axis_reversals'
+identify, diagnose = partial(carry_out, jobs.identify), partial(carry_out, jobs.diagnose)
 
 
 @pytest.fixture(scope='module')
