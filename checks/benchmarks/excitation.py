@@ -130,8 +130,7 @@ def main():
     wish = Wish(criterion=args.criterion, settings=settings, threads=args.threads)
     found = excite(courses, sensitivity, wish)
     folder = Path(args.out)
-    highest = float(courses.series.harmonics.max()) / courses.series.period
-    write_excitation(folder, found, machine.drives, highest, 3.0)
+    write_excitation(folder, found, 3.0)
     by_drive = {
         drive: {KEYS[n]: float(x) for n in KEYS if np.isfinite(x := getattr(limits, n)[d])}
         for d, drive in enumerate(machine.drives)

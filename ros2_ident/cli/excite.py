@@ -46,15 +46,8 @@ def run(args: argparse.Namespace) -> int:
                 ),
             )
         answer(found)
-        series = courses.series
-        files = write_excitation(
-            args.out,
-            found,
-            machine.drives,
-            float(series.harmonics.max()) / series.period,
-            args.lead,
-            shlex.join(['ident', *args.words]),
-        )
+        asked = shlex.join(['ident', *args.words])
+        files = write_excitation(args.out, found, args.lead, asked)
     print(f'written: {", ".join(str(path) for path in files)}')
     if Path(args.out) / PICTURE not in files:
         print('no picture is drawn: `pip install "ros2-ident[picture]"`', file=sys.stderr)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A motion in files: a bag of set-points, a trajectory for a controller, a table, its worth."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from importlib.util import find_spec
 import json
 from pathlib import Path
@@ -38,20 +38,13 @@ _START = 1_700_000_000_000_000_000
 
 
 def write_excitation(
-    directory: str | Path,
-    found: Excitation,
-    drives: Sequence[str],
-    highest: float,
-    lead: float,
-    asked: str = '',
+    directory: str | Path, found: Excitation, lead: float, asked: str = ''
 ) -> list[Path]:
     """Write a motion; return the files, without a picture where matplotlib is missing.
 
     Args:
         directory: Where to; it is made.
         found: The motion.
-        drives: Names of the drives.
-        highest: Highest frequency of the set-points, Hz.
         lead: Time that the controller of a trajectory has to reach its first point, s.
         asked: The command, for the bag's metadata.
 
@@ -61,11 +54,11 @@ def write_excitation(
     require_place(directory)
     folder = make_directory(directory)
     bag = folder / BAG
-    message = _trajectory(found, drives, highest, lead)
-    _write_bag(bag, found, drives, message, asked)
+    message = _trajectory(found, lead)
+    _write_bag(bag, found, message, asked)
     text = yaml.safe_dump(message, default_flow_style=None, sort_keys=False, width=1 << 20)
     files = [write_text(folder / TRAJECTORY, f'# {mark("trajectory")}\n{text}')]
-    files.append(write_table(folder / TABLE, *_table(found, drives)))
+    files.append(write_table(folder / TABLE, *_table(found)))
     files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
     if find_spec('matplotlib') is None:
         return [bag, *files]
@@ -73,7 +66,7 @@ def write_excitation(
 
     about = {'format': 'ros2_ident.picture'}
     with replacing(folder / PICTURE) as file:
-        picture(found, drives).savefig(file, format='png', dpi=110, metadata=about)
+        picture(found).savefig(file, format='png', dpi=110, metadata=about)
     return [bag, *files, folder / PICTURE]
 
 
@@ -88,12 +81,11 @@ def require_place(directory: str | Path) -> None:
     require_ours(folder / name for name in (TRAJECTORY, TABLE, WORTH, PICTURE))
 
 
-def _write_bag(
-    path: Path, found: Excitation, drives: Sequence[str], message: dict[str, Any], asked: str
-) -> None:
+def _write_bag(path: Path, found: Excitation, message: dict[str, Any], asked: str) -> None:
     position, velocity = found.planned.position.T, found.planned.velocity.T
-    stamp = _START + np.round(1e9 * found.cycle * np.arange(len(position))).astype(np.int64)
-    stream = Stream(tuple(drives), stamp, position=position, velocity=velocity)
+    cycle = found.courses.series.cycle
+    stamp = _START + np.round(1e9 * cycle * np.arange(len(position))).astype(np.int64)
+    stream = Stream(found.courses.machine.drives, stamp, position=position, velocity=velocity)
     trajectory = Topic(TOPIC, _KIND, [(_START, _serialised(message))])
     write_bag(
         path,
@@ -104,15 +96,14 @@ def _write_bag(
     )
 
 
-def _trajectory(
-    found: Excitation, drives: Sequence[str], highest: float, lead: float
-) -> dict[str, Any]:
+def _trajectory(found: Excitation, lead: float) -> dict[str, Any]:
     """Return a JointTrajectory as plain data."""
-    every = max(1, int(1.0 / (_POINTS * highest * found.cycle)))
+    series = found.courses.series
+    every = max(1, int(1.0 / (_POINTS * series.highest * series.cycle)))
     last = found.planned.position.shape[1] - 1
     points = []
     for k in sorted({*range(0, last, every), last}):
-        seconds, fraction = divmod(round(1e9 * (lead + k * found.cycle)), 1_000_000_000)
+        seconds, fraction = divmod(round(1e9 * (lead + k * series.cycle)), 1_000_000_000)
         rows = (found.planned.position, found.planned.velocity, found.planned.acceleration)
         position, velocity, acceleration = ([round(float(x), 9) for x in r[:, k]] for r in rows)
         points.append(
@@ -123,7 +114,7 @@ def _trajectory(
                 'time_from_start': {'sec': seconds, 'nanosec': fraction},
             }
         )
-    return {'joint_names': list(drives), 'points': points}
+    return {'joint_names': list(found.courses.machine.drives), 'points': points}
 
 
 def _serialised(message: dict[str, Any]) -> bytes:
@@ -146,14 +137,13 @@ def _serialised(message: dict[str, Any]) -> bytes:
     return bytes(store.serialize_cdr(whole, _KIND))
 
 
-def _table(
-    found: Excitation, drives: Sequence[str]
-) -> tuple[list[str], Iterator[list[str]]]:
+def _table(found: Excitation) -> tuple[list[str], Iterator[list[str]]]:
     """Return head and rows: time, and position, velocity and acceleration of each drive."""
     rows = (found.planned.position, found.planned.velocity, found.planned.acceleration)
     words = ('position', 'velocity', 'acceleration')
+    drives = found.courses.machine.drives
     head = ['time', *(f'{drive}.{word}' for word in words for drive in drives)]
-    time = found.cycle * np.arange(rows[0].shape[1])
+    time = found.courses.series.cycle * np.arange(rows[0].shape[1])
     values = np.column_stack([time, *(row.T for row in rows)]).tolist()
     return head, ([f'{x:.9g}' for x in row] for row in values)
 
@@ -166,7 +156,7 @@ def worth(found: Excitation) -> dict[str, Any]:
     return {
         'schema': 'ros2_ident.excitation',
         'version': 1,
-        'seconds': (found.planned.position.shape[1] - 1) * found.cycle,
+        'seconds': (found.planned.position.shape[1] - 1) * found.courses.series.cycle,
         'parameters': {
             p.name: {
                 'unit': p.unit,

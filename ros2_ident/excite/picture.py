@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A motion as a picture: what the drives do, what of their limits that takes, what it is worth."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,12 +29,11 @@ _COLOURS = (BLUE, ORANGE, GREEN, RED, SKY, GREY)
 _POINTS, _BARS = 4000, 30
 
 
-def picture(found: Excitation, drives: Sequence[str]) -> 'Figure':
+def picture(found: Excitation) -> 'Figure':
     """Draw a motion over time, in shares of its limits, and the intervals that it will give.
 
     Args:
         found: The motion.
-        drives: Names of the drives.
     """
     from matplotlib.figure import Figure
 
@@ -44,9 +42,10 @@ def picture(found: Excitation, drives: Sequence[str]) -> 'Figure':
     below = 0.9 + 0.2 * len(chosen)
     figure = Figure(figsize=(WIDTH, 7.0 + below), layout='constrained')
     axes = figure.subplots(5, 1, height_ratios=[1.8, 1.2, 1.2, 1.2, below])
-    planned, moved, limits = found.planned, found.shown.moved, found.limits
+    planned, moved, limits = found.planned, found.shown.moved, found.courses.limits
     _lines(axes[0], found, planned.position)
     axes[0].set_ylabel('position')
+    drives = found.courses.machine.drives
     axes[0].legend(
         drives, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False
     )
@@ -77,7 +76,7 @@ def _of_box(found: Excitation, half: Array) -> Array:
 
 def _lines(axes: 'Axes', found: Excitation, rows: Array) -> None:
     every = max(1, rows.shape[1] // _POINTS)
-    time = found.cycle * np.arange(rows.shape[1])[::every]
+    time = found.courses.series.cycle * np.arange(rows.shape[1])[::every]
     for number, row in enumerate(rows):
         axes.plot(time, row[::every], color=_COLOURS[number % len(_COLOURS)], lw=0.9)
     axes.margins(x=0.0)

@@ -66,8 +66,7 @@ class Excitation:
         planned: Its set-points.
         shown: What the machine does, and the information in its log.
         others: What it does with parameters a quarter lower and higher than expected.
-        limits: What it keeps to.
-        cycle: Time between two set-points, s.
+        courses: What it was chosen from, with machine and limits.
         parameters: The N parameters.
         values: (N,) at which the information was worked out.
         wanted: (N,) which of them were to be determined.
@@ -81,8 +80,7 @@ class Excitation:
     planned: Moved
     shown: Shown
     others: tuple[Moved, ...]
-    limits: Limits
-    cycle: float
+    courses: Courses
     parameters: tuple[Parameter, ...]
     values: Array
     wanted: npt.NDArray[np.bool_]
@@ -94,7 +92,7 @@ class Excitation:
     @property
     def loads(self) -> dict[str, float]:
         """The largest share of a limit that set-points or simulated machine take, by quantity."""
-        return largest(self.limits, self.planned, self.shown.moved, *self.others)
+        return largest(self.courses.limits, self.planned, self.shown.moved, *self.others)
 
 
 def largest(limits: Limits, *motions: Moved) -> dict[str, float]:
@@ -135,8 +133,7 @@ def excite(
         planned=planned,
         shown=shown,
         others=others,
-        limits=courses.limits,
-        cycle=courses.series.cycle,
+        courses=courses,
         parameters=sensitivity.parameters,
         values=sensitivity.values,
         wanted=wanted,

@@ -39,6 +39,8 @@ DOWN_TO_NOISE = 1.2
 USUAL_STEPS = 12
 # What a candidate costs that is simulated to its end, over one of the search: most are given up.
 WHOLE = 5.0
+# Least time between two reports of a refinement, s.
+_INTERVAL = 0.1
 # Copies of a candidate's numbers that a search holds at once, and bytes beside them, measured.
 _COPIES, _BESIDE = 4, 100
 
@@ -231,14 +233,9 @@ class _Either:
         self._cancel = cancel
         self._deadline = deadline
 
-    @property
-    def cancelled(self) -> bool:
-        return self._cancel is not None and self._cancel.is_set()
-
     def is_set(self) -> bool:
-        return self.cancelled or (
-            self._deadline is not None and time.monotonic() >= self._deadline
-        )
+        cancelled = self._cancel is not None and self._cancel.is_set()
+        return cancelled or (self._deadline is not None and time.monotonic() >= self._deadline)
 
 
 @dataclass(eq=False)
@@ -402,9 +399,8 @@ class _Fit:
             limit = min(limit, left // len(starts))
         if limit < 1 or stop.is_set():
             return None
-        watched = _Watched(self, ga, len(starts))
         return refine(
-            watched.residuals,
+            self._watched(ga, len(starts)),
             starts,
             self.problem.low,
             self.problem.high,
@@ -415,6 +411,45 @@ class _Fit:
             key=self.problem.key,
         )
 
+    def _watched(self, ga: SearchResult, starts: int) -> Evaluate:
+        """Return the residuals, with reports on the way."""
+        if self.on_progress is None:
+            return self.residuals
+        usual = self.usual * starts // self.settings.starts
+        best, theta_best, count = ga.cost, ga.theta, 0
+        began = reported = time.monotonic()
+
+        def residuals(theta: Array) -> Array:
+            nonlocal best, theta_best, count, reported
+            out = self.residuals(theta)
+            count += len(theta)
+            cost = self.problem.cost_of(out[0]) if len(theta) == 1 else best
+            if cost < best:
+                best, theta_best = cost, theta[0].copy()
+            now = time.monotonic()
+            if now - reported < _INTERVAL:
+                return out
+            reported = now
+            self.tell(
+                Progress(
+                    phase='refinement',
+                    generation=min(starts, 1 + int(count * starts / usual)),
+                    generations=starts,
+                    evaluations=ga.evaluations + count,
+                    budget=ga.evaluations + max(usual, count),
+                    best_cost=best,
+                    unit='',
+                    names=(),
+                    best_theta=theta_best,
+                    spread=self.search.spread,
+                    elapsed=0.0,
+                    eta=(now - began) / count * max(0, usual - count),
+                )
+            )
+            return out
+
+        return residuals
+
     # ------------------------------------------------------------------ confidence
 
     def _intervals(self, theta: Array, residual: Array, jacobian: Array) -> Intervals | None:
@@ -423,56 +458,4 @@ class _Fit:
         p = self.problem
         return intervals(
             jacobian, residual, theta, p.low, p.high, series=p.series, level=self.settings.level
-        )
-
-
-@dataclass(eq=False)
-class _Watched:
-    """The residuals, with reports on the way."""
-
-    INTERVAL: ClassVar[float] = 0.1
-    run: _Fit
-    ga: SearchResult
-    starts: int
-    evaluations: int = 0
-
-    def __post_init__(self) -> None:
-        ga = self.ga
-        self.best_cost = ga.cost
-        self.best_theta = ga.theta
-        self.began = self.reported = time.monotonic()
-
-    def residuals(self, theta: Array) -> Array:
-        out = self.run.residuals(theta)
-        self.evaluations += len(theta)
-        if self.run.on_progress is None:
-            return out
-        if len(theta) == 1:
-            cost = self.run.problem.cost_of(out[0])
-            if cost < self.best_cost:
-                self.best_cost, self.best_theta = cost, theta[0].copy()
-        now = time.monotonic()
-        if now - self.reported >= self.INTERVAL:
-            self.reported = now
-            self._report(now)
-        return out
-
-    def _report(self, now: float) -> None:
-        usual = self.run.usual * self.starts // self.run.settings.starts
-        share = usual / self.starts
-        self.run.tell(
-            Progress(
-                phase='refinement',
-                generation=min(self.starts, 1 + int(self.evaluations / share)),
-                generations=self.starts,
-                evaluations=self.ga.evaluations + self.evaluations,
-                budget=self.ga.evaluations + max(usual, self.evaluations),
-                best_cost=self.best_cost,
-                unit='',
-                names=(),
-                best_theta=self.best_theta,
-                spread=self.run.search.spread,
-                elapsed=0.0,
-                eta=(now - self.began) / self.evaluations * max(0, usual - self.evaluations),
-            )
         )

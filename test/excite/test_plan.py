@@ -227,7 +227,7 @@ def test_the_reference_keeps_to_the_limits(axis, found, wrong) -> None:
     log = twin_of(axis).simulate(axis, truth, found.planned.position, found.planned.velocity)
     acceleration = np.gradient(log.velocity, log.cycle, axis=1)
     seen = Moved(log.position, log.velocity, acceleration, effort=log.effort)
-    loads = largest(found.limits, found.planned, seen)
+    loads = largest(found.courses.limits, found.planned, seen)
     assert 0.95 < max(loads.values()) < 1.01
 
 
