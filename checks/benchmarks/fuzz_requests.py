@@ -47,7 +47,6 @@ from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import RecordingBuilder  # noqa: E402
 from ros2_ident.recording.cdr import decode  # noqa: E402
-from ros2_ident.recording.limits import Limits  # noqa: E402
 from ros2_ident.report.page import write_report  # noqa: E402
 from ros2_ident.report.tables import write_tables  # noqa: E402
 from ros2_ident.search import GeneticSettings, journal  # noqa: E402
@@ -224,7 +223,7 @@ class Messages:
             data = damage(data, generator)
         role = generator.choice(('state', 'effort', 'command'))
         try:
-            for block in decode([data], Limits()):
+            for block in decode([data]):
                 self.builder.add_block(role, block.stamp, block.names, *block.fields)
         except (ValueError, IndexError):
             return 'refused'

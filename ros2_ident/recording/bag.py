@@ -14,7 +14,6 @@ from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.content import Content, Messages
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
-from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import (
@@ -86,10 +85,7 @@ class Topics:
 
 
 def read_bag(
-    path: str | Path,
-    topics: Topics | None = None,
-    limits: Limits | None = None,
-    travel: Travel | None = None,
+    path: str | Path, topics: Topics | None = None, travel: Travel | None = None
 ) -> list[Recording]:
     """Read what joints do from a bag's topics, or a table's columns.
 
@@ -97,7 +93,6 @@ def read_bag(
         path: A bag directory with or without metadata.yaml, a bare `.mcap`, `.db3` or `.bag`
             file, a `.csv` file, or a LeRobot folder.
         topics: Which topics to read; the default names where None.
-        limits: How much of the machine it may take; those of the environment where None.
         travel: Ends of the machine's joints, by which a LeRobot folder's unit is told.
 
     Returns:
@@ -110,15 +105,14 @@ def read_bag(
     """
     path = Path(path)
     topics = topics or Topics()
-    limits = limits or Limits.from_environment()
     try:
         if path.suffix.lower() in TABLES:
-            return read_table(path, topics.columns, limits)
+            return read_table(path, topics.columns)
         if is_lerobot(path):
             roles = [role for role in ROLES if topics.topic(role)]
             unit = topics.position_unit
-            return read_lerobot(path, roles, unit, topics.columns, travel, limits)
-        return _read(path, topics, limits)
+            return read_lerobot(path, roles, unit, topics.columns, travel)
+        return _read(path, topics)
     except OSError as exc:
         raise IdentError(
             ErrorCode.NO_DATA,
@@ -157,7 +151,7 @@ def read_bags(
     return found
 
 
-def _read(path: Path, topics: Topics, limits: Limits) -> list[Recording]:
+def _read(path: Path, topics: Topics) -> list[Recording]:
     """Read a bag; see `read_bag`."""
     roles = topics.roles()
     files, warnings = storage_files(path)
@@ -172,7 +166,7 @@ def _read(path: Path, topics: Topics, limits: Limits) -> list[Recording]:
             metadata = None
 
     def scanned(topics: Topics) -> Content:
-        content = Content(topics.roles(), limits, topics.names)
+        content = Content(topics.roles(), topics.names)
         _scan_all(path, files, content, metadata)
         return content
 
@@ -183,7 +177,7 @@ def _read(path: Path, topics: Topics, limits: Limits) -> list[Recording]:
     if not content.warnings:  # damage says it all: metadata.yaml cannot fit a broken file
         content.warnings[:0] = warnings
     _check_topics(path, content, roles, topics)
-    builder = RecordingBuilder(str(path), digest(files), limits, notes=notes)
+    builder = RecordingBuilder(str(path), digest(files), notes)
     for sentence in content.warnings:
         builder.warn(sentence)
     for (topic, role), messages in content.messages.items():
@@ -262,7 +256,7 @@ def _scan_all(path: Path, files: list[Path], content: Content, metadata: Metadat
     """
     refused: list[IdentError] = []
     scanned: list[tuple[Path, Losses]] = []
-    with unpacked(files, content.limits) as plain:
+    with unpacked(files) as plain:
         for file, (place, whole) in zip(files, plain, strict=True):
             try:
                 losses = _scan(place, content)

@@ -100,21 +100,15 @@ class RecordingBuilder:
     Args:
         source: Where the messages come from, for the recordings and the errors.
         sha256: Hash of the bag, empty for live data.
-        limits: How many joints, and how much memory they may take.
         notes: What is worth knowing of where the values come from, one sentence each.
     """
 
     def __init__(
-        self,
-        source: str = LIVE,
-        sha256: str = '',
-        limits: Limits | None = None,
-        notes: Sequence[str] = (),
+        self, source: str = LIVE, sha256: str = '', notes: Sequence[str] = ()
     ) -> None:
         self.source = source
         self.notes = tuple(notes)
         self.sha256 = sha256
-        self.limits = limits or Limits()
         self._tracks = {role: _Track() for role in ROLES}
         self._warnings: list[str] = []
 
@@ -258,7 +252,7 @@ class RecordingBuilder:
 
     def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
         """Return the names as they may be shown, within the limits of a stream."""
-        track, limits = self._tracks[role], self.limits
+        track, limits = self._tracks[role], Limits.from_environment()
         joints = tuple(names)
         if all(name in track.joints for name in joints):
             return joints
@@ -289,7 +283,8 @@ class RecordingBuilder:
             )
             return []
         needed = 3 * sum(measured) * len(names) * track.count * 8
-        self.limits.require_memory(f'{self.source}: {role} with {len(names)} joints takes', needed)
+        what = f'{self.source}: {role} with {len(names)} joints takes'
+        Limits.from_environment().require_memory(what, needed)
         stamp, _, fields = track.joined(track.blocks)
         for target in fields:
             if target is not None and (bad := np.abs(target) > _ABSURD).any():

@@ -22,7 +22,6 @@ from ros2_ident.recording.streams import FloatArray, IntArray
 _ROUNDS = 32
 # CDR may be filled up to its alignment; more at the end is no JointState.
 _PADDING = 8
-_ANY = Limits(joints=1 << 31, name=1 << 31)
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 _HEADER = 4  # bytes of encapsulation before the first byte that alignment counts from
 
@@ -79,7 +78,6 @@ class Cursor:
 
     Args:
         data: The message with its four bytes of encapsulation.
-        limits: How many names, and of what length.
 
     Attributes:
         at: Place of the next byte.
@@ -90,7 +88,7 @@ class Cursor:
         ValueError: The bytes are no message, here and in every step.
     """
 
-    def __init__(self, data: bytes, limits: Limits) -> None:
+    def __init__(self, data: bytes) -> None:
         if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
             raise ValueError('no CDR message')
         self.big = data[1] == 0
@@ -98,7 +96,7 @@ class Cursor:
         self.fixed[:2] = True
         self.at = _HEADER
         self._data = data
-        self._limits = limits
+        self._limits = Limits.from_environment()
         self._unpack = struct.Struct(f'{">" if self.big else "<"}I').unpack_from
 
     def skip(self, size: int, align: int) -> int:
@@ -161,15 +159,14 @@ class Cursor:
             raise ValueError('message goes on after its end')
 
 
-Parse = Callable[[bytes, Limits], Layout]
+Parse = Callable[[bytes], Layout]
 
 
-def parse_layout(data: bytes, limits: Limits | None = None) -> Layout:
+def parse_layout(data: bytes) -> Layout:
     """Find the parts of one serialised JointState.
 
     Args:
         data: The message with its four bytes of encapsulation.
-        limits: How many names, and of what length.
 
     Returns:
         The layout.
@@ -177,7 +174,7 @@ def parse_layout(data: bytes, limits: Limits | None = None) -> Layout:
     Raises:
         ValueError: The bytes are no JointState; TooManyNamesError where they exceed the limits.
     """
-    cursor = Cursor(data, limits or Limits())
+    cursor = Cursor(data)
     cursor.header()
     names = cursor.names()
     position, velocity, effort = cursor.doubles(), cursor.doubles(), cursor.doubles()
@@ -185,14 +182,11 @@ def parse_layout(data: bytes, limits: Limits | None = None) -> Layout:
     return Layout(names, (position, velocity, effort), cursor.fixed, cursor.big)
 
 
-def decode(
-    messages: Sequence[bytes], limits: Limits | None = None, parse: Parse = parse_layout
-) -> list[Block]:
+def decode(messages: Sequence[bytes], parse: Parse = parse_layout) -> list[Block]:
     """Decode serialised messages.
 
     Args:
         messages: T messages of one topic, in order.
-        limits: How many names each may have, and of what length.
         parse: Finds the parts of a message; those of a JointState by default.
 
     Returns:
@@ -203,7 +197,6 @@ def decode(
     """
     if not messages:
         return []
-    limits = limits or Limits()
     sizes = np.fromiter((len(m) for m in messages), dtype=np.int64, count=len(messages))
     layout_of = np.empty(len(messages), dtype=np.int64)
     layouts: list[Layout] = []
@@ -213,7 +206,7 @@ def decode(
         rows = np.flatnonzero(sizes == size)
         joined = b''.join([messages[i] for i in rows.tolist()])
         table = np.frombuffer(joined, dtype=np.uint8).reshape(rows.size, size)
-        for layout, chosen in _by_layout(messages, rows, table, lambda data: parse(data, limits)):
+        for layout, chosen in _by_layout(messages, rows, table, parse):
             layout_of[rows[chosen]] = len(layouts)
             place[rows[chosen]] = np.arange(chosen.size)
             layouts.append(layout)
@@ -229,10 +222,7 @@ def decode(
 
 
 def _by_layout(
-    messages: Sequence[bytes],
-    rows: IntArray,
-    table: NDArray[np.uint8],
-    parse: Callable[[bytes], Layout],
+    messages: Sequence[bytes], rows: IntArray, table: NDArray[np.uint8], parse: Parse
 ) -> Iterator[tuple[Layout, IntArray]]:
     """Yield the layouts of messages of one size, each with the rows of the table that have it."""
     left = np.arange(rows.size)
@@ -315,7 +305,7 @@ def encode(
     seconds, nanoseconds = np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000)
     table[:, 4:8] = seconds.astype('<i4').view(np.uint8).reshape(-1, 4)
     table[:, 8:12] = nanoseconds.astype('<u4').view(np.uint8).reshape(-1, 4)
-    for places, values in zip(parse_layout(message, _ANY).places, fields, strict=True):
+    for places, values in zip(parse_layout(message).places, fields, strict=True):
         if places is not None:
             raw = np.ascontiguousarray(values, dtype='<f8').view(np.uint8).reshape(stamp.size, -1)
             table[:, places[0] : places[0] + raw.shape[1]] = raw

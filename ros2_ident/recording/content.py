@@ -33,7 +33,6 @@ class Messages:
     A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
 
     Args:
-        limits: How much of them.
         parse: Finds the values in a message; those of a JointState by default.
 
     Attributes:
@@ -42,12 +41,12 @@ class Messages:
         blocks: What is decoded: log times, ns, and values.
     """
 
-    def __init__(self, limits: Limits, parse: cdr.Parse = cdr.parse_layout) -> None:
+    def __init__(self, parse: cdr.Parse = cdr.parse_layout) -> None:
         self.count = 0
         self.lost = 0
         self.blocks: deque[Decoded] = deque()
         self._parse = parse
-        self._limits = limits
+        self._limits = Limits.from_environment()
         self._fresh: list[tuple[int, bytes]] = []
         self._held = 0
         self._bytes = 0
@@ -75,14 +74,14 @@ class Messages:
         try:
             if max(times) >= LATEST_STAMP or min(times) <= -LATEST_STAMP:
                 raise ValueError
-            found = cdr.decode(data, self._limits, self._parse)
+            found = cdr.decode(data, self._parse)
         except cdr.TooManyNamesError as exc:
             raise IdentError(ErrorCode.BAD_VALUES, str(exc)) from None
         except (ValueError, IndexError):
             whole = [pair for pair in zip(times, data, strict=True) if self._is_whole(*pair)]
             self.lost += len(fresh) - len(whole)
             times = [x[0] for x in whole]
-            found = cdr.decode([x[1] for x in whole], self._limits, self._parse)
+            found = cdr.decode([x[1] for x in whole], self._parse)
         clock = np.array(times, dtype=np.int64)
         for block in found:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
@@ -93,7 +92,7 @@ class Messages:
     def _is_whole(self, log_time: int, message: bytes) -> bool:
         """Say whether a message decodes by itself."""
         try:
-            (block,) = cdr.decode([message], self._limits, self._parse)
+            (block,) = cdr.decode([message], self._parse)
         except (ValueError, IndexError):
             return False
         names = block.names
@@ -115,7 +114,7 @@ class Messages:
     def _plain(self, data: list[bytes]) -> list[bytes]:
         """Unpack messages that were compressed one by one; what cannot be becomes empty."""
         if any(x.startswith(ZSTD) for x in data):
-            budget = Budget(sum(map(len, data)), self._limits)
+            budget = Budget(sum(map(len, data)))
             data = [_unpacked(x, budget) if x.startswith(ZSTD) else x for x in data]
         return data
 
@@ -123,8 +122,8 @@ class Messages:
 class Trajectories(Messages):
     """The trajectories sent on a topic; their blocks are the set-point that follows them."""
 
-    def __init__(self, limits: Limits) -> None:
-        super().__init__(limits)
+    def __init__(self) -> None:
+        super().__init__()
         self._sent: list[tuple[int, Trajectory]] = []
 
     def decode(self) -> None:
@@ -143,7 +142,7 @@ class Trajectories(Messages):
 
     def finish(self) -> None:
         """Follow the trajectories."""
-        for block in set_points([x for _, x in self._sent], self._limits):
+        for block in set_points([x for _, x in self._sent]):
             self.blocks.append((block.stamp, block))
         self._sent = []
 
@@ -176,7 +175,6 @@ class Content:
 
     Attributes:
         wanted: Roles of each topic to read.
-        limits: How much of it.
         names: What the numbers of arrays are; see `ros2_control.parser`.
         messages: By topic and role, of those wanted that can be read.
         types: Message type of every topic of the bag.
@@ -185,7 +183,6 @@ class Content:
     """
 
     wanted: Mapping[str, tuple[str, ...]]
-    limits: Limits = field(default_factory=Limits)
     names: tuple[str, ...] = ()
     messages: dict[tuple[str, str], Messages] = field(default_factory=dict)
     types: dict[str, str] = field(default_factory=dict)
@@ -204,7 +201,7 @@ class Content:
             Damage: There are more topics than any machine has.
         """
         if topic not in self.types:
-            if len(self.types) >= 100 * self.limits.joints:
+            if len(self.types) >= 100 * Limits.from_environment().joints:
                 raise Damage('it names more topics than are allowed')
             self.types[topic] = kind
         self.counts.setdefault(topic, 0)
@@ -216,11 +213,8 @@ class Content:
         self.types[topic] = kind
         sinks = []
         for role in roles:
-            new = (
-                Trajectories(self.limits)
-                if kind == TRAJECTORY
-                else Messages(self.limits, parser(kind, role, self.names))
-            )
+            trajectories = kind == TRAJECTORY
+            new = Trajectories() if trajectories else Messages(parser(kind, role, self.names))
             sinks.append(self.messages.setdefault((topic, role), new).append)
 
         def fan(log_time: int, data: bytes) -> None:
@@ -243,7 +237,7 @@ class Content:
         """Yield topic, type and possible roles of what could be read and is not wanted."""
         for topic, first in sorted(self._first.items()):
             kind = self.types[topic]
-            found = {x for data in first for x in offers(kind, data, self.limits)}
+            found = {x for data in first for x in offers(kind, data)}
             yield topic, kind, tuple(x for x in ROLES_OF[kind] if x in found)
 
     def sort(self) -> None:

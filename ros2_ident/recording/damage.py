@@ -96,12 +96,11 @@ class Budget:
 
     Args:
         size: The file's size, bytes.
-        limits: The limits.
     """
 
-    def __init__(self, size: int, limits: Limits) -> None:
-        self.limits = limits
-        self._left = limits.total(size)
+    def __init__(self, size: int) -> None:
+        self.limits = Limits.from_environment()
+        self._left = self.limits.total(size)
 
     def take(self, size: int) -> None:
         """Allow a block to decompress to `size` bytes.

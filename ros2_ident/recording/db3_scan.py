@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 from ros2_ident.recording.content import Content, Sink
 from ros2_ident.recording.damage import Damage, Losses
+from ros2_ident.recording.limits import Limits
 
 _SOUND_STEPS, _STEPS_PER_BYTE, _EVERY = 2_000_000, 20, 10_000
 
@@ -33,7 +34,7 @@ def scan(path: Path, content: Content) -> Losses:
     name = f'file:{quote(str(path))}?mode=ro&immutable=1'
     try:
         with closing(sqlite3.connect(name, uri=True)) as base:
-            _guard(base, losses.size, content.limits.chunk)
+            _guard(base, losses.size)
             if base.execute('PRAGMA quick_check(1)').fetchone() != ('ok',):
                 raise Damage('SQLite finds it malformed')
             _read(base, content, losses)
@@ -42,7 +43,7 @@ def scan(path: Path, content: Content) -> Losses:
     return losses
 
 
-def _guard(base: sqlite3.Connection, size: int, largest: int) -> None:
+def _guard(base: sqlite3.Connection, size: int) -> None:
     """Let no damaged or crafted file compute without end, or anything but read tables."""
     left = (_SOUND_STEPS + _STEPS_PER_BYTE * size) // _EVERY
 
@@ -52,7 +53,7 @@ def _guard(base: sqlite3.Connection, size: int, largest: int) -> None:
         return left < 0
 
     base.set_progress_handler(tick, _EVERY)
-    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, largest)
+    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, Limits.from_environment().chunk)
     base.execute('PRAGMA trusted_schema = OFF')
     base.execute('PRAGMA cell_size_check = ON')
     known = dict(base.execute('SELECT name, type FROM sqlite_master'))

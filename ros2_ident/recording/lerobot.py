@@ -66,7 +66,6 @@ def read_lerobot(
     unit: str = '',
     calibration: str = '',
     travel: Travel | None = None,
-    limits: Limits | None = None,
 ) -> list[Recording]:
     """Read the episodes of a LeRobot folder.
 
@@ -77,7 +76,6 @@ def read_lerobot(
             ends of their joints.
         calibration: LeRobot's calibration file of the robot, which says how far joints turn.
         travel: Ends of the machine's joints, where its description has any.
-        limits: How much of the machine it may take; the default where None.
 
     Returns:
         One recording an episode, positions in rad.
@@ -86,14 +84,13 @@ def read_lerobot(
         IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG or BAD_VALUES; WRONG_UNITS where more than
             one unit is possible, or none.
     """
-    limits = limits or Limits()
     rate, columns = _described(path, roles)
     files = sorted(path.glob('data/*/*.parquet'))
     if not files:
         raise IdentError(
             ErrorCode.NO_DATA, f'{path}: holds no data/*/*.parquet; fetch or record it again'
         )
-    parts = [_values(file, columns, limits) for file in files]
+    parts = [_values(file, columns) for file in files]
     episode, frame, values = (np.concatenate(x) for x in zip(*parts, strict=True))
     ends = {**(travel or {}), **(_calibrated(Path(calibration)) if calibration else {})}
     factors, said = _in_rad(path, unit, columns, values, ends)
@@ -105,7 +102,7 @@ def read_lerobot(
         rows = np.flatnonzero(episode == number)
         rows = rows[np.argsort(frame[rows], kind='stable')]
         source = f'{path}/episode_{number:06d}' if numbers.size > 1 else str(path)
-        builder = RecordingBuilder(source, total, limits)
+        builder = RecordingBuilder(source, total)
         builder.warn(
             f'LeRobot stamps are the number of the frame over {rate:g} Hz: jitter, and when a '
             'value was taken, cannot be seen'
@@ -158,9 +155,7 @@ def _columns(feature: str, about: Mapping[str, Any]) -> Iterator[_Column]:
         yield _Column(feature, place, 'effort' if measured else role, field, joint)
 
 
-def _values(
-    file: Path, columns: list[_Column], limits: Limits
-) -> tuple[IntArray, IntArray, FloatArray]:
+def _values(file: Path, columns: list[_Column]) -> tuple[IntArray, IntArray, FloatArray]:
     """Return the episode and the frame of a file's rows (T,), and its columns (T, C)."""
     try:
         import pyarrow
@@ -175,7 +170,7 @@ def _values(
     try:
         with parquet.ParquetFile(file) as opened:
             needed = 24 * opened.metadata.num_rows * (len(columns) + 2)
-            limits.require_memory(f'{file}: its values take', needed)
+            Limits.from_environment().require_memory(f'{file}: its values take', needed)
             table = opened.read([*features, 'episode_index', 'frame_index'])
         read = {}
         for name in features:

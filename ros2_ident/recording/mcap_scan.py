@@ -86,7 +86,7 @@ class _Walk:
     def __init__(self, file: int, size: int, content: Content) -> None:
         self.file, self.size, self.content = file, size, content
         self.losses = Losses(size=size)
-        self.budget = Budget(size, content.limits)
+        self.budget = Budget(size)
         self.summary = self._summary()
         self.defined = Summary()
         # Topic of a channel, and where its messages go.

@@ -12,7 +12,6 @@ import numpy as np
 
 from ros2_ident.recording.cdr import Cursor, Layout, Parse, parse_layout
 from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
-from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.streams import FIELDS, IntArray
 
 CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
@@ -44,29 +43,28 @@ def parser(kind: str, role: str, names: Sequence[str] = ()) -> Parse:
             it. By itself a joint is its position, in an array of efforts its effort.
     """
     if kind == CONTROLLER_STATE:
-        return lambda data, limits: _controller_state(data, limits, role)
+        return lambda data: _controller_state(data, role)
     if kind == DYNAMIC_STATE:
         return _dynamic_state
     if kind == ARRAY:
         named = _array_names(names, 'effort' if role == 'effort' else 'position')
-        return lambda data, limits: _array(data, limits, named)
+        return lambda data: _array(data, named)
     return parse_layout
 
 
-def offers(kind: str, data: bytes, limits: Limits) -> tuple[str, ...]:
+def offers(kind: str, data: bytes) -> tuple[str, ...]:
     """Return the roles for which a message holds values without being told anything.
 
     Args:
         kind: One of `ROLES_OF`.
         data: A message.
-        limits: As for reading.
     """
     if kind == TRAJECTORY:
         return ROLES_OF[kind]
     found = []
     for role in ROLES_OF.get(kind, ()):
         try:
-            layout = parser(kind, role)(data, limits)
+            layout = parser(kind, role)(data)
         except ValueError:
             return ()
         position, _, effort = layout.places
@@ -86,13 +84,13 @@ def _read_point(cursor: Cursor) -> tuple[IntArray | None, ...]:
     return fields
 
 
-def _controller_state(data: bytes, limits: Limits, role: str) -> Layout:
+def _controller_state(data: bytes, role: str) -> Layout:
     """Find a role in a controller's state: set-point, measured values, error, output.
 
     The set-point was called `desired` and the measured values `actual`; there was no output then,
     and the message ended after the error.
     """
-    cursor = Cursor(data, limits)
+    cursor = Cursor(data)
     cursor.header()
     names = cursor.names()
     points = [_read_point(cursor) for _ in range(3)]
@@ -108,9 +106,9 @@ def _controller_state(data: bytes, limits: Limits, role: str) -> Layout:
     return Layout(names, (position, velocity, effort), cursor.fixed, cursor.big)
 
 
-def _dynamic_state(data: bytes, limits: Limits) -> Layout:
+def _dynamic_state(data: bytes) -> Layout:
     """Find what each joint's interfaces hold; other hardware than joints is left out."""
-    cursor = Cursor(data, limits)
+    cursor = Cursor(data)
     cursor.header()
     joints = cursor.names()
     if cursor.count() != len(joints):
@@ -138,9 +136,9 @@ def _array_names(names: Sequence[str], default: str) -> list[tuple[str, str]]:
     return pairs
 
 
-def _array(data: bytes, limits: Limits, named: Sequence[tuple[str, str]]) -> Layout:
+def _array(data: bytes, named: Sequence[tuple[str, str]]) -> Layout:
     """Find the numbers of an array, which has neither names nor a stamp."""
-    cursor = Cursor(data, limits)
+    cursor = Cursor(data)
     for _ in range(cursor.count()):  # the dimensions
         cursor.text(free=True)
         cursor.skip(8, 4)

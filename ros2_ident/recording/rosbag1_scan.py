@@ -81,7 +81,7 @@ class _Chunks(Reader):
 
     def read(self, content: Content, losses: Losses) -> None:
         """Fill a bag's content, and count what is lost."""
-        budget = Budget(losses.size, content.limits)
+        budget = Budget(losses.size)
         topics = {x.id: x.topic for x in self.connections}
         kinds = {x.id: x.msgtype for x in self.connections}
         targets = {x.id: content.open(x.topic, x.msgtype) for x in self.connections}

@@ -76,12 +76,11 @@ def damaged(path: Path, text: str) -> IdentError:
 
 
 @contextmanager
-def unpacked(files: list[Path], limits: Limits) -> Iterator[list[tuple[Path, bool]]]:
+def unpacked(files: list[Path]) -> Iterator[list[tuple[Path, bool]]]:
     """Give the files with those that are compressed as a whole (`.zstd`) unpacked for the while.
 
     Args:
         files: Storage files.
-        limits: How much of the disk they may take.
 
     Yields:
         The files to read, and whether each is whole; a damaged one as far as it can be unpacked.
@@ -100,13 +99,13 @@ def unpacked(files: list[Path], limits: Limits) -> Iterator[list[tuple[Path, boo
                 continue
             target = Path(room, str(number), path.stem)
             target.parent.mkdir()
-            plain.append((target, _unpack_file(path, target, limits)))
+            plain.append((target, _unpack_file(path, target)))
         yield plain
 
 
-def _unpack_file(path: Path, target: Path, limits: Limits) -> bool:
+def _unpack_file(path: Path, target: Path) -> bool:
     """Unpack a file; return whether it is whole."""
-    size = path.stat().st_size
+    size, limits = path.stat().st_size, Limits.from_environment()
     # the disk is other programs' too
     free = shutil.disk_usage(target.parent).free // 2
     left = most = min(limits.unpacked, limits.total(size), free)

@@ -325,15 +325,12 @@ def _numeric(row: Sequence[str], decimal: str) -> bool:
 # ---------------------------------------------------------------------- tables
 
 
-def read_table(
-    path: str | Path, columns: str | Path = '', limits: Limits | None = None
-) -> list[Recording]:
+def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
     """Read a table of samples.
 
     Args:
         path: A text file with one row per sample.
         columns: The column map; where empty, `NAME.columns.yaml` beside `NAME.csv`.
-        limits: How much of the machine it may take; the default where None.
 
     Returns:
         One recording per uninterrupted stretch. A row in which every column of a stream is empty
@@ -348,7 +345,7 @@ def read_table(
         raise IdentError(
             ErrorCode.NO_DATA, f'{path}: does not exist; give the path of a bag or a CSV file'
         )
-    text = _text(path, limits or Limits())
+    text = _text(path)
     where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
     if not where.is_file():
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
@@ -359,7 +356,7 @@ def read_table(
         )
     layout = load_columns(where)
     stamp, values, warnings = _parse(path, text, layout)
-    builder = RecordingBuilder(str(path), digest([path, where]), limits)
+    builder = RecordingBuilder(str(path), digest([path, where]))
     for sentence in warnings:
         builder.warn(sentence)
     builder.add_columns(stamp, _summed(str(path), layout, stamp, values))
@@ -370,9 +367,10 @@ def _bad(path: object, text: str) -> IdentError:
     return IdentError(ErrorCode.BAD_VALUES, f'{path}: {text}')
 
 
-def _text(path: Path, limits: Limits) -> str:
+def _text(path: Path) -> str:
     # the bytes, the text, a copy to read from, and the values
-    limits.require_memory(f'{path}: the table takes', 8 * path.stat().st_size)
+    needed = 8 * path.stat().st_size
+    Limits.from_environment().require_memory(f'{path}: the table takes', needed)
     raw = path.read_bytes()
     try:
         return raw.decode('utf-8-sig')

@@ -74,13 +74,12 @@ def parse_trajectory(data: bytes, arrival: int) -> Trajectory:
     return Trajectory(stamp.sec * 1_000_000_000 + stamp.nanosec or arrival, names, time, knots)
 
 
-def set_points(trajectories: Sequence[Trajectory], limits: Limits) -> list[Block]:
+def set_points(trajectories: Sequence[Trajectory]) -> list[Block]:
     """Return the set-point that a controller makes of trajectories, sampled evenly.
 
     Args:
         trajectories: In the order in which they came; those for the same joints replace each
             other from their start on.
-        limits: How much memory it may take.
 
     Returns:
         One block for each set of joints: stamps, positions (T, D) and velocities (T, D).
@@ -91,16 +90,16 @@ def set_points(trajectories: Sequence[Trajectory], limits: Limits) -> list[Block
     groups: dict[tuple[str, ...], list[Trajectory]] = {}
     for trajectory in trajectories:
         groups.setdefault(trajectory.names, []).append(trajectory)
-    return [_followed(group, limits) for group in groups.values()]
+    return [_followed(group) for group in groups.values()]
 
 
-def _followed(trajectories: Sequence[Trajectory], limits: Limits) -> Block:
+def _followed(trajectories: Sequence[Trajectory]) -> Block:
     """Return the set-point made of trajectories for the same joints."""
     names = trajectories[0].names
     last = max(x.start + round(1e9 * x.time[-1]) for x in trajectories)
     first = trajectories[0].start + round(1e9 * trajectories[0].time[0])
     needed = 3 * (16 * len(names) * (last - first) // PERIOD)
-    limits.require_memory('the set-point of the trajectories takes', needed)
+    Limits.from_environment().require_memory('the set-point of the trajectories takes', needed)
     stamp = np.arange(first, last + 1, PERIOD, dtype=np.int64)
     position = np.tile(trajectories[0].knots[0, 0], (stamp.size, 1))
     velocity = np.zeros_like(position)

@@ -29,7 +29,6 @@ from sensor_msgs.msg import JointState
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import cdr, LIVE, Recording, RecordingBuilder
-from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import ARRAY, JOINT_STATE, parser, ROLES_OF, TRAJECTORY
 from ros2_ident.recording.spool import Spool
 from ros2_ident.recording.trajectory import parse_trajectory, set_points, Trajectory
@@ -42,7 +41,6 @@ QOS = QoSProfile(
     depth=1000, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT
 )
 _BATCH = 128
-_LIMITS = Limits()
 
 
 class _Inbox:
@@ -248,7 +246,7 @@ class Capture:
         if inbox.meter.last is None or inbox.kind in (ARRAY, TRAJECTORY):
             return False
         try:
-            (block,) = cdr.decode([data], _LIMITS, parser(inbox.kind, role, self.names))
+            (block,) = cdr.decode([data], parser(inbox.kind, role, self.names))
         except (ValueError, IndexError):
             return False
         return 0 < int(block.stamp[0]) - inbox.meter.last < 0.5e9 * self.idle
@@ -270,7 +268,7 @@ class Capture:
         self.flush()
         builder = self._builder.copied()
         for role, inbox in self._inbox.items():
-            for block in set_points(inbox.trajectories, _LIMITS):
+            for block in set_points(inbox.trajectories):
                 builder.add_block(role, block.stamp, block.names, *block.fields)
         return builder
 
@@ -334,7 +332,7 @@ class Capture:
             inbox.trajectories += found
             meter.received += len(found)
             return
-        for block in cdr.decode(data, _LIMITS, parser(inbox.kind, role, self.names)):
+        for block in cdr.decode(data, parser(inbox.kind, role, self.names)):
             stamp = block.stamp
             if not stamp.any():
                 stamp = np.array([sent[i] for i in block.rows.tolist()], dtype=np.int64)

@@ -33,7 +33,6 @@ import zstandard
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import align, check, read_bag, RecordingBuilder, write_bag
 from ros2_ident.recording.cdr import encode
-from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.shown import printable
 from ros2_ident.recording.streams import FIELDS
 
@@ -49,9 +48,9 @@ def file_of(tmp_path, data, name='a.mcap'):
     return path
 
 
-def refused(path, text, code=ErrorCode.DAMAGED_BAG, limits=None):
+def refused(path, text, code=ErrorCode.DAMAGED_BAG):
     with pytest.raises(IdentError, match=text) as caught:
-        read_bag(path, limits=limits)
+        read_bag(path)
     assert caught.value.code == code
     assert '\n' not in caught.value.message
     return caught.value.message
@@ -293,14 +292,21 @@ def joint_log(tmp_path, names, count=3):
     return loose_log(tmp_path, body)
 
 
-def test_names_are_bounded_in_number_and_length(tmp_path):
+def test_names_are_bounded_in_number_and_length(tmp_path, monkeypatch):
     bad = ErrorCode.BAD_VALUES
+    raised = {'ROS2_IDENT_MAX_JOINTS': '10000', 'ROS2_IDENT_MAX_NAME': '5000'}
+    for variable, value in raised.items():
+        monkeypatch.setenv(variable, value)
     path = joint_log(tmp_path, [f'j{k}' for k in range(10_000)])
+    (tmp_path / 'long').mkdir()
+    long = joint_log(tmp_path / 'long', ['x' * 5000])
+    assert read_bag(path)[0].state.stamp.size == read_bag(long)[0].state.stamp.size == 3
+    for variable in raised:
+        monkeypatch.delenv(variable)
     begin = time.process_time()
     refused(path, 'names 10000 joints, more than the 1000 allowed.*ROS2_IDENT_MAX_JOINTS', bad)
     assert time.process_time() - begin < 2.0
-    assert read_bag(path, limits=Limits(joints=10_000))[0].state.stamp.size == 3
-    refused(joint_log(tmp_path, ['x' * 5000]), 'name of 5000 bytes, more than the 256', bad)
+    refused(long, 'name of 5000 bytes, more than the 256', bad)
 
 
 def test_names_of_all_messages_together_are_bounded(tmp_path):

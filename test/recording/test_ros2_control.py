@@ -10,7 +10,6 @@ from ros2_control_bags import as_ros2_control_records, Maker
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, render, Topics
-from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import (
     ARRAY,
     TRAJECTORY,
@@ -20,7 +19,6 @@ from ros2_ident.recording.trajectory import parse_trajectory, set_points
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
 CONTROLLER = '/joint_trajectory_controller/controller_state'
-LIMITS = Limits()
 
 
 def same(one, two, *fields):
@@ -172,7 +170,7 @@ def test_a_trajectory_is_followed_as_its_controller_does():
     maker = Maker()
     zero = [0.0, 0.0]
     points = [(0, [0.0, 1.0], zero, zero), (10**9, [2.0, -1.0], zero, zero)]
-    (block,) = set_points([parsed(maker, START, 'ab', points)], LIMITS)
+    (block,) = set_points([parsed(maker, START, 'ab', points)])
     assert block.names == ('a', 'b')
     time = (block.stamp - START) * 1e-9
     assert time[0] == 0.0 and time[-1] == 1.0 and len(time) == 1001
@@ -187,7 +185,7 @@ def test_a_later_trajectory_takes_over_from_the_set_point():
     first = parsed(maker, START, 'a', [(0, [0.0]), (10**9, [1.0])])
     # stamp 0: it begins when it arrives
     second = parsed(maker, 0, 'a', [(5 * 10**8, [0.0])], arrival=START + 5 * 10**8)
-    (block,) = set_points([first, second], LIMITS)
+    (block,) = set_points([first, second])
     time = (block.stamp - START) * 1e-9
     expected = np.interp(time, [0.0, 0.5, 1.0], [0.0, 0.5, 0.0])
     np.testing.assert_allclose(block.fields[0][:, 0], expected, atol=1.1e-3)
@@ -197,7 +195,7 @@ def test_a_later_trajectory_takes_over_from_the_set_point():
 def test_absurd_trajectories_take_no_memory():
     points = [(0, [0.0] * 6), ((2**31 - 1) * 10**9, [1.0] * 6)]
     with pytest.raises(IdentError, match='of memory, more than'):
-        set_points([parsed(Maker(), START, 'abcdef', points)], LIMITS)
+        set_points([parsed(Maker(), START, 'abcdef', points)])
 
 
 def test_trajectories_in_a_bag_are_the_command(tmp_path):

@@ -13,7 +13,6 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, Recording, scale_effort, Stream, table, Topics
-from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.table import drafted_columns, load_columns, read_table, write_table
 
 NAMES = ('drive_1', 'drive_2')
@@ -103,11 +102,11 @@ def test_semicolons_decimal_commas_and_lines_before_the_names(samples, tmp_path)
     assert equal([read], [expected(samples, 30)])
 
 
-def read(tmp_path, text, more='', joints='a: {position: q}', time='t', **limits):
+def read(tmp_path, text, more='', joints='a: {position: q}', time='t'):
     (tmp_path / 'log.csv').write_bytes(text if isinstance(text, bytes) else text.encode())
     where = tmp_path / 'map.yaml'
     where.write_text(f'time: {{column: {time}, unit: s}}\njoints: {{{joints}}}\n{more}')
-    return read_table(tmp_path / 'log.csv', where, Limits(**limits))
+    return read_table(tmp_path / 'log.csv', where)
 
 
 def test_columns_are_added_rows_chosen_and_lines_of_units_left_out(tmp_path):
@@ -156,12 +155,14 @@ def test_a_step_back_begins_a_recording_and_a_cut_line_is_left_out(tmp_path, mon
 
 
 @pytest.mark.parametrize('code', ['utf-8-sig', 'latin-1'])
-def test_a_table_is_read_in_any_code_and_within_bounds(tmp_path, code):
+def test_a_table_is_read_in_any_code_and_within_bounds(tmp_path, code, monkeypatch):
+    monkeypatch.setenv('ROS2_IDENT_MAX_MEMORY', '1')
     text = 't,q,Kraft \xb5\n0,1,2\n0.01,2,3\n'.encode(code)
-    (found,) = read(tmp_path, text, memory=8 * len(text))
+    text += b' ' * ((1 << 17) - len(text))
+    (found,) = read(tmp_path, text)
     assert found.state.stamp.size == 2
     with pytest.raises(IdentError, match='the table takes') as caught:
-        read(tmp_path, text, memory=8 * len(text) - 1)
+        read(tmp_path, text + b' ')
     assert caught.value.code is ErrorCode.BAD_VALUES
 
 
