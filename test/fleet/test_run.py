@@ -96,7 +96,7 @@ def test_one_byte_in_what_a_row_depends_on_changes_its_key(tmp_path: Path) -> No
     assert before == sources.result_digest()
     counts = ('gap/verdict.py', 'gap/floor.py', 'identify/run.py', 'search/refine.py',
               'recording/align.py', 'models/tripod/kernel.py', 'fleet/run.py')  # fmt: skip
-    for module in (*counts, 'report/page/plots.py', 'cli/progress.py', 'ros/node.py'):
+    for module in (*counts, 'report/page/charts.py', 'cli/progress.py', 'ros/node.py'):
         content = (package / module).read_bytes()
         (package / module).write_bytes(content[:-2] + b'#' + content[-1:])
         assert (sources.digest_of(package) != before) is (module in counts), module

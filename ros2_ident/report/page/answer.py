@@ -228,7 +228,7 @@ def _gap(name: str, g: DriveGap, d: Diagnosis, longest: float) -> Gap:
     note = ''
     if quiet(g, d):
         note = 'too slow for noise' if name in d.facts.slow else 'noise only'
-    floor = _length(g.noise_floor, longest)
+    floor = min(1.0, g.noise_floor / longest) if math.isfinite(g.noise_floor) else None
     closes = len(d.steps) > 1 and math.isfinite(g.after) and not note
     size, part = quantity(g.before, d.unit, 3), percent(g.shares[0])
     if closes:
@@ -236,10 +236,6 @@ def _gap(name: str, g: DriveGap, d: Diagnosis, longest: float) -> Gap:
         part = shares(*g.shares) if math.isfinite(sum(g.shares)) else '–'
     after = g.after / longest if closes else None
     return Gap(name, size, part, g.before / longest, after, floor, note)
-
-
-def _length(value: float, longest: float) -> float | None:
-    return min(1.0, value / longest) if math.isfinite(value) and longest else None
 
 
 def _closes(d: Diagnosis) -> Iterator[str]:
@@ -304,6 +300,8 @@ def of_identification(result: Identification, out: str) -> Answer:
     if more > 0:
         closes.append(f'{more} more in the file `result.json`.')
     said, told = _identified(result)
+    # of the first drive where they differ
+    unit = next((x.unit for x in result.residuals if x.unit), result.cost.unit)
     return Answer(
         level,
         said,
@@ -314,7 +312,7 @@ def of_identification(result: Identification, out: str) -> Answer:
         tuple(doubts),
         tuple(_values(result)),
         state=_state(level, ['see “Be careful” below']),
-        compared=compared(_unit(result)),
+        compared=compared(unit),
     )
 
 
@@ -351,27 +349,18 @@ def _doubts(result: Identification) -> Iterator[str]:
     wide = [f'{p.name} {precision(width(p))}' for p in known if WIDE < width(p) <= UNKNOWN]
     if wide:
         yield f'Poorly known: {some(wide)}.'
-    pairs = _correlated(result)
+    close = np.nan_to_num(np.triu(result.correlation, 1))
+    pairs = np.argwhere(np.abs(close) >= CLOSE).tolist()
     if pairs:
-        told = [f'{a} and {b} ({number(r, 2)})' for a, b, r in pairs]
+        told = [
+            f'{result.parameters[i].name} and {result.parameters[j].name} '
+            f'({number(float(close[i, j]), 2)})'
+            for i, j in sorted(pairs, key=lambda at: -abs(close[*at]))
+        ]
         yield (
             f'This motion hardly separates {some(told)}; correlations in brackets. Record another '
             'motion, or hold one of the two at a known value.'
         )
-
-
-def _correlated(result: Identification) -> list[tuple[str, str, float]]:
-    """Return pairs of parameters with a close correlation, the closest first."""
-    names = [p.name for p in result.parameters]
-    upper = np.triu(result.correlation, 1)
-    rows, columns = np.nonzero(np.abs(np.nan_to_num(upper)) >= CLOSE)
-    pairs = [(names[i], names[j], float(upper[i, j])) for i, j in zip(rows, columns, strict=True)]
-    return sorted(pairs, key=lambda pair: -abs(pair[2]))
-
-
-def _unit(result: Identification) -> str:
-    """Return the unit of what is compared, of the first drive where they differ."""
-    return next((x.unit for x in result.residuals if x.unit), result.cost.unit)
 
 
 def _left(result: Identification) -> list[Gap]:

@@ -21,7 +21,7 @@ from ros2_ident.report.files import (
     PAGE,
     SIGNALS,
 )
-from ros2_ident.report.page import charts, numbers, plots
+from ros2_ident.report.page import charts, numbers
 from ros2_ident.report.page.answer import of_diagnosis, of_identification, quiet
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.look import Picture
@@ -104,8 +104,8 @@ def _pictures(
     if result is not None:
         if efforts[0].exists():
             drawn['effort-plot'] = effort_plot(load_signals(efforts[0]), most=most)
-        drawn['generations-plot'] = plots.cost_over_generations(result)
-        drawn['costs-plot'] = plots.cost_over_parameters(result)
+        drawn['generations-plot'] = charts.cost_over_generations(result)
+        drawn['costs-plot'] = charts.cost_over_parameters(result)
     return {name: made for name, made in drawn.items() if made is not None}
 
 
@@ -116,7 +116,7 @@ def _of_identification(result: Identification, out: str) -> dict[str, Any]:
     return {
         'answer': answer,
         'identified': answer,
-        'correlated': plots.correlated(result),
+        'correlated': charts.correlated(result),
         'held': [(name, numbers.quantity(x, units.get(name, ''))) for name, x in fixed],
         'identification_facts': _identification_facts(result),
     }

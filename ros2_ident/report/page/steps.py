@@ -189,11 +189,14 @@ def moved_names(d: Diagnosis, *, together: bool = False) -> list[str]:
     if not words.named(d):
         return []
     least = MOVED_TOGETHER if together else MOVED
-    return [
-        name
-        for name, share in d.moved.items()
-        if abs(share) >= least and (together or _left(name, d))
-    ]
+    out = []
+    for name, share in d.moved.items():
+        v = d.parameters[name]
+        # beyond its interval with the effects, too, where it stands for itself
+        inside = v.low <= d.nominal.get(name, math.nan) <= v.high
+        if abs(share) >= least and (together or not inside):
+            out.append(name)
+    return out
 
 
 def moved(d: Diagnosis) -> str:
@@ -202,12 +205,6 @@ def moved(d: Diagnosis) -> str:
     if not told:
         return ''
     return f'Without the effects, these parameters compensated for them: {some(told)}.'
-
-
-def _left(name: str, d: Diagnosis) -> bool:
-    """Whether a parameter's nominal value is outside its interval with the effects."""
-    found = d.parameters[name]
-    return not found.low <= d.nominal.get(name, math.nan) <= found.high
 
 
 def _line(name: str, d: Diagnosis) -> str:
