@@ -246,7 +246,7 @@ def cost_over_generations(result: Identification) -> Picture | None:
     if math.isfinite(refined):
         keys.append(Key(f'refined, {number(refined)} {unit}', RED, 'dashed'))
     summary = 'Cost of the candidates over the generations'
-    return Picture(svg(draw, WIDTH, 300), summary, keys=tuple(keys), least=WIDTH // 2)
+    return Picture(svg(draw, WIDTH, 300), summary, keys=tuple(keys), least=WIDTH * 7 // 10)
 
 
 def cost_over_time(points: Sequence[tuple[float, float]], unit: str) -> Picture:
@@ -260,7 +260,7 @@ def cost_over_time(points: Sequence[tuple[float, float]], unit: str) -> Picture:
         axes.set(xlabel='time [s]', ylabel=f'best cost [{unit}]')
 
     summary = f'Best cost over time, now {number(float(costs[-1]))} {unit}'
-    return Picture(svg(draw, WIDTH, 200), summary, least=WIDTH // 2)
+    return Picture(svg(draw, WIDTH, 200), summary, least=WIDTH * 7 // 10)
 
 
 def _spread(generations: npt.NDArray[np.int64], costs: Array) -> Array:
