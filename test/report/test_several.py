@@ -10,7 +10,12 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.fleet.summary import write_summary
 from ros2_ident.report.page import write_comparison, write_report
-from ros2_ident.report.page.several import strips
+from ros2_ident.report.page.several import differing, strips
+
+
+def drawn(runs: list) -> list:
+    """Return the strips of runs that are compared with the first."""
+    return strips(runs, differing(runs))
 
 
 def value(middle: float, half: float | None, unit: str = 'kg') -> dict:
@@ -26,7 +31,7 @@ def value(middle: float, half: float | None, unit: str = 'kg') -> dict:
 def test_what_differs_beyond_its_interval_comes_first():
     one = {'mass': value(2.0, 0.1), 'delay': value(0.01, 0.001, 's')}
     two = {'mass': value(2.05, 0.1), 'delay': value(0.02, 0.001, 's')}
-    delay, mass = strips([('a', one), ('b', two)])
+    delay, mass = drawn([('a', one), ('b', two)])
     assert (delay.name, delay.differs, mass.name, mass.differs) == ('delay', True, 'mass', False)
     assert [m.note for m in delay.marks] == ['', '+100.0 %, differs']
     # Both stand on one scale, from the least end to the largest.
@@ -36,26 +41,26 @@ def test_what_differs_beyond_its_interval_comes_first():
 
 
 def test_a_value_without_an_interval_is_shown_and_never_differs():
-    (strip,) = strips([('a', {'mass': value(1.0, None)}), ('b', {'mass': value(9.0, 0.1)})])
+    (strip,) = drawn([('a', {'mass': value(1.0, None)}), ('b', {'mass': value(9.0, 0.1)})])
     assert not strip.differs and strip.marks[0].low is None
     lost = {'mass': {**value(0.0, None), 'value': None}}
-    assert strips([('a', lost), ('b', lost)]) == []
+    assert drawn([('a', lost), ('b', lost)]) == []
 
 
 def test_a_scale_is_no_finer_than_the_finest_interval():
-    (strip,) = strips([('a', {'mass': value(1.0, 0.1)}), ('b', {'mass': value(1.000001, 0.2)})])
+    (strip,) = drawn([('a', {'mass': value(1.0, 0.1)}), ('b', {'mass': value(1.000001, 0.2)})])
     assert strip.ends == ('0.9 kg', '1.1 kg')
     assert abs(strip.marks[1].at - strip.marks[0].at) < 0.01
 
 
 def test_a_lopsided_interval_is_on_its_scale():
     one = {'mass': {'value': 1.0, 'low': 0.5, 'high': 1.1, 'unit': 'kg'}}
-    (strip,) = strips([('a', one), ('b', one)])
+    (strip,) = drawn([('a', one), ('b', one)])
     assert strip.ends == ('0.5 kg', '1.1 kg')
 
 
 def test_an_endless_interval_does_not_hide_the_values():
-    (strip,) = strips([('a', {'mass': value(1.0, 500.0)}), ('b', {'mass': value(2.0, 0.1)})])
+    (strip,) = drawn([('a', {'mass': value(1.0, 500.0)}), ('b', {'mass': value(2.0, 0.1)})])
     assert abs(strip.marks[1].at - strip.marks[0].at) > 10.0
 
 

@@ -75,15 +75,14 @@ Parameters = Mapping[str, Mapping[str, Any]]
 Told = Collection[tuple[str, str]]
 
 
-def strips(runs: Sequence[tuple[str, Parameters]], told: Told | None = None) -> list[Strip]:
+def strips(runs: Sequence[tuple[str, Parameters]], told: Told) -> list[Strip]:
     """Return a strip for each parameter, those that differ first.
 
     Args:
         runs: Label and parameters of each run; a parameter has value, low, high (None where not
             known) and unit.
-        told: Which values differ; those that differ from the first run's where None.
+        told: Which values differ.
     """
-    told = _differing(runs) if told is None else told
     made = [_strip(name, known, told) for name, known in _by_name(runs) if known]
     return sorted(made, key=lambda s: not s.differs)
 
@@ -130,7 +129,7 @@ def _pairs(
     return [(x[0], name, known[0][1], x[1]) for name, known in _by_name(runs) for x in known[1:]]
 
 
-def _differing(runs: Sequence[tuple[str, Parameters]]) -> Told:
+def differing(runs: Sequence[tuple[str, Parameters]]) -> Told:
     """Return what differs from the first run beyond the 95 % interval of the difference."""
     return {
         (label, name)
@@ -191,7 +190,7 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     """
     runs = [_run(Path(d)) for d in directories]
     alike = [(r.label, r.parameters) for r in runs if r.effects == runs[0].effects]
-    made, pairs = strips([(r.label, r.parameters) for r in runs], _differing(alike)), _pairs(alike)
+    made, pairs = strips([(r.label, r.parameters) for r in runs], differing(alike)), _pairs(alike)
     shared = len({name for _, name, _, _ in pairs})
     smallest = smallest_shown((name, v, first) for _, name, first, v in pairs)
     differ = [s.name for s in made if s.differs]
