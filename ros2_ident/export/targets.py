@@ -39,16 +39,9 @@ class Target:
 TARGETS = {
     'urdf': Target('URDF', 'robot.urdf', urdf, True, False, frozenset()),
     'mjcf': Target('MJCF', 'robot.xml', mjcf, True, True, frozenset('pd')),
-    'isaac': Target(
-        'Isaac Lab', 'isaac.yaml', lambda _, c: isaac(c), False, True, frozenset('pd')
-    ),
+    'isaac': Target('Isaac Lab', 'isaac.yaml', isaac, False, True, frozenset('pd')),
     'ros2_control': Target(
-        'ros2_control',
-        'ros2_control.yaml',
-        lambda _, c: ros2_control(c),
-        False,
-        False,
-        frozenset('pidf'),
+        'ros2_control', 'ros2_control.yaml', ros2_control, False, False, frozenset('pidf')
     ),
 }
 SUMMARY = 'export.json'

@@ -149,7 +149,7 @@ def _put_inertial(body: ET.Element, new: ET.Element) -> None:
     body.insert(0, new)
 
 
-def isaac(content: Content) -> str:
+def isaac(_: str, content: Content) -> str:
     """Return the actuators of a robot as Isaac Lab has them."""
     fields: dict[str, Callable[[Joint], float | None]] = {
         'effort_limit_sim': lambda j: j.limit if math.isfinite(j.limit) else None,
@@ -167,7 +167,7 @@ def isaac(content: Content) -> str:
     return f'# {mark("export")}\n{_ISAAC}' + yaml.safe_dump(data, sort_keys=False, width=99)
 
 
-def ros2_control(content: Content) -> str:
+def ros2_control(_: str, content: Content) -> str:
     """Return gains and limits as controllers of ros2_control read them."""
     gains = {j.name: j.gains for j in content.joints if j.gains is not None}
     controller = {

@@ -2,6 +2,7 @@
 """Pages on several runs: what differs is said, what does not is not."""
 
 from dataclasses import replace
+import json
 
 import pytest
 from report_cases import identified, write_diagnosed, write_identified
@@ -10,7 +11,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.fleet.summary import write_summary
 from ros2_ident.report.page import write_comparison, write_report
-from ros2_ident.report.page.several import differing, strips
+from ros2_ident.report.page.several import differences, differing, strips
 
 
 def drawn(runs: list) -> list:
@@ -136,6 +137,8 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
     assert 'Correct what the table says of c_1, and run the same command again' in text
     assert 'DAMAGED_BAG' in text and 'is damaged; record it again' in text
     assert 'Stribeck friction &lt;axis&gt;.' in text and '5 recordings of 3 machines' in text
+    summary = json.loads((tmp_path / 'fleet.json').read_text())
+    assert list(differences(summary))[-1] == 'Stribeck friction: found once (b_1: axis)'
 
 
 def test_what_chance_may_explain_does_not_differ_on_the_page_of_a_fleet(tmp_path):
@@ -156,6 +159,8 @@ def test_where_no_machine_differs_the_headline_is_what_would_have_shown(tmp_path
     text = write_report(tmp_path).read_text()
     # 1.96 + 1.64 standard deviations of the difference of two values, each known to 0.1 / 1.96
     assert 'No difference shows; the smallest that would have: mass 0.26' in text
+    (summary,) = differences(json.loads((tmp_path / 'fleet.json').read_text()))
+    assert summary.startswith('No difference shows; the smallest that would have: mass 0.26')
     (tmp_path / 'fleet.json').write_text('{}')
     with pytest.raises(IdentError, match='is no fleet'):
         write_report(tmp_path)

@@ -103,11 +103,6 @@ class Answer:
     state: str = ''
     compared: str = 'effort'
 
-    @property
-    def closing(self) -> bool:
-        """Whether the gap of a drive closes."""
-        return any(gap.after is not None for gap in self.gaps)
-
 
 # ---------------------------------------------------------------------- a diagnosis
 

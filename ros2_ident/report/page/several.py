@@ -217,8 +217,14 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
 # ---------------------------------------------------------------------- a fleet
 
 
-def _differences(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield which machines of a fleet differ, in sentences."""
+def differences(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield how the machines of a fleet compare, in sentences.
+
+    Args:
+        summary: `drifts`, `machines`, `effects` and `smallest` of `fleet.json`.
+    """
+    if not (summary['drifts'] or summary['machines']) and summary.get('smallest'):
+        yield f'No difference shows; {_would_show(summary["smallest"])}.'
     for x in (*summary['drifts'], *summary['machines']):
         value, other = (quantity(x[k], x['unit'], 4) for k in ('value', 'reference'))
         rest = '' if x['change'] is None else f' ({change(x["change"])})'
@@ -230,9 +236,13 @@ def _differences(summary: Mapping[str, Any]) -> Iterator[str]:
         else:
             against = f'{x["against"]}: {other}'
             yield f'{x["machine"]}: {x["parameter"]} is {value}; {against}{rest}'
+    for effect, places in summary['effects'].items():
+        count = 'once' if len(places) == 1 else f'{len(places)} times'
+        name = title_at(effect)
+        yield f'{name}: found {count} ({"; ".join(places)})'
 
 
-def _verdicts(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def verdicts(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield what is missing in which recording, how sure that is, and how far the gap closes."""
     found = [row for row in rows if row.get('effect') in CATALOGUE]
     for row in found[:OPEN]:
@@ -278,6 +288,7 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
             ErrorCode.BAD_VALUES, f'{path}: is no fleet of this package; run `ident fleet` again'
         )
     done = [row for row in data['rows'] if row['state'] == 'done']
+    differ = {**data, 'effects': {}, 'smallest': {}}
     told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
     made = strips([(row['name'], row['parameters']) for row in done], told)
     machines = {row['machine'] for row in data['rows']}
@@ -289,8 +300,8 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
         'level': level,
         'state_of': STATES[level],
         'headline': _fleet_headline(data),
-        'differences': list(_differences(data)),
-        'verdicts': list(_verdicts(data['rows'])),
+        'differences': list(differences(differ)),
+        'verdicts': list(verdicts(data['rows'])),
         'steps': list(steps.of_fleet(data, str(directory))),
         'rows': [{**row, 'found': _found(row)} for row in data['rows']],
         'dated': any(row['date'] for row in data['rows']),
