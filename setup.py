@@ -26,7 +26,7 @@ CORE = [
     'scipy>=1.11',
     'zstandard',
 ]
-PAGE = ['bokeh>=3', 'Jinja2', 'MarkupSafe']
+PAGE = ['bokeh>=3', 'Jinja2', 'MarkupSafe', 'matplotlib']
 PICTURE = ['matplotlib']
 EXTRAS = {
     'arms': ['pin'],
@@ -77,7 +77,7 @@ def parts() -> dict[str, Any]:
             (f'share/{NAME}', ['package.xml']),
             *shared_files(),
         ],
-        'install_requires': CORE + PAGE + PICTURE,
+        'install_requires': CORE + PAGE,
         'extras_require': {
             **EXTRAS,
             'test': [
