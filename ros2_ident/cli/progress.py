@@ -57,15 +57,16 @@ class Meter:
         if fancy(self._stream):
             from rich.console import Console
             from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+            from rich.table import Column
 
             self._bar = Progress(
                 BarColumn(WIDTH),
                 TaskProgressColumn(),
-                TextColumn('{task.description}', markup=False),
+                TextColumn('{task.description}', markup=False, table_column=Column()),
                 console=Console(file=self._stream, highlight=False),
                 transient=True,
             )
-            self._bar.add_task('', total=1.0)
+            self._bar.add_task('preparing', total=1.0)
 
     def __enter__(self) -> Self:
         """Take the place at the end of the terminal; elsewhere say after a while what is slow."""

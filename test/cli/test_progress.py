@@ -91,10 +91,11 @@ def progress(cost):
 
 def test_what_is_drawn(monkeypatch):
     monkeypatch.delenv('NO_COLOR', raising=False)
-    for name, value in {'TERM': 'xterm', 'COLUMNS': '120', 'LINES': '20'}.items():
+    for name, value in {'TERM': 'xterm', 'LINES': '20'}.items():
         monkeypatch.setenv(name, value)
 
-    def drawn(step):
+    def drawn(step, columns=120):
+        monkeypatch.setenv('COLUMNS', str(columns))
         stream = Terminal()
         with Meter(stream=stream) as meter:
             meter.note('[so far]')
@@ -105,6 +106,9 @@ def test_what_is_drawn(monkeypatch):
     assert 'generation 3 of 12, 500 candidates, best 0.05 N m' in text
     assert '1:05 gone, 30 s to go' in text and '50%' in text and '[so far]' in text
     assert 'no candidate converged yet' in drawn(progress(math.inf))
+    narrow = drawn(progress(0.05), 80)
+    assert '30 s to go' in ' '.join(narrow.split())
+    assert max(len(line.rstrip()) for line in re.split('[\r\n]', narrow)) <= 80
 
 
 def test_notes_stay_beside_the_lines(monkeypatch):
