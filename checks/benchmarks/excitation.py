@@ -30,7 +30,7 @@ from ros2_ident.machine.space import Space
 from ros2_ident.models import load_machine
 from ros2_ident.models.registry import kind_of, set_points_of, space_of
 from ros2_ident.simulate import motions
-from ros2_ident.simulate.paths import Path as Way
+from ros2_ident.simulate.motions import Path as Way
 
 RIVALS = ('pick_and_place', 'multi_point')
 SEEDS = (1, 2, 3)

@@ -26,8 +26,7 @@ from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import make_model  # noqa: E402
 from ros2_ident.models.registry import read_machine_file  # noqa: E402
 from ros2_ident.recording import Dataset, read_bag, Stream, write_bag  # noqa: E402
-from ros2_ident.simulate.bag import CLEAN, START  # noqa: E402
-from ros2_ident.simulate.log import simulate  # noqa: E402
+from ros2_ident.simulate.bag import CLEAN, simulate, START  # noqa: E402
 from ros2_ident.simulate.motions import draw_motion  # noqa: E402
 
 ALGEBRAIC = IdentifySettings(method='algebraic')

@@ -11,9 +11,8 @@ from ros2_ident.errors import IdentError
 from ros2_ident.models import load_machine, registry
 from ros2_ident.models.registry import space_of
 from ros2_ident.recording import read_bag, write_bag
-from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate_bag, START
+from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate, simulate_bag, START
 from ros2_ident.simulate.effects import read_effect
-from ros2_ident.simulate.log import simulate
 from ros2_ident.simulate.motions import draw_motion, KINDS
 
 ROOT = Path(__file__).parents[2]
