@@ -19,7 +19,7 @@ import numpy as np
 from checks.paper import figures
 from checks.paper.belt import belt_machine, Trial, TRUTH
 from ros2_ident.identify.data import read_data
-from ros2_ident.models.belt_drive.recorded import RecordedBelt
+from ros2_ident.models.belt_drive.model import RecordedBelt
 from ros2_ident.report.files import load_result
 
 

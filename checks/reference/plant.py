@@ -12,7 +12,7 @@ from checks.reference.drive_law import drive_law
 from checks.reference.dynamics import DriveLaw
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
-from ros2_ident.simulate import log as simulate
+from ros2_ident.simulate import bag as simulate
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 CommandFilter = Callable[[Array, Array, float], tuple[Array, Array]]

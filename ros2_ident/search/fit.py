@@ -26,8 +26,7 @@ from ros2_ident.search.genetic import GeneticSearch, GeneticSettings, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences
 from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.operators import Flags
-from ros2_ident.search.refine import refine, Refinement
-from ros2_ident.search.starts import distinct_starts
+from ros2_ident.search.refine import distinct_starts, refine, Refinement
 from ros2_ident.search.uncertainty import Intervals, intervals
 from ros2_ident.threads import free_memory
 

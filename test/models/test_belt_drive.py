@@ -19,8 +19,7 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import EffectAt, load_machine
-from ros2_ident.models.belt_drive.model import BeltDrive, StepReference
-from ros2_ident.models.belt_drive.recorded import RecordedBelt
+from ros2_ident.models.belt_drive.model import BeltDrive, RecordedBelt, StepReference
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings
 from ros2_ident.words.identification import message

@@ -8,7 +8,7 @@ import pytest
 
 from ros2_ident.errors import IdentError
 from ros2_ident.search.evaluators import ThreadedEvaluator
-from ros2_ident.search.starts import APART, distinct_starts
+from ros2_ident.search.refine import APART, distinct_starts
 
 WIDE = np.array([10.0, 2.0])
 NEVER = threading.Event()

@@ -39,7 +39,7 @@ KIND = Kind(
         _CYCLE,
         *(key.searched(shown=key.name in _SHOWN) for key in _CONSTANTS),
     ),
-    model=later('ros2_ident.models.belt_drive.recorded:RecordedBelt'),
+    model=later('ros2_ident.models.belt_drive.model:RecordedBelt'),
     drives=1,
     travel='rad',
     compares=('effort', 'position'),
