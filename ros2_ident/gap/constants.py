@@ -8,7 +8,6 @@ import math
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import get_effect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.diagnosis import Value
 from ros2_ident.gap.facts import WrongConstant
@@ -51,8 +50,7 @@ class Constant:
 def fitted_constants(fits: Fits, base: Explanation) -> Iterator[Constant]:
     """Yield the stated numbers that promise most, each fitted beside the parameters.
 
-    Those that differ from drive to drive are left out, and those that an effect on all of the
-    machine stands for.
+    Those that differ from drive to drive are left out.
 
     Args:
         fits: Fits of the case.
@@ -62,18 +60,11 @@ def fitted_constants(fits: Fits, base: Explanation) -> Iterator[Constant]:
     if machine is None:
         return
     searched = {k.name: k.unit for k in kind_of(machine).keys if k.section == 'parameters'}
-    places = ('all', *machine.drives) if len(fits.case.drives) == 1 else ('all',)
-    known = {
-        p.target
-        for at in fits.case.fit.models[0].extensions()
-        if at.where in places
-        for p in get_effect(at.effect).parameters
-    }
     gains: list[tuple[float, str, _Fit]] = []
     for name, unit in searched.items():
         values = machine.constants.get(name, ())
         alike = len(set(values)) == 1 and isinstance(values[0], float) and values[0] != 0.0
-        if not alike or not machine.stated(name) or name in _CERTAIN | known | {*machine.bounds}:
+        if not alike or not machine.stated(name) or name in _CERTAIN | {*machine.bounds}:
             continue
         of = _Fit(fits, base, name, float(values[0]))
         try:

@@ -114,8 +114,7 @@ class Criteria:
         small = self.reduced(before, after) < self.least(before)
         if small or self.share(before, after) < self.rules.share:
             return False
-        fall = self.gap(before) - self.gap(after)
-        return self.confirmed(before, after, int(fall.argmax()))
+        return self.confirmed(before, after)
 
     def reduced(self, before: Explanation, after: Explanation) -> float:
         """Return the RMS that a step takes away from the drive it helps most, in floors."""
@@ -126,14 +125,15 @@ class Criteria:
         """Return the RMS that a step has to take away at least."""
         return self.rules.material if before.effects else self.rules.step
 
-    def confirmed(self, before: Explanation, after: Explanation, drive: int) -> bool:
-        """Whether the data held out speak for a step that gains most on a drive.
+    def confirmed(self, before: Explanation, after: Explanation) -> bool:
+        """Whether the data held out speak for a step.
 
         Where their motion does not excite what the step explains, they cannot; then they must at
         least not speak against it.
         """
         if self.share(before, after, held_out=True) >= self.rules.share:
             return True
+        drive = int((self.gap(before) - self.gap(after)).argmax())
         rest = before.check / self.check_count - 1.0
         worse = (after.check - before.check) / self.check_count
         silent = rest[drive] < self.rules.material**2

@@ -330,7 +330,8 @@ class _Passes:
         self, begun: _Pass, found: Explained, verdict: Verdict
     ) -> tuple[Explained, Verdict]:
         """Ask whether a number of the machine file explains as much, where there is a gap."""
-        if not begun.material or verdict.effect == WRONG_MODEL or self.clock.stopped():
+        known = verdict.effect == WRONG_MODEL or verdict.limits
+        if known or self.clock.stopped() or not begun.explainer.certain_size(begun.base):
             return found, verdict
         return of_the_file(begun.explainer, found, verdict)
 

@@ -3,15 +3,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.criteria import Criteria, Rules
-from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.fits import Explanation, TIE
 from ros2_ident.gap.floor import Floor, NORMAL, Predictability, predictability
+from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
+from ros2_ident.models.registry import kind_of
 
 # A floor that falls below this share of what it was is taken over.
 _LOWER = 0.97
@@ -74,12 +77,8 @@ class Explainer(Criteria):
         """
         chain, rounds = [base], list[Round]()
         if limited is not None:
-            self.shown, theta = limited.effects, limited.theta
-            less = range(1, len(self.shown))
-            steps = [
-                self.attribution.refit(self.shown[:n], theta[: n - len(self.shown)]) for n in less
-            ]
-            chain, rounds = [base, *steps, limited], [Round(base, {}, {}, (limited,))]
+            self.shown = limited.effects
+            chain, rounds = self.steps_to(limited, chain), [Round(base, {}, {}, (limited,))]
             # How far a limited drive moves hangs on each instant of its limit: what the fit leaves
             # there is taken for anything.
             places = {at.where for at in self.shown}
@@ -100,6 +99,8 @@ class Explainer(Criteria):
             on_best(chain[-1])
             if not stopped():
                 chain, rounds = self.with_new_floor(chain, rounds)
+        if chain[-1].effects and not stopped():
+            chain = self.on_like_drives(chain, candidates)
         rests = self.rests(chain)
         if not stopped():
             chain, rests = self.ordered(chain, rests)
@@ -121,6 +122,53 @@ class Explainer(Criteria):
             return True
         errors = self.attribution.standing(before, after)
         return reduced * (1.0 - NORMAL / max(errors, NORMAL)) >= self.least(before)
+
+    def on_like_drives(
+        self, chain: list[Explanation], candidates: Sequence[EffectAt]
+    ) -> list[Explanation]:
+        """Return the chain with what was found on some drives on those that have it, too.
+
+        Drives of one kind are built alike, so that an effect of about the same size needs no gap
+        that counts by itself: its interval has to leave out its neutral value.
+        """
+        final, machine = chain[-1], self.case.fit.models[0].machine
+        if machine is None or not kind_of(machine).alike:
+            return chain
+        names = {at.effect for at in final.effects if at.where in self.case.drives}
+        more = [at for at in candidates if at.effect in names and at.where in self.case.drives]
+        starts = [s[0] for s in self.attribution.look(final, more).values() if s[0].gain > TIE]
+        while starts and not self.attribution.stopped():
+            new = tuple(at for s in starts for at in s.effects)
+            phi = [s.phi for s in starts]
+            wide = self.attribution.refit(
+                (*final.effects, *new), np.concatenate([final.theta, *phi])
+            )
+            kept = [s for s in starts if self.like_others(wide, s.effects[0])]
+            if len(kept) == len(starts):
+                better = self.score(wide) < self.score(final)
+                held_out = wide.check.sum() < final.check.sum()
+                return self.steps_to(wide, chain) if better and held_out else chain
+            starts = kept
+        return chain
+
+    def like_others(self, e: Explanation, at: EffectAt) -> bool:
+        """Whether an effect is there, and about as large as on the other drives of a fit."""
+        low, high, *_ = self.ends(e, None)
+        model, sizes = self.case.fit.models[0], dict[EffectAt, float]()
+        for index, other in enumerate(e.effects):
+            if other.effect != at.effect:
+                continue
+            columns = self.columns(e, index)
+            parts = [
+                (e.theta[c] - p.neutral, low[c] > p.neutral or high[c] < p.neutral)
+                for c, p in zip(columns, model.scaled(other), strict=True)
+                if p.role == 'size'
+            ]
+            if other == at and not any(sure for _, sure in parts):
+                return False
+            sizes[other] = math.hypot(*(x for x, _ in parts))
+        own = sizes.pop(at)
+        return any(near(own / (x or math.inf), ANOTHER) for x in sizes.values())
 
     def with_new_floor(
         self, chain: list[Explanation], rounds: list[Round]
@@ -220,12 +268,16 @@ class Explainer(Criteria):
             # Against all of them: one by one hardly anything would count.
             if not self.material(less, best):
                 kept = less
-        same = kept.effects[: len(chain) - 1] == chain[-1].effects
+        return self.steps_to(kept, chain)
+
+    def steps_to(self, e: Explanation, chain: list[Explanation]) -> list[Explanation]:
+        """Return the chain to a fit, effect by effect, as far as it can be from another chain."""
+        same = e.effects[: len(chain) - 1] == chain[-1].effects
         steps = list(chain) if same else chain[:1]
-        for count in range(len(steps), len(kept.effects)):
-            theta = kept.theta[: self.columns(kept, count)[0]]
-            steps.append(self.attribution.refit(kept.effects[:count], theta))
-        return [*steps, kept]
+        for count in range(len(steps), len(e.effects)):
+            theta = e.theta[: self.columns(e, count)[0]]
+            steps.append(self.attribution.refit(e.effects[:count], theta))
+        return [*steps, e]
 
     def rivals(
         self, chain: Sequence[Explanation], rounds: Sequence[Round]

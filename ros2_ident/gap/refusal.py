@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.effects import get_effect
 from ros2_ident.gap.constants import fitted_constants
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.facts import Event, Misfit, WrongConstant
-from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.fits import Explanation, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.scale import FLOORS
@@ -49,18 +50,28 @@ def of_the_file(
 ) -> tuple[Explained, Verdict]:
     """Return the answer, or that a number of the machine file is wrong where it explains as much.
 
-    Of what closes as much for all that counts the one with fewer numbers is taken; where as many
-    numbers explain as much by an effect, its name stands, and those of the file are ties. It
-    stands too where it is on every drive with a size of its own.
+    A number that closes most of a gap is wrong however small the gap. Of what closes as much for
+    all that counts the one with fewer numbers is taken; where as many numbers explain as much by
+    an effect, its name stands, and those of the file are ties. It stands too where it is on every
+    drive with a size of its own.
     """
     base, final = found.chain[0], found.chain[-1]
     share, rules = partial(explainer.share, base), explainer.rules
     least = share(final) if len(found.chain) > 1 else 0.0
+    places = 'all', *(explainer.case.drives if len(explainer.case.drives) == 1 else ())
+    named = {
+        p.target
+        for at in final.effects
+        if at.where in places
+        for p in get_effect(at.effect).parameters
+    }
     counting = [
         one
         for one in fitted_constants(explainer.fits, base)
-        if share(one.fit) > max(rules.closed, least - rules.alike)
-        and explainer.material(base, one.fit)
+        if one.name not in named
+        and share(one.fit) > max(rules.closed, least - rules.alike)
+        and base.loss - one.fit.loss > TIE
+        and explainer.confirmed(base, one.fit)
     ]
     factors = _of_every_drive(explainer, found) if verdict.named else {}
     own = any(math.isnan(factor) for factor in factors.values())

@@ -21,11 +21,13 @@ from gap_fits import (
     SPRING,
     STRIBECK,
 )
+from identify_cases import tripod
 import numpy as np
 import pytest
 
 from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.reading import CoarseReading
+from ros2_ident.gap.screen import Start
 from ros2_ident.gap.verdict import (
     judge,
     NONE,
@@ -220,6 +222,24 @@ def test_a_step_that_slow_noise_may_make_does_not_count(explainer, attribution, 
 
 
 # ---------------------------------------------------------------------- limits
+
+
+def test_an_effect_on_a_drive_is_looked_for_on_those_of_its_make(explainer, attribution):
+    attribution.machine = tripod()
+    one, two = (EffectAt('quadratic_drag', drive) for drive in DRIVES)
+    chain = [made((2.0, 0.0)), made((0.0, 0.1), effects=[one])]
+    start = Start((two,), chain[-1].theta, np.array([0.4]), 100.0, 1.0)
+    attribution.look = lambda base, candidates: {two: [start]}
+
+    def on_both(size):
+        wide = made((0.0, 0.0), effects=[one, two])
+        wide.theta[-1] = size
+        attribution.refits = {(one, two): wide}
+        return explainer.on_like_drives(chain, [one, two])[-1].effects
+
+    assert on_both(0.4) == (one, two)
+    assert on_both(0.15) == (one,)  # less than a third of the other's size
+    assert on_both(0.05) == (one,)  # its interval holds 0
 
 
 def test_limits_that_the_law_shows_are_named_however_little_they_close(explainer):
