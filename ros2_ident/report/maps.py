@@ -101,15 +101,16 @@ def _chosen(findings: Sequence[Finding], always: Sequence[str]) -> tuple[tuple[s
     Returns:
         Each pair once, drive by drive in the order of the findings.
     """
-    by_drive: dict[str, list[str]] = {}
-    for f in findings:
+    # Those over which nothing was found come first.
+    found = [f for f in findings if f.significant]
+    others = set(always) - {f.drive for f in found}
+    at = {drive: ['velocity'] for drive in always if drive in others}
+    for f in found:
         # Findings without an axis of their own are shown over time.
         name = 'time' if f.along in _OVER_TIME else f.along.removeprefix('recent ')
-        if f.significant and name not in by_drive.setdefault(f.drive, []):
-            by_drive[f.drive].append(name)
-    found = {drive: names for drive, names in by_drive.items() if names}
-    told = {**{drive: ['velocity'] for drive in always if drive not in found}, **found}
-    return tuple((d, name) for d, names in told.items() for name in names[:3])[:12]
+        if name not in at.setdefault(f.drive, []):
+            at[f.drive].append(name)
+    return tuple((d, name) for d, names in at.items() for name in names[:3])[:12]
 
 
 def _lines(motion: Motion, row: Array, drive: int, name: str, values: Array) -> tuple[Line, ...]:
