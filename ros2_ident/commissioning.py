@@ -76,7 +76,7 @@ def check_both(
     own = check_machine(file)
     findings += own
     usable = all(finding.level != 'error' for finding in own)
-    if machine is not None and usable and kind_of(machine).from_bag:
+    if machine is not None and usable:
         try:
             data = gather(recordings, machine, drives)
             judged = [*_fit(report, machine, file), *_gates(data, machine, file, drives)]

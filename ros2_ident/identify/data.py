@@ -12,7 +12,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Quality
 from ros2_ident.models import Machine
-from ros2_ident.models.registry import compared_of, follows, kind_from_bag, kind_of, travel_of
+from ros2_ident.models.registry import compared_of, follows, kind_of, travel_of
 from ros2_ident.recording import (
     align,
     choose_windows,
@@ -139,7 +139,6 @@ def gather(
     Raises:
         IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it.
     """
-    kind_from_bag(machine)
     chosen = chosen_drives(machine, drives)
     aligned = partial(
         _aligned, machine=machine, chosen=chosen, quantities=quantities or compared_of(machine)

@@ -39,7 +39,6 @@ class Kind:
             it is identified from a bag; what else it can be asked for `make_model` says.
         drives: How many drives it has; None for any number.
         judge: Returns what is to be changed in a machine file and shows only together.
-        from_bag: Whether it is identified from a bag of drives.
         starts_in_motion: Whether its model can begin in the middle of a motion, from the measured
             position.
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
@@ -71,8 +70,8 @@ class Kind:
             slides or has none; None where it has no description.
 
     Raises:
-        ValueError: Where two of its constants have one name, or it comes from a bag without
-        `controller.cycle`: a mistake of the kind's author.
+        ValueError: Where two of its constants have one name, or none is `controller.cycle`: a
+        mistake of the kind's author.
     """
 
     name: str
@@ -81,7 +80,6 @@ class Kind:
     model: Callable[..., Any]
     drives: int | None = None
     judge: Callable[[Draft], Iterable[Remark]] = lambda draft: ()
-    from_bag: bool = True
     starts_in_motion: bool = False
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
     travel: str = ''
@@ -106,8 +104,8 @@ class Kind:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f'{self.name}: constants with the same name: {", ".join(twice)}')
-        if self.from_bag and 'cycle' not in names:
-            raise ValueError(f'{self.name}: what comes from a bag needs the key controller.cycle')
+        if 'cycle' not in names:
+            raise ValueError(f'{self.name}: lacks the key controller.cycle')
 
     @property
     def constants(self) -> tuple[Key, ...]:

@@ -144,23 +144,6 @@ def machine_from_mapping(
     return machine_file.judged(data, KINDS, str(where), folder=folder).usable()
 
 
-def kind_from_bag(machine: Machine) -> Kind:
-    """Return the kind of a machine that is identified from a bag of drives.
-
-    Raises:
-        IdentError: UNKNOWN_MODEL where its kind is not.
-    """
-    kind = kind_of(machine)
-    if not kind.from_bag:
-        known = ', '.join(name for name, other in KINDS.items() if other.from_bag)
-        raise IdentError(
-            ErrorCode.UNKNOWN_MODEL,
-            f'a {machine.kind} is not identified from a bag of drives; '
-            f'use a machine file of one of {known}',
-        )
-    return kind
-
-
 def space_of(machine: Machine) -> Space:
     """Return where a machine moves by default.
 
@@ -231,11 +214,10 @@ def make_model(
     By default that is what its kind compares.
 
     Raises:
-        IdentError: UNKNOWN_MODEL where the machine's kind has no drives to simulate, or as the
-        kind's model.
+        IdentError: UNKNOWN_MODEL where there is no such kind, or as the kind's model.
     """
     # What not every model can do is asked for only where it is wanted.
-    kind = kind_from_bag(machine)
+    kind = kind_of(machine)
     wanted: dict[str, Any] = {'efforts': efforts, 'weights': weights}
     compared = tuple(quantities or kind.compares)
     if {compared, kind.compares} != {('effort',)}:
