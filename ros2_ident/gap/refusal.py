@@ -50,10 +50,10 @@ def of_the_file(
 ) -> tuple[Explained, Verdict]:
     """Return the answer, or that a number of the machine file is wrong where it explains as much.
 
-    A number that closes most of a gap is wrong however small the gap. Of what closes as much for
-    all that counts the one with fewer numbers is taken; where as many numbers explain as much by
-    an effect, its name stands, and those of the file are ties. It stands too where it is on every
-    drive with a size of its own.
+    Beside a gap that does not count no other cause was looked for, so that a number is given and
+    not named. Of what closes as much for all that counts the one with fewer numbers is taken;
+    where as many numbers explain as much by an effect, its name stands, and those of the file are
+    ties. It stands too where it is on every drive with a size of its own.
     """
     base, final = found.chain[0], found.chain[-1]
     share, rules = partial(explainer.share, base), explainer.rules
@@ -83,6 +83,8 @@ def of_the_file(
         for one in counting
         if share(one.fit) > share(counting[0].fit) - rules.alike
     )
+    if not explainer.open(base) and verdict.effect != BOOKKEEPING:
+        return found, replace(verdict, constants=wrong)
     as_many = len(base.theta) + 1 >= len(final.theta) or own
     if as_many and verdict.named and wrong[0].closed < least + rules.alike:
         return found, replace(verdict, constants=wrong)

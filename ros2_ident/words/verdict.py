@@ -171,9 +171,10 @@ def sentence(d: Diagnosis) -> str:
     text = ''.join(_answer(d))
     if facts.cause == Cause.NONE and d.not_testable:
         text = f'{text[:-1]}; this motion {_unseen(d)}'
+    lead = 'Alternatively, ' if d.facts.cause == Cause.EFFECT else 'Or '
     text += ''.join(
-        f' Alternatively, {c.key} of the machine file is wrong: {c.value:.4g} '
-        f'[{c.low:.4g}, {c.high:.4g}] {c.unit} closes as much.'
+        f' {lead}{c.key} of the machine file is wrong: {c.value:.4g} [{c.low:.4g}, {c.high:.4g}] '
+        f'{c.unit} closes {100.0 * min(c.closed, 1.0):.0f} % of the gap.'
         for c in facts.constants
     )
     return f'{_contradiction(d)} {_small(d)}{text}{bound}'.lstrip()

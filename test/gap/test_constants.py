@@ -38,3 +38,13 @@ def test_a_servo_with_another_load_than_stated_is_told_which() -> None:
     *_, before, after = found.prediction.stages
     assert after.label.startswith('load_mass ')
     assert after.errors[0].rmse < 0.5 * before.errors[0].rmse
+
+
+def test_a_number_that_is_off_by_what_does_not_count_is_given_and_not_named() -> None:
+    true = MACHINE.number('load_mass')
+    wrong = MACHINE.with_constants(load_mass=0.997 * true)
+    found = diagnose(wrong, [dataset(7)], [dataset(8)], seed=1)
+    assert found.effect == 'none'
+    assert 'Or load_mass of the machine file is wrong: ' in sentence(found)
+    mass = found.parameters['load_mass']
+    assert mass.low < true < mass.high < 1.01 * true
