@@ -8,7 +8,7 @@ executor back at once and goes on when the run has ended.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -17,7 +17,6 @@ from rclpy.task import Future
 from ros2_ident_msgs.action import Diagnose, Identify
 from ros2_ident_msgs.msg import Status
 
-from ros2_ident import jobs
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.jobs import Identified
 from ros2_ident.ros import conversion, parameters, run
@@ -45,7 +44,7 @@ class Kind:
         state: The node's meanwhile.
         field: Name of the result's field, which holds a message with an error code.
         topic: Where that message goes as well, latched.
-        find: Finds what a goal wants; see `run.carry_out`.
+        what: Its name, and what `run.carry_out` does.
         feedback: Makes a progress a feedback, and a sentence of it.
         message: Makes the end of a run a message; see `conversion.result_message`.
         sentence: Returns what such a message says was found.
@@ -56,7 +55,7 @@ class Kind:
     state: int
     field: str
     topic: str
-    find: Callable[..., Any]
+    what: Literal['identify', 'diagnose']
     feedback: Callable[..., tuple[Any, str]]
     message: Callable[..., Any]
     sentence: Callable[[Any], str]
@@ -68,7 +67,7 @@ IDENTIFY = Kind(
     Status.STATE_IDENTIFYING,
     'identification',
     'result',
-    jobs.identify,
+    'identify',
     conversion.identify_feedback,
     conversion.result_message,
     lambda message: message.outcome_sentence,
@@ -79,7 +78,7 @@ DIAGNOSE = Kind(
     Status.STATE_DIAGNOSING,
     'gap',
     'gap',
-    jobs.diagnose,
+    'diagnose',
     conversion.diagnose_feedback,
     conversion.gap_message,
     conversion.gap_sentence,
@@ -108,7 +107,7 @@ class GoalServer:
         self._server = ActionServer(
             node,
             kind.action,
-            f'~/{kind.action.__name__.lower()}',
+            f'~/{kind.what}',
             self._execute,
             goal_callback=self._answer,
             cancel_callback=self._answer_cancel,
@@ -226,7 +225,7 @@ class GoalServer:
             node.worker.post(lambda: node.outlet.series(*series))
 
         def job(cancel: Cancel, say: Says) -> tuple[Any, ...]:
-            done = run.carry_out(self.kind.find, wanted, received, cancel, say, preview)
+            done = run.carry_out(self.kind.what, wanted, received, cancel, say, preview)
             # a result is not lost with its file
             return done, excitation(done.logs.fit), *attempt(lambda: run.save(done))
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -69,7 +69,7 @@ def asked_of(done: Identified | Diagnosed) -> Wanted:
 
 
 def carry_out(
-    find: Callable[..., Any],
+    what: Literal['identify', 'diagnose'],
     wanted: Wanted,
     received: RecordingBuilder | None,
     cancel: Cancel | None = None,
@@ -79,7 +79,7 @@ def carry_out(
     """Identify or diagnose.
 
     Args:
-        find: `jobs.identify` or `jobs.diagnose`.
+        what: Which of the two.
         wanted: What to do.
         received: What the node has received; needed where the request names no bag.
         cancel: The best so far is kept.
@@ -88,12 +88,12 @@ def carry_out(
             identification, from this thread; see `Preview`.
 
     Returns:
-        What `find` returns, also where the run was cancelled.
+        What `jobs` returns, also where the run was cancelled.
 
     Raises:
         IdentError: With the remedy.
     """
-    identifying = find is jobs.identify
+    identifying = what == 'identify'
     if not identifying:
         on_progress(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
     logs, rate = jobs.read(wanted, received), wanted.preview_rate
@@ -107,9 +107,8 @@ def carry_out(
 
     check = logs.check.sha256 if logs.check else ''
     asked = wanted.machine.digest, wanted.configuration, repr(wanted.settings)
-    place = checkpoint_of(
-        wanted.output_directory, find.__name__, *asked, logs.sha256, check
-    )
+    place = checkpoint_of(wanted.output_directory, what, *asked, logs.sha256, check)
+    find: Callable[..., Any] = jobs.identify if identifying else jobs.diagnose
     done = find(wanted, logs, cancel=cancel, on_progress=report, checkpoint=place)
     assert identifying or done.declared  # worked out here, not in the executor's thread
     return done

@@ -10,7 +10,6 @@ from identify_cases import After, AXIS_FILE, ROOT
 import numpy as np
 import pytest
 
-from ros2_ident import jobs
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
 from ros2_ident.models import load_machine
@@ -22,7 +21,7 @@ from ros2_ident.search import GeneticSettings
 from ros2_ident.search.journal import Journal
 
 BAG = ROOT / 'bags/axis_reversals'
-identify, diagnose = partial(carry_out, jobs.identify), partial(carry_out, jobs.diagnose)
+identify, diagnose = partial(carry_out, 'identify'), partial(carry_out, 'diagnose')
 
 
 @pytest.fixture(scope='module')
