@@ -5,13 +5,14 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
-from ros2_ident.arrays import plain
+from ros2_ident.arrays import Array, plain
 from ros2_ident.excite.plan import Excitation
 from ros2_ident.files import (
     make_directory,
@@ -23,6 +24,17 @@ from ros2_ident.files import (
 )
 from ros2_ident.recording import Stream, write_bag
 from ros2_ident.recording.write import require_room, Topic
+from ros2_ident.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    numbers,
+    ORANGE,
+    RED,
+    SKY,
+    tidy,
+    WIDTH,
+)
 
 BAG, TRAJECTORY, TABLE, WORTH, PICTURE = (
     'set_points', 'trajectory.yaml', 'motion.csv', 'excite.json', 'motion.png',
@@ -62,7 +74,7 @@ def write_excitation(
     files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
     if find_spec('matplotlib') is None:
         return [bag, *files]
-    from ros2_ident.excite.picture import picture
+    from ros2_ident.excite.files import picture
 
     about = {'format': 'ros2_ident.picture'}
     with replacing(folder / PICTURE) as file:
@@ -171,3 +183,82 @@ def worth(found: Excitation) -> dict[str, Any]:
         'evaluations': found.evaluations,
         'stop': found.stop,
     }
+
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_COLOURS = (BLUE, ORANGE, GREEN, RED, SKY, GREY)
+# Points of a line, and bars that fit beneath one another.
+_POINTS, _BARS = 4000, 30
+
+
+def picture(found: Excitation) -> 'Figure':
+    """Draw a motion over time, in shares of its limits, and the intervals that it will give.
+
+    Args:
+        found: The motion.
+    """
+    from matplotlib.figure import Figure
+
+    chosen = np.flatnonzero(found.wanted)
+    chosen = chosen[np.argsort(-_of_box(found, found.half_widths)[chosen], kind='stable')][:_BARS]
+    below = 0.9 + 0.2 * len(chosen)
+    figure = Figure(figsize=(WIDTH, 7.0 + below), layout='constrained')
+    axes = figure.subplots(5, 1, height_ratios=[1.8, 1.2, 1.2, 1.2, below])
+    planned, moved, limits = found.planned, found.shown.moved, found.courses.limits
+    _lines(axes[0], found, planned.position)
+    axes[0].set_ylabel('position')
+    drives = found.courses.machine.drives
+    axes[0].legend(
+        drives, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False
+    )
+    for place, rows, most, word in (
+        (axes[1], moved.velocity, limits.velocity, 'velocity'),
+        (axes[2], moved.acceleration, limits.acceleration, 'acceleration'),
+        (axes[3], moved.effort, limits.effort, 'effort'),
+    ):
+        bounded = np.isfinite(most).all()
+        assert rows is not None
+        _lines(place, found, rows / most[:, None] if bounded else rows)
+        place.set_ylabel(f'{word}\n(share of limit)' if bounded else word)
+        if bounded:
+            for end in (-1.0, 1.0):
+                place.axhline(end, color=GREY, lw=1.0, ls='--')
+    axes[3].set_xlabel('time [s]')
+    for place in axes[:3]:
+        place.tick_params(labelbottom=False)
+    _bars(axes[4], found, chosen)
+    return figure
+
+
+def _of_box(found: Excitation, half: Array) -> Array:
+    """Return half widths in percent of the parameters' boxes."""
+    out: Array = 100.0 * half / np.array([p.high - p.low for p in found.parameters])
+    return out
+
+
+def _lines(axes: 'Axes', found: Excitation, rows: Array) -> None:
+    every = max(1, rows.shape[1] // _POINTS)
+    time = found.courses.series.cycle * np.arange(rows.shape[1])[::every]
+    for number, row in enumerate(rows):
+        axes.plot(time, row[::every], color=_COLOURS[number % len(_COLOURS)], lw=0.9)
+    axes.margins(x=0.0)
+    tidy(axes)
+
+
+def _bars(axes: 'Axes', found: Excitation, chosen: npt.NDArray[np.int64]) -> None:
+    place = np.arange(len(chosen))
+    mine, chance = (_of_box(found, x)[chosen] for x in (found.half_widths, found.chance))
+    axes.hlines(place, mine, chance, color=SKY, lw=3.0)
+    axes.plot(chance, place, 'o', color=GREY, ms=5, label='a random motion')
+    axes.plot(mine, place, 'D', color=GREEN, ms=5, label='this motion')
+    axes.set_yticks(place, [found.parameters[n].name for n in chosen], fontsize=8)
+    axes.set_xscale('log')
+    numbers(axes.xaxis)
+    axes.invert_yaxis()
+    axes.set_xlabel('half a 95 % interval [% of the range in the machine file]')
+    axes.legend(loc='best', fontsize=8, frameon=False)
+    tidy(axes)
+    axes.tick_params(axis='y', labelsize=8)

@@ -15,7 +15,8 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.joints import at_joints, Joint, joints_of
 from ros2_ident.models.drives.model import DriveModel
-from ros2_ident.models.serial.links import effort_of, Links, links_of
+from ros2_ident.models.serial.arm import Body
+from ros2_ident.models.serial.cone import mended, nearest
 from ros2_ident.models.serial.model import Serial
 
 # Step of a derivative and least share of the box that counts, in box widths; also the least share
@@ -75,7 +76,7 @@ class Content:
     identified: tuple[Joint, ...]
     effects: tuple[EffectAt, ...]
     logged: tuple[EffectAt, ...]
-    links: Links | None
+    links: 'Links | None'
     spread: float
     model: DriveModel
     theta: Array
@@ -215,7 +216,7 @@ def _closest(
     model: DriveModel,
     theta: Array,
     joints: tuple[Joint, ...],
-    links: Links | None,
+    links: 'Links | None',
     effects: tuple[EffectAt, ...],
 ) -> tuple[Joint, ...]:
     """Return the joints; of those with effects, friction and armature closest to all of it."""
@@ -231,3 +232,94 @@ def _closest(
             joint = joint.closest(whole[o] - asked[d], speed[d], accel[d])
         out.append(joint)
     return tuple(out)
+
+
+# Of a parameter that is held: its standard deviation, as a share of its box.
+_HELD = 1e-6
+
+
+@dataclass(frozen=True)
+class Links:
+    """Links that bodies can be, and the candidate that they are.
+
+    Attributes:
+        bodies: (D,) the bodies, as they are described.
+        inertials: (D, 10) what they have now, in the frames of the joints.
+        theta: (N,) the candidate, moved as little as its uncertainty allows.
+        mended: Bodies whose described inertials none can have.
+    """
+
+    bodies: tuple[Body, ...]
+    inertials: Array
+    theta: Array
+    mended: tuple[str, ...]
+
+
+def links_of(model: Serial, theta: Array, information: Array, spread: float) -> Links:
+    """Return the links that a fit and the description make most probable together.
+
+    The fit says what it knows of base parameters; the description says the rest, a link's mass
+    with the standard deviation `spread` and its shape likewise. What else was identified moves
+    with the base parameters to where the log wants it then.
+
+    Args:
+        model: The arm.
+        theta: (N,) the fit.
+        information: (N, N) the inverse of its covariance, positive definite.
+        spread: Share of a link's mass.
+
+    Raises:
+        IdentError: INVALID_GOAL where no description says what the links are.
+    """
+    arm, inertials = model.arm, model.inertials
+    if not arm.bodies or not any(body.inertials[0] > 0.0 for body in arm.bodies):
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            'the machine file describes no links with a mass; give geometry.description, a URDF '
+            'or an MJCF',
+        )
+    names, middle = inertials.names, inertials.middles
+    free = {p.name: n for n, p in enumerate(model.parameters)}
+    columns = np.array([free[name] for name in names if name in free], dtype=np.int64)
+    sought = np.array([name in free for name in names])
+    value = np.array(
+        [theta[free[n]] if n in free else model.fixed[n] for n in names], dtype=np.float64
+    )
+    described = np.array([body.inertials for body in arm.bodies])
+    believed = mended(described)
+    told, held = inertials.changes
+    # What was told of a description that no body can have counts from where it is mended.
+    moved = (believed - described).ravel()
+    others = np.setdiff1d(np.arange(len(theta)), columns)
+    follow = np.linalg.solve(
+        information[np.ix_(others, others)], information[np.ix_(others, columns)]
+    )
+    known = information[np.ix_(columns, columns)]
+    sure = np.zeros((len(names), len(names)))
+    sure[np.ix_(sought, sought)] = known - information[np.ix_(columns, others)] @ follow
+    fixed = np.flatnonzero(~sought)
+    boxes = {p.name: p for several in inertials.parameters.values() for p in several}
+    widths = np.array([boxes[names[n]].high - boxes[names[n]].low for n in fixed])
+    sure[fixed, fixed] = (_HELD * widths) ** -2.0
+    wanted = value - middle - told @ moved
+    found = nearest(believed, told, wanted, sure, (held, -held @ moved), spread)
+    change = told @ (found - described).ravel()
+    shift = (middle + change - value)[sought]
+    out = theta.copy()
+    out[columns] += shift
+    out[others] -= follow @ shift
+    return Links(
+        arm.bodies,
+        found,
+        out,
+        tuple(
+            body.name
+            for body, change in zip(arm.bodies, believed - described, strict=True)
+            if change.any()
+        ),
+    )
+
+
+def effort_of(model: Serial, links: Links) -> Array:
+    """Return (D, K) what links ask of the joints along the recorded motion, N m or N."""
+    return model.links_effort(links.inertials - np.array([b.inertials for b in links.bodies]))

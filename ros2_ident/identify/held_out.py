@@ -12,7 +12,7 @@ from ros2_ident.identify.data import Data
 from ros2_ident.identify.hidden import Weighed
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification
-from ros2_ident.search.prior import BOX_DEVIATION
+from ros2_ident.search.refine import BOX_DEVIATION
 
 # A log is left out in so many parts.
 PARTS = 4

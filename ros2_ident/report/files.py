@@ -5,9 +5,10 @@ An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A
 `diagnosis.json`, `diagnosis.npz`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields, replace
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,21 @@ import numpy as np
 import yaml
 
 from ros2_ident.arrays import plain
+from ros2_ident.effects import CATALOGUE, EffectParameter
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, remove_file, write_arrays, write_text
-from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.diagnosis import Diagnosis, Value
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import History, Identification
-from ros2_ident.models import Machine
+from ros2_ident.machine.keys import digits, Key
+from ros2_ident.models import EffectAt, Machine
+from ros2_ident.models.drives.candidates import SLOTS
+from ros2_ident.models.registry import KINDS
 from ros2_ident.report.diagnosis import from_mapping as diagnosis_from
 from ros2_ident.report.diagnosis import SCHEMA, Written
 from ros2_ident.report.diagnosis import to_mapping as diagnosis_mapping
-from ros2_ident.report.remedy import machine_lines
 from ros2_ident.report.schema import from_mapping, intact, to_mapping
 from ros2_ident.report.signals import (
     read_arrays,
@@ -34,6 +38,7 @@ from ros2_ident.report.signals import (
     signals_of_problem,
     write_signals,
 )
+from ros2_ident.words.verdict import named
 
 JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
@@ -217,3 +222,71 @@ def _history(path: Path) -> History:
     arrays = read_arrays(path, 'the result stays readable')
     with intact(path):
         return History(**{field.name: arrays[field.name] for field in fields(History)})
+
+
+def machine_lines(found: Diagnosis, machine: Machine) -> tuple[str, ...]:
+    """Return YAML for the machine file.
+
+    Args:
+        found: The diagnosis.
+        machine: The machine it is of.
+
+    Returns:
+        Lines by section; none where no effect was found or the machine file has no key for it. A
+        constant gets its new value. What the file does not know becomes a parameter to identify,
+        searched up to twice the size found.
+    """
+    sections: dict[str, list[str]] = {}
+    for at in named(found):
+        for section, line in _lines(found, machine, at):
+            sections.setdefault(section, []).append(line)
+    return tuple(
+        line for name, lines in sections.items() for line in (f'{name}:', *dict.fromkeys(lines))
+    )
+
+
+def _lines(found: Diagnosis, machine: Machine, at: EffectAt) -> Iterator[tuple[str, str]]:
+    effect = CATALOGUE.get(at.effect)
+    if effect is None or machine.kind not in KINDS:
+        return
+    size = next(p for p in effect.parameters if p.role == 'size')
+    prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
+    value = found.parameters.get(f'{prefix}.{size.name}')
+    if value is None or not math.isfinite(value.value):
+        return
+    # What fills the row of the kernel on which the effect acts.
+    names = [name for name, slot in SLOTS.items() if size.target and slot.row == size.target]
+    if any(name in machine.bounds for name in names):
+        return
+    keys = [key for key in KINDS[machine.kind].keys if key.name in names]
+    for key in keys:
+        if key.constant:
+            yield from _constant(machine, key, size, value.value, at)
+            return
+    fitting = [k for k in keys if value.unit in (k.unit, k.force_unit)]
+    if fitting:
+        key = max(fitting, key=lambda k: k.unit == value.unit)
+        yield key.section, _box(key.name, value)
+
+
+def _constant(
+    machine: Machine, key: Key, size: EffectParameter, value: float, at: EffectAt
+) -> Iterator[tuple[str, str]]:
+    """Yield a constant with its new value, of each drive where the effect sits on one."""
+    old = machine.numbers(key.name).tolist()
+    new = [
+        (x * value if size.how == 'scale' else x + value) if at.where in ('all', drive) else x
+        for drive, x in zip(machine.drives, old, strict=True)
+    ]
+    if not all(map(math.isfinite, new)):
+        return
+    said = [digits(float(f'{x:.5g}')) for x in new]
+    text = said[0] if len(set(said)) == 1 else f'[{", ".join(said)}]'
+    before = ', '.join(dict.fromkeys(digits(x) for x in old))
+    yield key.section, f'  {key.name}: {text}  # {before} before'
+
+
+def _box(name: str, value: Value) -> str:
+    reach = digits(float(f'{2.0 * abs(value.value):.2g}'))
+    low = f'-{reach}' if value.value < 0.0 else '0.0'
+    return f'  {name}: [{low}, {reach}, {value.unit}]'

@@ -14,10 +14,10 @@ from ros2_ident.cli import check as cli_check
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.layout import read_conditions
-from ros2_ident.machine.template import machine_template
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.belt_drive.model import CONSTANTS
 from ros2_ident.models.drives.candidates import SLOTS
+from ros2_ident.models.new_file import machine_template
 from ros2_ident.models.registry import KINDS, read_machine_file
 from ros2_ident.recording import Dataset, Stream, write_bag
 

@@ -11,10 +11,10 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from models.test_serial import BOXES, described, middle, moving, tabled, URDF  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from ros2_ident.export.content import effort_of, links_of  # noqa: E402
 from ros2_ident.models import make_model  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 from ros2_ident.models.serial.cone import inertials_of, mended, nearest, pseudo_inertia  # noqa: E402
-from ros2_ident.models.serial.links import effort_of, links_of  # noqa: E402
 
 ROTORS = {**BOXES, 'drive_inertia': [0.0, 1.0, 'kg m^2']}
 

@@ -11,7 +11,7 @@ import yaml
 
 from ros2_ident.gap.diagnosis import Value
 from ros2_ident.models import EffectAt, Machine
-from ros2_ident.report.remedy import machine_lines
+from ros2_ident.report.files import machine_lines
 
 
 def lines(machine: Machine, effect: str, where: str, values: dict[str, Value], also=()):
