@@ -17,7 +17,7 @@ from ros2_ident.recording import Topics
 _LARGEST = 1 << 24  # of a list, bytes
 # What was found in a bag, as its file holds it.
 Row = dict[str, Any]
-_KEYS = {'bag', 'check', 'machine_file', 'model', 'machine', 'date', 'labels'}
+_KEYS = {'bag', 'check', 'machine_file', 'machine', 'date', 'labels'}
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,8 @@ class Entry:
     Attributes:
         name: Of its row and file; unique.
         bag: Path of the bag. All paths are absolute: a worker may run in another folder.
-        machine_file: Path of the machine file; empty where `model` makes the model.
+        machine_file: Path of the machine file.
         check: Path of a second bag to judge the diagnosis on; empty for none.
-        model: `module:function` that makes a model of one's own from a bag's path; empty for none.
         more: Paths of further bags of the same machine, for the same fit.
         machine: Which machine it was recorded on.
         date: When, in a form that sorts, as 2026-01-31; empty where unknown.
@@ -59,7 +58,6 @@ class Entry:
     machine: str = ''
     date: str = ''
     labels: Mapping[str, str] = field(default_factory=dict)
-    model: str = ''
     more: tuple[str, ...] = ()
 
 
@@ -126,13 +124,7 @@ def _entry(
         )
     own = given.get('machine_file')
     file = str(base / str(own)) if own else machine_file
-    model = str(given.get('model') or '')
-    if model and own:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{where} names a machine file and a model; give it one of the two',
-        )
-    if not file and not model:
+    if not file:
         raise IdentError(
             ErrorCode.INVALID_GOAL,
             f'{where} names no machine file; add `machine_file` to it or to the list, or give '
@@ -145,11 +137,10 @@ def _entry(
     return Entry(
         name,
         os.path.abspath(base / bag),
-        '' if model else os.path.abspath(str(file)),
+        os.path.abspath(file),
         os.path.abspath(base / str(given['check'])) if given.get('check') else '',
         str(given.get('machine') or Path(bag).stem),
         str(given.get('date') or ''),
         {str(k): str(v) for k, v in (given.get('labels') or {}).items()},
-        model,
         tuple(os.path.abspath(base / x) for x in more),
     )

@@ -6,12 +6,9 @@ from concurrent.futures import as_completed, Future
 from contextlib import closing
 from dataclasses import asdict, fields, replace
 import hashlib
-import importlib
 import json
 from pathlib import Path
-import sys
 from threading import Event
-from typing import Any
 
 from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
@@ -133,18 +130,14 @@ def key_of(entry: Entry, wish: Wish) -> str:
     """Return a digest of what a row depends on.
 
     That is what the list says, the settings, the sources of everything that has a part in a
-    result, the versions of the libraries, and the bytes of the machine file (or of the module that
-    makes the model) and of the bags.
+    result, the versions of the libraries, and the bytes of the machine file and of the bags.
     """
     from ros2_ident.identify.problem import sources
     from ros2_ident.recording.storage import digest, storage_files
 
     total = hashlib.sha256(f'{json.dumps(asdict(entry), default=dict)}{wish!r}'.encode())
     total.update(sources().encode())
-    described = entry.machine_file
-    if entry.model:
-        described = str(sys.modules[_maker(entry.model).__module__].__file__)
-    total.update(Path(described).read_bytes())
+    total.update(Path(entry.machine_file).read_bytes())
     for bag in filter(None, (entry.bag, *entry.more, entry.check)):
         total.update(digest(storage_files(bag)[0]).encode())
     return total.hexdigest()
@@ -189,35 +182,21 @@ def _failed(row: Row, code: ErrorCode, message: str) -> Row:
 def _found(entry: Entry, wish: Wish, common: Effects | None) -> Row:
     """Return what is found in a bag; only the parameters beside common effects where given."""
     from ros2_ident import jobs
-    from ros2_ident.gap.case import recordings_from
-    from ros2_ident.gap.diagnose import diagnose
-    from ros2_ident.identify.run import identify
     from ros2_ident.models import EffectAt, load_machine
     from ros2_ident.words.identification import message
     from ros2_ident.words.verdict import sentence
 
-    def able(model: Any) -> list[EffectAt]:
-        known = model.extensions() if common else ()
-        return [at for at in (EffectAt(*x) for x in common or ()) if at in known]
-
-    if entry.model:
-        make = _maker(entry.model)
-        models = recordings_from(make(entry.bag)).models
-        check = make(entry.check) if entry.check else ()
-        effects = able(models[0])
-        extended = [m.extended(effects) for m in models] if effects else models
-        result = identify(model=extended, fixed=wish.fixed, seed=wish.seed)
-    else:
-        request = jobs.Request(
-            load_machine(entry.machine_file),
-            bags=(entry.bag, *entry.more),
-            check=(entry.check,) if entry.check else (),
-            machine_file=entry.machine_file,
-            **{x.name: getattr(wish, x.name) for x in fields(wish) if x.name != 'diagnosed'},
-        )
-        logs = jobs.read(request)
-        effects = able(request.problem(logs.fit).models[0])
-        result = jobs.identify(replace(request, effects=tuple(effects)), logs).result
+    request = jobs.Request(
+        load_machine(entry.machine_file),
+        bags=(entry.bag, *entry.more),
+        check=(entry.check,) if entry.check else (),
+        machine_file=entry.machine_file,
+        **{x.name: getattr(wish, x.name) for x in fields(wish) if x.name != 'diagnosed'},
+    )
+    logs = jobs.read(request)
+    known = request.problem(logs.fit).models[0].extensions() if common else ()
+    effects = [at for at in (EffectAt(*x) for x in common or ()) if at in known]
+    result = jobs.identify(replace(request, effects=tuple(effects)), logs).result
     values: Row = {
         'parameters': {
             p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
@@ -239,10 +218,7 @@ def _found(entry: Entry, wish: Wish, common: Effects | None) -> Row:
     }
     if not wish.diagnosed:
         return found
-    if entry.model:
-        verdict = diagnose(model=models, check_model=check, fixed=wish.fixed, seed=wish.seed)
-    else:
-        verdict = jobs.diagnose(request, logs).result
+    verdict = jobs.diagnose(request, logs).result
     return {
         **found,
         'effect': verdict.effect,
@@ -262,20 +238,3 @@ def _found(entry: Entry, wish: Wish, common: Effects | None) -> Row:
         },
         'complete': verdict.complete,
     }
-
-
-def _maker(model: str) -> Any:
-    """Return the function that `module:function` names.
-
-    Raises:
-        IdentError: INVALID_GOAL where there is none.
-    """
-    module, _, name = model.partition(':')
-    try:
-        return getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'the model {model!r} is not found ({error}); write module:function, and put the '
-            'module where Python looks for it, as by PYTHONPATH',
-        ) from None
