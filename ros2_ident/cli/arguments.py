@@ -5,7 +5,6 @@ import argparse
 from collections.abc import Callable, Mapping
 from importlib import import_module
 import math
-from pathlib import Path
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -84,65 +83,6 @@ def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     return found
 
 
-# ---------------------------------------------------------------------- completion by tab
-
-
-def _machine_file(parsed_args: argparse.Namespace) -> dict[str, Any]:
-    """Return the content of the machine file on the command line; empty where there is none."""
-    import yaml
-
-    try:
-        content = yaml.safe_load(Path(parsed_args.machine).read_text(encoding='utf-8'))
-        return {'drives': list(content['drives']), 'parameters': list(content['parameters'])}
-    except Exception:  # completion says nothing rather than something wrong
-        return {'drives': [], 'parameters': []}
-
-
-def _after_comma(prefix: str, known: list[str]) -> list[str]:
-    """Complete the last name of a list with commas."""
-    before, comma, _last = prefix.rpartition(',')
-    return [f'{before}{comma}{name}' for name in known if name not in before.split(',')]
-
-
-def drives(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
-    """Complete drives of the machine file."""
-    return _after_comma(prefix, _machine_file(parsed_args)['drives'])
-
-
-def parameters(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
-    """Complete parameters of the machine file, for `NAME=VALUE`."""
-    return [f'{name}=' for name in _machine_file(parsed_args)['parameters']]
-
-
-def effects(prefix: str, **_: Any) -> list[str]:
-    """Complete effects: each is a module, so that none has to be loaded."""
-    folder = Path(__file__).parents[1] / 'effects'
-    modules = {path.stem for path in folder.glob('[a-z]*.py')}
-    found = sorted(modules - {'effect', 'loading'})
-    return _after_comma(prefix, found)
-
-
-def effects_at(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
-    """Complete `EFFECT@DRIVE:`."""
-    places = [*_machine_file(parsed_args)['drives'], 'all']
-    return [f'{effect}@{place}:' for effect in effects('') for place in places]
-
-
-def files(*suffixes: str) -> Callable[..., list[str]]:
-    """Return what completes directories and files of some kinds."""
-
-    def complete(prefix: str, **_: Any) -> list[str]:
-        from argcomplete.completers import FilesCompleter
-
-        return list(FilesCompleter(suffixes)(prefix))
-
-    return complete
-
-
-bags = files('mcap', 'db3', 'bag', 'csv')
-machine_files = files('yaml', 'yml')
-
-
 # ---------------------------------------------------------------------- from the table
 
 
@@ -163,7 +103,6 @@ def add_arguments(
         one_of: Any = None
         for flag, said in arguments.items():
             options = {**table['shared'].get(flag, {}), **(said or {})}
-            words = options.pop('words', None)
             place = group
             if options.pop('exclusive', False):
                 place = one_of = one_of or group.add_mutually_exclusive_group()
@@ -176,9 +115,7 @@ def add_arguments(
                 options['default'] = []
             elif isinstance(options.get('default'), list):
                 options['default'] = tuple(options['default'])
-            action = place.add_argument(flag, **options)
-            if words is not None:
-                action.completer = globals()[words]
+            place.add_argument(flag, **options)
 
 
 # ---------------------------------------------------------------------- what commands share

@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ros2_ident.cli import arguments
 from ros2_ident.cli.main import COMMANDS, main, make_parser
-from ros2_ident.effects import CATALOGUE
 from ros2_ident.recording import read_bag, Stream, write_bag
 
 # This tree first; where it is installed, its entry points lie further on.
@@ -93,17 +91,6 @@ def test_what_is_said_and_with_which_code_it_ends(words, code, text, capsys):
         ('ident check bags/axis_r', ['bags/axis_reversals/']),
         ('ident check --machine config/em', ['config/emps.yaml']),
         ('ident new-machine --kind t', ['tripod']),
-        (
-            'ident identify bag --machine config/tripod.yaml --drives drive_1,',
-            ['drive_1,drive_2', 'drive_1,drive_3'],
-        ),
-        ('ident identify bag --machine config/tripod.yaml --fix to', ['tool_mass=']),
-        ('ident diagnose bag --without stribeck,backl', ['stribeck,backlash']),
-        (
-            'ident simulate bag --machine config/emps.yaml --effect presl',
-            ['presliding@all:', 'presliding@emps_axis:'],
-        ),
-        ('ident identify bag --machine config/missing.yaml --fix to', []),
     ],
 )
 def test_tab_completes(line, expected, tmp_path):
@@ -125,10 +112,6 @@ def test_tab_completes(line, expected, tmp_path):
         timeout=60,
     )
     assert sorted(answer.read_text().split()) == expected
-
-
-def test_tab_knows_the_effects_without_loading_them():
-    assert arguments.effects('') == sorted(CATALOGUE)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The examples of docs/extend.md work as they stand: a model, in a fleet too, and an effect."""
+"""The examples of docs/extend.md work as they stand: a model and an effect."""
 
 import importlib.util
 from pathlib import Path
@@ -9,11 +9,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-import yaml
 
 from ros2_ident.effects import Hook
-from ros2_ident.fleet.entries import read_fleet, Wish
-from ros2_ident.fleet.run import key_of, run_entry
 from ros2_ident.recording import Stream, write_bag
 
 ROOT = Path(__file__).parents[2]
@@ -57,24 +54,6 @@ def test_the_example_finds_the_parameters(
     for estimate in result.parameters:  # type: ignore[attr-defined]
         assert estimate.low <= TRUTH[estimate.name] <= estimate.high
     assert 'Nothing is missing' in capsys.readouterr().out
-
-
-def test_it_stands_in_the_list_of_a_fleet(swings: Path) -> None:
-    entries = [{'bag': f'swing_{n}', 'model': 'my_pendulum:Pendulum'} for n in (1, 2)]
-    (swings / 'fleet.yaml').write_text(yaml.safe_dump({'bags': entries}))
-    first, second = read_fleet(swings / 'fleet.yaml')
-    row = run_entry(first, Wish())
-    assert row['state'] == 'done', row
-    assert row['parameters']['weight']['value'] == pytest.approx(3.0, rel=0.01)
-    assert row['effect'] == 'none'
-    key = key_of(second, Wish())
-    (swings / 'my_pendulum.py').write_text(MODEL + '# changed\n')
-    assert key_of(second, Wish()) != key
-    entries[0]['model'] = 'my_pendulum:Nothing'
-    (swings / 'fleet.yaml').write_text(yaml.safe_dump({'bags': entries}))
-    failed = run_entry(read_fleet(swings / 'fleet.yaml')[0], Wish(diagnosed=False))
-    assert failed['code'] == 'INVALID_GOAL'
-    assert 'write module:function' in failed['message']
 
 
 def test_the_page_names_every_hook() -> None:
