@@ -156,8 +156,7 @@ def command_line() -> str:
         'eval "$(register-python-argcomplete ident)"',
         '```',
         '',
-        'In zsh the same after `autoload -U bashcompinit && bashcompinit`. Drives and parameters',
-        'are completed after `--machine FILE`, since they stand in the file.',
+        'In zsh the same after `autoload -U bashcompinit && bashcompinit`.',
     ]
     return '\n'.join(lines) + '\n'
 

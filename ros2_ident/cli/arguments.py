@@ -5,6 +5,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from importlib import import_module
 import math
+from pathlib import Path  # noqa: F401  # a type in commands.yaml
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import along_rail, Effect, EffectParameter, Hook
 from ros2_ident.lanes import inlined
 
 
@@ -20,16 +20,7 @@ EFFECT = Effect(
     source='Khatib/FloBaRoID catalogue of disturbance forces; Hooke',
     parameters=(
         EffectParameter('stiffness', 'N/m', -300.0, 300.0, 0.0, symbol='k'),
-        EffectParameter(
-            'rest',
-            'm',
-            -1.0,
-            2.0,
-            0.5,
-            role='position',
-            symbol='s_0',
-            meaning='position without force',
-        ),
+        along_rail('rest', 's_0', 'position without force'),
     ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,

@@ -188,6 +188,13 @@ def fading(starts: tuple[float, ...] = (0.01, 0.03, 0.1)) -> EffectParameter:
     )  # fmt: skip
 
 
+def along_rail(name: str, symbol: str, meaning: str) -> EffectParameter:
+    """Return a parameter that is a position on a rail."""
+    return EffectParameter(
+        name, 'm', -1.0, 2.0, 0.5, role='position', symbol=symbol, meaning=meaning
+    )
+
+
 @dataclass(frozen=True)
 class Effect:
     """One deviation of a real machine from its nominal model.

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import along_rail, Effect, EffectParameter, Hook
 from ros2_ident.lanes import inlined
 
 
@@ -20,16 +20,7 @@ EFFECT = Effect(
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
         EffectParameter('slope', '1/m', -10.0, 10.0, 0.0, symbol='a', meaning='change per length'),
-        EffectParameter(
-            'middle',
-            'm',
-            -1.0,
-            2.0,
-            0.5,
-            role='position',
-            symbol='z_0',
-            meaning='position without change',
-        ),
+        along_rail('middle', 'z_0', 'position without change'),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,

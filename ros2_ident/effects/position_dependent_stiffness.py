@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from ros2_ident.effects.effect import Effect, EffectParameter, elastic_gear, Hook
+from ros2_ident.effects.effect import along_rail, Effect, EffectParameter, elastic_gear, Hook
 from ros2_ident.lanes import inlined, maximum, spread
 
 
@@ -20,16 +20,7 @@ EFFECT = Effect(
     source='Ludwig and Gerstmayr 2011, eq. 11; belt length changes with position',
     parameters=(
         EffectParameter('slope', '1/m', -3.0, 3.0, 0.0, symbol='a', meaning='change per length'),
-        EffectParameter(
-            'middle',
-            'm',
-            -1.0,
-            2.0,
-            0.5,
-            role='position',
-            symbol='s_0',
-            meaning='position without change',
-        ),
+        along_rail('middle', 's_0', 'position without change'),
     ),
     hook=Hook.STIFFNESS,
     kernel=_kernel,

@@ -74,8 +74,6 @@ def write_excitation(
     files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
     if find_spec('matplotlib') is None:
         return [bag, *files]
-    from ros2_ident.excite.files import picture
-
     about = {'format': 'ros2_ident.picture'}
     with replacing(folder / PICTURE) as file:
         picture(found).savefig(file, format='png', dpi=110, metadata=about)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Content of an export, and the part of it that each kind of file can hold."""
+"""Content of an export, and the part of it that each kind of file can hold.
+
+Full inertials of an arm's links come from base parameters and from what was believed before.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

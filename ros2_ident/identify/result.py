@@ -60,7 +60,7 @@ class ParameterEstimate:
         upper_bound: Upper end of it.
         ga_value: What the genetic algorithm found, before the refinement.
         at_bound: Whether the estimate lies on a bound of the box.
-        state: What is known of it; see `certainty`.
+        state: What is known of it; see `outcome`.
         kind: `physical`, `base` or `measurement`.
         note: The same in words, empty where there is nothing to say.
         noise_low: Lower end if the model lacked nothing: noise alone.

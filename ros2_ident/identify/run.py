@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From data to identified parameters, with intervals and words."""
+"""From data to identified parameters, and whether the result can be believed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -12,13 +12,12 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine, GateReport, sentences
 from ros2_ident.gates.scale import FLOORS
-from ros2_ident.identify.certainty import doubted
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.data import read_data as read_data
 from ros2_ident.identify.held_out import check_problem, with_held_out
 from ros2_ident.identify.hidden import weigh_fit
 from ros2_ident.identify.layout import Conditions
-from ros2_ident.identify.outcome import assemble, cut_short
+from ros2_ident.identify.outcome import assemble, cut_short, doubted
 from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome, PoorFit

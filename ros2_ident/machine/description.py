@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ET
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
-from ros2_ident.machine.shown import name_of
+from ros2_ident.machine.units import name_of
 
 _BYTES, _ELEMENTS, _BODIES, _DEPTH, _JOINTS = 1 << 24, 100_000, 1_000, 250, 6
 # In SI units: a limit of none is written as 1e16, squares are far from overflow; what may be a

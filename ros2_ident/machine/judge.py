@@ -13,8 +13,7 @@ from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.draft import Path as Keys
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key
 from ros2_ident.machine.kind import Kind
-from ros2_ident.machine.shown import name_of, shown
-from ros2_ident.machine.units import effort_factors, number, plain_unit
+from ros2_ident.machine.units import effort_factors, name_of, number, plain_unit, shown
 
 SECTIONS = ('geometry', 'drive', 'controller', 'parameters')
 TEMPLATE = 'start from one that `ident new-machine` writes'

@@ -3,10 +3,10 @@
 
 import math
 import re
+import reprlib
 from typing import Any
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.shown import name_of, shown
 
 _ANGULAR = {'kg': 'kg m^2', 'N': 'N m', 'm': 'rad'}
 # Lever that makes a way of an angle, m: the radius of a common pulley or pinion. What is looked
@@ -94,3 +94,21 @@ def effort_factors(
             f'line `{key}: ...` to the machine file, or give --{key.replace("_", "-")}',
         )
     return tuple(x * share for x in factors)
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring, _SHORT.maxother = 120, 120
+
+
+def shown(value: Any) -> str:
+    """Return a value as Python writes it, at most some hundred characters of it."""
+    try:
+        return _SHORT.repr(value)
+    except ValueError:  # a whole number that Python does not print
+        return 'a number of thousands of digits'
+
+
+def name_of(value: Any) -> str:
+    """Return a name as it is, where that can be shown."""
+    text = value if isinstance(value, str) else shown(value)
+    return text if text.isprintable() and len(text) <= _SHORT.maxstring else shown(text)

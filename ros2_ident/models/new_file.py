@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A new machine file from a description and a log of the machine."""
+"""A new machine file: a template of every key, or from a description and a log of the machine."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

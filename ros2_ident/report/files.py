@@ -2,7 +2,7 @@
 """The files of a run, all but the overlay bag and the page.
 
 An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A diagnosis:
-`diagnosis.json`, `diagnosis.npz`.
+`diagnosis.json`, `diagnosis.npz`, and lines for the machine file that bring in what was found.
 """
 
 from collections.abc import Iterator, Mapping

@@ -24,8 +24,7 @@ from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.criteria import AT_BOUND
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.gap.diagnosis import Diagnosis, Ranked, Step, Value
-from ros2_ident.identify.certainty import NOT_IDENTIFIABLE, state_of
-from ros2_ident.identify.outcome import package_version
+from ros2_ident.identify.outcome import NOT_IDENTIFIABLE, package_version, state_of
 from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.jobs import Diagnosed, Identified

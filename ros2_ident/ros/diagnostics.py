@@ -11,8 +11,7 @@ from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.data import Data
-from ros2_ident.ros.capture import Capture
-from ros2_ident.ros.meter import StreamMeter
+from ros2_ident.ros.capture import Capture, StreamMeter
 
 # Below this speed, as a share of the fastest, a drive counts as resting.
 _SLOW = 0.02

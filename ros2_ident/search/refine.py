@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Local refinement: bounded least squares on the residual vector from several starts.
 
-Of fits that the data cannot tell apart it ends at the most probable one, see `prior`.
+Of fits that the data cannot tell apart it ends at the most probable one, given the box.
 
 Reference:
     Levenberg 1944; Marquardt 1963.

@@ -18,7 +18,7 @@ import pytest
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode
-from ros2_ident.identify.certainty import state_of
+from ros2_ident.identify.outcome import state_of
 from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.run import FLOORS, identify, LARGE, NOTE
 from ros2_ident.identify.settings import IdentifySettings
