@@ -5,6 +5,7 @@ ros2 launch ros2_ident identify.launch.py machine_file:=my_machine.yaml bag:=my_
 """
 
 from pathlib import Path
+from typing import Any
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
@@ -12,7 +13,19 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchContext, LaunchDescription
-from ros2_ident.ros.launching import ARGUMENTS, node_options, replay_remappings
+
+# Argument, default, description. Topics are relative to the namespace.
+ARGUMENTS = (
+    ('machine_file', '', 'what is known of the machine; empty: as the parameter file has it'),
+    ('params_file', '', 'parameters of the node; empty: all at their defaults'),
+    ('namespace', '', 'namespace of the node and of its topics'),
+    ('use_sim_time', 'false', 'take the time from /clock'),
+    ('state_topic', 'joint_states', 'measured motion'),
+    ('effort_topic', 'effort', 'measured effort'),
+    ('command_topic', 'joint_command', 'set-point'),
+    ('bag', '', 'bag to replay; empty: wait for live topics'),
+    ('rate', '1.0', 'pace of the replay'),
+)
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -30,16 +43,35 @@ def generate_launch_description() -> LaunchDescription:
 
 def _nodes(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    share = Path(FindPackageShare('ros2_ident').perform(context))
-    options = node_options(given, share)
-    nodes = [Node(package='ros2_ident', executable='identifier', output='screen', **options)]
+    machine, file = given['machine_file'], given['params_file']
+    if not machine and not file:
+        machine = str(Path(FindPackageShare('ros2_ident').perform(context)) / 'config/tripod.yaml')
+    values: dict[str, Any] = {'use_sim_time': given['use_sim_time'].lower() in ('true', '1')}
+    if machine:
+        values['machine_file'] = machine
+    topics = {
+        'joint_states': given['state_topic'],
+        'effort': given['effort_topic'],
+        'joint_command': given['command_topic'],
+    }
+    nodes = [
+        Node(
+            package='ros2_ident',
+            executable='identifier',
+            output='screen',
+            namespace=given['namespace'],
+            parameters=[*([file] if file else []), values],
+            remappings=list(topics.items()),
+        )
+    ]
     if given['bag']:
         nodes.append(
             Node(
                 package='ros2_ident',
                 executable='replay',
                 output='screen',
-                remappings=replay_remappings(given),
+                namespace=given['namespace'],
+                remappings=[(f'/{name}', topic) for name, topic in topics.items()],
                 arguments=[given['bag'], '--wait-for-subscribers', '--rate', given['rate']],
             )
         )

@@ -22,12 +22,12 @@ ROOT = Path(__file__).parents[1]
 OUTSIDE = {
     r'cli\.arguments\.\w+': 'cli/commands.yaml',
     r'cli\.\w+\.run': 'cli.main, which imports a command by its name',
+    r'identify\.run\.identify': 'users, as docs/extend.md',
     r'kernel\.drive\._(flags_of|closed_loop)': 'numba.extending.overload',
     r'lanes\._(\w+Type\.\w+|\w+Model|\w*Template.*|neg)': 'numba, which registers it',
     r'machine\.description\._Bounded\.doctype': 'xml.etree',
     r'recording\.(write\._McapStorage|rosbag1_scan\._Chunks)\.\w+': 'rosbags',
     r'report\.page\.(answer\.Answer\.closing|steps\.Step\.signs)': "the page's templates",
-    r'ros\.launching\.\w+': 'launch/',
 }
 
 
