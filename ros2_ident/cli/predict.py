@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
             rows.append((row[0].drive, row[0].quantity, row[0].unit, name.upper(), *numbers))
     columns(rows, '<<<<' + '>' * len(found.stages))
     if folder is not None:
-        from ros2_ident.report.free_run import picture
+        from ros2_ident.report.style import picture
 
         content = {'format': FORMAT, 'warm_up': args.warm_up, **plain(asdict(found))}
         write_text(folder / JSON, json.dumps(content, indent=1) + '\n')

@@ -111,10 +111,9 @@ class Criteria:
 
     def material(self, before: Explanation, after: Explanation) -> bool:
         """Whether a step closes enough to count, on all data and on the data held out."""
-        small = self.reduced(before, after) < self.least(before)
-        if small or self.share(before, after) < self.rules.share:
-            return False
-        return self.confirmed(before, after)
+        large = self.reduced(before, after) >= self.least(before)
+        closes = self.share(before, after) >= self.rules.share
+        return large and closes and self.confirmed(before, after)
 
     def reduced(self, before: Explanation, after: Explanation) -> float:
         """Return the RMS that a step takes away from the drive it helps most, in floors."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import db3_scan, mcap_scan, rosbag1_scan
+from ros2_ident.recording import mcap_scan, rosbags_scan
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.content import Content, Messages
 from ros2_ident.recording.damage import Damage, Losses
@@ -311,9 +311,9 @@ def _scan(path: Path, content: Content) -> Losses:
     if path.suffix == '.mcap':
         return mcap_scan.scan(path, content)
     if path.suffix == '.bag':
-        return rosbag1_scan.scan(path, content)
+        return rosbags_scan.scan_ros1(path, content)
     if path.suffix == '.db3':
-        return db3_scan.scan(path, content)
+        return rosbags_scan.scan_db3(path, content)
     raise Damage('its kind is not known')
 
 

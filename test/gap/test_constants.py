@@ -8,8 +8,8 @@ import pytest
 from gap.test_servo import dataset, MACHINE
 from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
-from ros2_ident.gap.constants import fitted_constants
 from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.refusal import fitted_constants
 from ros2_ident.identify.data import gather
 from ros2_ident.words.verdict import sentence
 
