@@ -129,7 +129,7 @@ class Explainer(Criteria):
         """Return the chain with what was found on some drives on those that have it, too.
 
         Drives of one kind are built alike, so that an effect of about the same size needs no gap
-        that counts by itself: its interval has to leave out its neutral value.
+        that counts by itself: it has to stand out of noise.
         """
         final, machine = chain[-1], self.case.fit.models[0].machine
         if machine is None or not kind_of(machine).alike:
@@ -152,23 +152,25 @@ class Explainer(Criteria):
         return chain
 
     def like_others(self, e: Explanation, at: EffectAt) -> bool:
-        """Whether an effect is there, and about as large as on the other drives of a fit."""
-        low, high, *_ = self.ends(e, None)
-        model, sizes = self.case.fit.models[0], dict[EffectAt, float]()
-        for index, other in enumerate(e.effects):
-            if other.effect != at.effect:
-                continue
-            columns = self.columns(e, index)
-            parts = [
-                (e.theta[c] - p.neutral, low[c] > p.neutral or high[c] < p.neutral)
-                for c, p in zip(columns, model.scaled(other), strict=True)
-                if p.role == 'size'
-            ]
-            if other == at and not any(sure for _, sure in parts):
-                return False
-            sizes[other] = math.hypot(*(x for x, _ in parts))
+        """Whether an effect stands out of noise, and is as large as on another drive of a fit."""
+        sizes = {
+            other: math.hypot(
+                *(
+                    e.theta[c] - p.neutral
+                    for c, p in zip(
+                        self.columns(e, index), self.case.fit.models[0].scaled(other), strict=True
+                    )
+                    if p.role == 'size'
+                )
+            )
+            for index, other in enumerate(e.effects)
+            if other.effect == at.effect
+        }
         own = sizes.pop(at)
-        return any(near(own / (x or math.inf), ANOTHER) for x in sizes.values())
+        if not any(near(own / (x or math.inf), ANOTHER) for x in sizes.values()):
+            return False
+        less = self.without(e, e.effects.index(at))
+        return self.attribution.standing(less, e) > NORMAL
 
     def with_new_floor(
         self, chain: list[Explanation], rounds: list[Round]

@@ -231,15 +231,16 @@ def test_an_effect_on_a_drive_is_looked_for_on_those_of_its_make(explainer, attr
     start = Start((two,), chain[-1].theta, np.array([0.4]), 100.0, 1.0)
     attribution.look = lambda base, candidates: {two: [start]}
 
-    def on_both(size):
+    def on_both(size, errors=5.0):
         wide = made((0.0, 0.0), effects=[one, two])
         wide.theta[-1] = size
-        attribution.refits = {(one, two): wide}
+        attribution.errors = errors
+        attribution.refits = {(one, two): wide, (one,): chain[-1]}
         return explainer.on_like_drives(chain, [one, two])[-1].effects
 
     assert on_both(0.4) == (one, two)
     assert on_both(0.15) == (one,)  # less than a third of the other's size
-    assert on_both(0.05) == (one,)  # its interval holds 0
+    assert on_both(0.4, errors=1.5) == (one,)  # no more than noise makes
 
 
 def test_limits_that_the_law_shows_are_named_however_little_they_close(explainer):
