@@ -333,7 +333,7 @@ class _Passes:
         known = verdict.effect == WRONG_MODEL or verdict.limits
         if known or self.clock.stopped() or not begun.explainer.certain_size(begun.base):
             return found, verdict
-        return of_the_file(begun.explainer, found, verdict)
+        return of_the_file(begun.explainer, found, verdict, begun.report)
 
     def _composed(self, begun: _Pass, found: Explained, verdict: Verdict) -> Diagnosis:
         """Say where the gap lies, and put everything together."""

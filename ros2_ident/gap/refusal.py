@@ -22,7 +22,7 @@ from ros2_ident.gap.facts import Event, Misfit, WrongConstant
 from ros2_ident.gap.fits import Explanation, Fits, Left, PROMISING, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
-from ros2_ident.gates.scale import FLOORS
+from ros2_ident.gates.scale import FLOORS, near
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.noise import fast_noise
 from ros2_ident.search.uncertainty import intervals
@@ -50,19 +50,21 @@ def of_gates(
 
 
 def of_the_file(
-    explainer: Explainer, found: Explained, verdict: Verdict
+    explainer: Explainer, found: Explained, verdict: Verdict, report: GateReport
 ) -> tuple[Explained, Verdict]:
     """Return the answer, or that a number of the machine file is wrong where it explains as much.
 
-    Beside a gap that does not count no other cause was looked for, so that a number is given and
-    not named. Of what closes as much for all that counts the one with fewer numbers is taken;
-    where as many numbers explain as much by an effect, its name stands, and those of the file are
-    ties. It stands too where it is on every drive with a size of its own.
+    A gain has to agree with the controllers' log. Beside a gap that does not count no other cause
+    was looked for, so that a number is given and not named. Of what closes as much for all that
+    counts the one with fewer numbers is taken; where as many numbers explain as much by an effect,
+    its name stands, and those of the file are ties. It stands too where it is on every drive with
+    a size of its own.
     """
     base, final = found.chain[0], found.chain[-1]
     share, rules = partial(explainer.share, base), explainer.rules
     least = share(final) if len(found.chain) > 1 else 0.0
     places = 'all', *(explainer.case.drives if len(explainer.case.drives) == 1 else ())
+    seen = [(g.name, g.value) for law in report.laws for g in law.gains if g.value]
     named = {
         p.target
         for at in final.effects
@@ -73,6 +75,7 @@ def of_the_file(
         one
         for one in fitted_constants(explainer.fits, base)
         if one.name not in named
+        and all(near(one.found.value / value) for name, value in seen if name == one.name)
         and share(one.fit) > max(rules.closed, least - rules.alike)
         and base.loss - one.fit.loss > TIE
         and explainer.confirmed(base, one.fit)

@@ -61,7 +61,8 @@ def test_a_terminal_shows_a_bar_and_is_left_clean(tmp_path):
     assert code == 0, said
     plain = ESCAPE.sub('', said)
     assert '━' in plain and re.search(r'\d+%', plain)
-    assert re.search(r'generation \d of 4', plain) or 'refining start' in plain
+    # which of them is drawn hangs on the computer's pace
+    assert re.search(r'generation \d of 4|refining start|intervals, ', plain)
     assert re.search(r'best [\d.e+-]+ N', plain)
     # the cursor is hidden while it is drawn and back at the end, and the last line is erased
     assert said.count('\x1b[?25l') == said.count('\x1b[?25h') == 1
