@@ -65,6 +65,8 @@ def of_the_file(
     least = share(final) if len(found.chain) > 1 else 0.0
     places = 'all', *(explainer.case.drives if len(explainer.case.drives) == 1 else ())
     seen = [(g.name, g.value) for law in report.laws for g in law.gains if g.value]
+    blamed = {gate.key for gate in report.contradictions}
+    others = {name for name, _ in seen} - blamed if verdict.effect == BOOKKEEPING else set()
     named = {
         p.target
         for at in final.effects
@@ -74,7 +76,7 @@ def of_the_file(
     counting = [
         one
         for one in fitted_constants(explainer.fits, base)
-        if one.name not in named
+        if one.name not in named | others
         and all(near(one.found.value / value) for name, value in seen if name == one.name)
         and share(one.fit) > max(rules.closed, least - rules.alike)
         and base.loss - one.fit.loss > TIE
