@@ -153,19 +153,12 @@ class Explainer(Criteria):
 
     def like_others(self, e: Explanation, at: EffectAt) -> bool:
         """Whether an effect stands out of noise, and is as large as on another drive of a fit."""
-        sizes = {
-            other: math.hypot(
-                *(
-                    e.theta[c] - p.neutral
-                    for c, p in zip(
-                        self.columns(e, index), self.case.fit.models[0].scaled(other), strict=True
-                    )
-                    if p.role == 'size'
-                )
-            )
-            for index, other in enumerate(e.effects)
-            if other.effect == at.effect
-        }
+        model, sizes = self.case.fit.models[0], dict[EffectAt, float]()
+        for index, other in enumerate(e.effects):
+            if other.effect == at.effect:
+                pairs = zip(self.columns(e, index), model.scaled(other), strict=True)
+                parts = [e.theta[c] - p.neutral for c, p in pairs if p.role == 'size']
+                sizes[other] = math.hypot(*parts)
         own = sizes.pop(at)
         if not any(near(own / (x or math.inf), ANOTHER) for x in sizes.values()):
             return False

@@ -63,16 +63,11 @@ def of_the_file(
     base, final = found.chain[0], found.chain[-1]
     share, rules = partial(explainer.share, base), explainer.rules
     least = share(final) if len(found.chain) > 1 else 0.0
-    places = 'all', *(explainer.case.drives if len(explainer.case.drives) == 1 else ())
     seen = [(g.name, g.value) for law in report.laws for g in law.gains if g.value]
     blamed = {gate.key for gate in report.contradictions}
     others = {name for name, _ in seen} - blamed if verdict.effect == BOOKKEEPING else set()
-    named = {
-        p.target
-        for at in final.effects
-        if at.where in places
-        for p in get_effect(at.effect).parameters
-    }
+    whole = [at for at in final.effects if at.where == 'all' or len(explainer.case.drives) == 1]
+    named = {p.target for at in whole for p in get_effect(at.effect).parameters}
     counting = [
         one
         for one in fitted_constants(explainer.fits, base)
