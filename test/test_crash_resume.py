@@ -144,23 +144,6 @@ def test_a_diagnosis_that_was_killed_goes_on(tmp_path, kill, monkeypatch, undist
     assert left <= records - records // 2, 'what was written is worked out again'
 
 
-def test_a_diagnosis_believes_no_record_that_is_whole_and_wrong(tmp_path, monkeypatch):
-    def run(path=None):
-        found = diagnose(axis(), gap(2.0), without=sorted(CATALOGUE), checkpoint=path)
-        return {k: v for k, v in to_mapping(found).items() if k != 'seconds'}
-
-    real = Journal.put
-
-    def put(self, values, *what):
-        forged = {k: 0.5 * v if k in ('unit', 'point') else v for k, v in values.items()}
-        real(self, forged | ({'gain': 'x'} if 'gain' in values else {}), *what)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Journal, 'put', put)
-        run(tmp_path / 'x')
-    assert run(tmp_path / 'x') == run()
-
-
 def test_a_command_survives_a_real_kill():
     # At records a diagnosis is stopped above; here a process ends, wherever it is.
     words = [sys.executable, str(ROOT / 'checks' / 'benchmarks' / 'kills.py'), 'identify']

@@ -27,12 +27,11 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.models import EffectAt, load_machine, make_model
+from ros2_ident.models import load_machine, make_model
 from ros2_ident.prediction import (
     CHECK,
     IDENTIFIED,
     LOG,
-    of_description,
     predicted,
     Prediction,
 )
@@ -77,14 +76,6 @@ def test_a_tripod_runs_freely_and_its_recordings_count_together() -> None:
     assert two.first[0][0].rmse == pytest.approx(one.first[0][0].rmse)
 
 
-def test_a_warm_up_is_simulated_and_not_compared() -> None:
-    model, theta = run_of(axis(), axis_bag(), AXIS_TRUTH)
-    whole = predicted('log', [('true', [(model, theta)])]).first[0][0]
-    later = predicted('log', [('true', [(model, theta)])], 20).first[0][0]
-    assert later.samples == whole.samples - 20
-    assert later.rmse != whole.rmse
-
-
 def test_a_model_along_its_recorded_motion_says_what_to_log() -> None:
     model, theta = run_of(
         axis(), axis_bag(), AXIS_TRUTH, command_position=None, command_velocity=None
@@ -104,15 +95,6 @@ def test_a_candidate_that_diverges_is_infinitely_far_in_the_file_too() -> None:
     assert read(Prediction, json.loads(json.dumps(to_mapping(result)['prediction']))) == found
 
 
-def test_what_a_description_states_is_the_first_stage() -> None:
-    model, theta = run_of(axis(), axis_bag(), AXIS_TRUTH)
-    assert of_description([(model, theta)]) == []
-    model.as_described = lambda given: {'emps_axis.moving_mass': 80.0}
-    ((label, ((same, values),)),) = of_description([(model, theta)])
-    assert (label, same) == ('as described', model)
-    np.testing.assert_array_equal(values, [80.0, *theta[1:]])
-
-
 def test_an_identification_predicts_what_it_is_judged_on(tmp_path: Path) -> None:
     alone = identified()
     assert alone.prediction.on == LOG
@@ -127,15 +109,6 @@ def test_an_identification_predicts_what_it_is_judged_on(tmp_path: Path) -> None
     assert page.count('Free run') == 1 and 'RMSE, identified' in page
     write_result(tmp_path, replace(found, prediction=Prediction(CHECK, hindered='no set-point')))
     assert 'No free run: no set-point.' in write_report(tmp_path).read_text(encoding='utf-8')
-
-
-def test_an_effect_of_the_model_is_in_its_free_run() -> None:
-    effect = EffectAt('position_gain_error', 'emps_axis')
-    model, theta = run_of(axis(), axis_bag(), AXIS_TRUTH)
-    wide = model.extended([effect])
-    stages = [('nominal', [(model, theta)]), ('gain', [(wide, np.append(theta, 0.2))])]
-    gain = predicted('log', stages).first[0]
-    assert gain[1].rmse > 10.0 * gain[0].rmse
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 
 from forked import forked
@@ -198,44 +197,6 @@ def test_wrong_use_is_one_sentence_and_2(command, options, text, capsys):
 def test_malformed_options_end_with_2(command, options, text, capsys):
     assert main([*command, *options]) == 2
     assert text in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ('place', 'path', 'text'),
-    [
-        (1, '/nowhere/bag', '/nowhere/bag: does not exist; give the path'),
-        (3, '/nowhere/m.yaml', '/nowhere/m.yaml: cannot be read (No such file or directory)'),
-        (5, str(AXIS_FILE), 'give another directory for the results'),
-    ],
-)
-def test_bad_input_is_one_sentence_and_2(command, place, path, text, capsys):
-    command[place] = path
-    assert text in refused(command, capsys)
-
-
-def test_a_signal_in_the_middle_of_a_line_of_progress_does_no_harm():
-    script = (
-        'import io, os, signal, sys\n'
-        'from ros2_ident.cli.runs import interrupts\n'
-        'class Raw(io.FileIO):\n'
-        '    def write(self, data):\n'
-        '        os.kill(os.getpid(), signal.SIGTERM)\n'
-        '        return super().write(data)\n'
-        'with interrupts() as cancel:\n'
-        '    sys.stderr = io.TextIOWrapper(io.BufferedWriter(Raw(2, "w", closefd=False)))\n'
-        '    print("generation 1", file=sys.stderr, flush=True)\n'
-        '    assert cancel.is_set()\n'
-    )
-    done = subprocess.run(
-        [sys.executable, '-c', script],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == 'stopping; the best so far is kept\ngeneration 1\n'
 
 
 @pytest.mark.parametrize(

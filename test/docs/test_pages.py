@@ -66,19 +66,6 @@ def test_pages_are_made_from_the_code(tool) -> None:
         )
 
 
-@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda effect: effect.id)
-def test_an_entry_holds_what_a_reader_needs(effect) -> None:
-    text = effects_page.row(effect).replace('\\|', '|')
-    assert effects_page.what_it_is(effect).endswith('.')
-    for part in (effect.equation, effect.source, *effect.confusable):
-        assert part in text
-    for parameter in effect.parameters:
-        assert f'`{parameter.name}`' in text
-        assert parameter.meaning in text
-        assert f'[{parameter.low:g}, {parameter.high:g}]' in text
-    assert '{drive}' not in text
-
-
 @pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda e: e.id)
 def test_the_symbols_of_an_effect_stand_in_its_equation(effect) -> None:
     for parameter in effect.parameters:

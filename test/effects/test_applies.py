@@ -4,13 +4,10 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from values import with_bounds
 
-from checks.blind.forms.form import twins
-from ros2_ident.effects import CATALOGUE, Context
-from ros2_ident.errors import IdentError
-from ros2_ident.models import EffectAt, load_machine, Machine, make_model
+from ros2_ident.effects import CATALOGUE
+from ros2_ident.models import load_machine, Machine, make_model
 from ros2_ident.recording import Dataset
 
 ROOT = Path(__file__).parents[2]
@@ -71,32 +68,3 @@ def test_a_parameter_of_the_machine_is_no_effect() -> None:
     emps = machine_of('emps')
     fewer = {name: box for name, box in emps.bounds.items() if name != 'viscous_friction'}
     assert left_out(emps) - left_out(with_bounds(emps, fewer)) == {'viscous_friction'}
-
-
-def test_one_of_two_sizes_is_still_an_effect() -> None:
-    effect = CATALOGUE['torque_constant_error']
-    assert effect.applies(Context(identified=frozenset({'log_gain'})))
-    both = frozenset({'mass_per_rod'})
-    assert not CATALOGUE['rod_mass'].applies(Context(identified=both, features={'platform'}))
-
-
-def test_a_flexible_load_has_no_place_behind_an_elastic_gear() -> None:
-    tripod = machine_of('tripod')
-    with pytest.raises(IdentError, match='gear_flexibility has no place .* gear_stiffness'):
-        make_model(tripod, dataset(tripod), effects=[EffectAt('gear_flexibility', 'drive_1')])
-
-
-def test_a_flexible_load_takes_as_many_steps_however_light_it_is() -> None:
-    emps = machine_of('emps')
-    data = dataset(emps, command=False)
-    model = make_model(emps, data, effects=[EffectAt('gear_flexibility', emps.drives[0])])
-    of_mass = np.array(['Hz' != p.unit != '1' for p in model.parameters])
-    theta = np.array([[95.0, 200.0, 20.0, 0.0, 0.3, 150.0, 0.05]])
-    assert model.work(theta)[0] > 1
-    for small in (1e-12, 1e-24):
-        assert model.work(np.where(of_mass, small, 1.0) * theta) == model.work(theta)
-
-
-def test_twins_are_one_answer() -> None:
-    assert twins('effort_bias') == twins('constant_force') == {'effort_bias', 'constant_force'}
-    assert twins('supply_sag') == {'supply_sag'}

@@ -11,10 +11,11 @@ import sys
 import numpy as np
 import pytest
 
-from ros2_ident.effects import add_effect_files, CATALOGUE
+from ros2_ident.effects import add_effect_files, CATALOGUE, get_effect, Hook
 from ros2_ident.effects.loading import Catalogue, VARIABLE
 from ros2_ident.errors import IdentError
 from ros2_ident.kernel import rows
+from ros2_ident.kernel.hooks import check_memories
 from ros2_ident.recording import read_bag, write_bag
 
 ROOT = Path(__file__).parents[2]
@@ -134,3 +135,10 @@ def test_what_is_wrong_with_a_file_is_said(
     assert VARIABLE not in os.environ
     with pytest.raises(IdentError, match='there is no file .*; name the file'):
         Catalogue('ros2_ident.effects', []).add_files([str(tmp_path / 'nowhere.py')])
+
+
+def test_a_memory_where_none_is_written_is_refused() -> None:
+    lag = get_effect('current_loop_lag')
+    check_memories([lag, get_effect('backlash')])
+    with pytest.raises(IdentError, match='an effect of TORQUE has no memory'):
+        check_memories([lag, replace(lag, hook=Hook.TORQUE)])

@@ -82,11 +82,6 @@ def test_limits_that_cannot_be_kept(axis, tmp_path, content, said) -> None:
         by_file(tmp_path, axis, **content)
 
 
-def test_a_workspace_of_two_dimensions(tripod, tmp_path) -> None:
-    with pytest.raises(IdentError, match='workspace has to be 3 pairs'):
-        by_file(tmp_path, tripod, workspace=[[-0.02, 0.02], [-0.02, 0.02]])
-
-
 # ------------------------------------------------------------------ motions
 
 
@@ -200,13 +195,6 @@ def test_a_planned_motion_tells_more_than_a_random_one(found) -> None:
     assert np.prod(ratio) > 1.5
 
 
-def test_the_worst_interval_is_the_smallest(axis, found) -> None:
-    width = np.array([p.high - p.low for p in found.parameters])
-    worst = planned(axis, criterion='worst')
-    assert (worst.half_widths / width).max() < (found.half_widths / width).max()
-    assert (worst.chance / width).max() > 1.3 * (worst.half_widths / width).max()
-
-
 def test_what_is_wanted_is_determined_best(axis, found) -> None:
     n = [p.name for p in found.parameters].index('emps_axis.viscous_friction')
     ratios = []
@@ -249,16 +237,6 @@ def command(folder: Path, *more: str) -> list[str]:
 
 def table(folder: Path) -> np.ndarray:
     return np.loadtxt(folder / 'motion.csv', delimiter=',', skiprows=1)
-
-
-def test_bag_and_table_hold_the_same_set_points(written) -> None:
-    (recording,) = read_bag(written / 'set_points')
-    rows = table(written)
-    assert recording.command is not None and recording.command.velocity is not None
-    np.testing.assert_allclose(recording.command.position[:, 0], rows[:, 1], rtol=1e-8)
-    np.testing.assert_allclose(recording.command.velocity[:, 0], rows[:, 2], atol=1e-8)
-    stamp = recording.command.stamp
-    np.testing.assert_allclose(1e-9 * (stamp - stamp[0]), rows[:, 0], atol=1e-9)
 
 
 def test_a_controller_makes_the_motion_of_the_trajectory(written) -> None:

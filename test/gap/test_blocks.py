@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-from dataclasses import replace
 
 from gap_signals import CYCLE, floor_of, motion, NOISE, residual
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ros2_ident.gap.blocks import block_length, Blocks, FEWEST
+from ros2_ident.gap.blocks import Blocks
 from ros2_ident.gap.floor import find_repeats, repeated
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import correlation_time
@@ -21,13 +20,6 @@ def test_correlation_time_of_an_autoregression():
     series = _coloured(np.random.default_rng(0), 0.9, (200_000,))
     assert correlation_time(series) == pytest.approx(1.9 / 0.1, rel=0.1)
     assert correlation_time(np.random.default_rng(0).standard_normal(20_000)) < 1.2
-
-
-def test_blocks_are_at_least_the_settling_time_and_at_most_a_part_of_the_log():
-    white = np.random.default_rng(0).standard_normal((2, 8000))
-    assert block_length(white, 1e-3) == 100
-    walk = np.cumsum(white, axis=1)
-    assert block_length(walk, 1e-3) == 8000 // FEWEST
 
 
 def test_intervals_cover():
@@ -53,31 +45,6 @@ def test_the_share_closed_covers_and_knows_its_limits():
     assert 68 <= hits <= 80
     same = Blocks([noise, noise], 1e-3)
     assert np.isnan(same.share_closed(0, 1, floor_of(2, 2.0)).value)
-
-
-def test_a_drive_without_a_gap_does_not_blur_the_share():
-    generator = np.random.default_rng(6)
-    noise = generator.standard_normal((3, 6000))
-    effect = np.zeros((3, 6000))
-    effect[1] = 0.8 * _coloured(generator, 0.95, (1, 6000))
-    found = Blocks([noise + effect, noise + 0.2 * effect], 1e-3)
-    # The floors of the idle drives are too low by a twentieth; theirs would be a gap that stays.
-    floor = floor_of(3, 1.0)
-    off = replace(
-        floor, per_drive=np.array([0.95, 1.0, 0.95]), high=np.array([1.03, 1.02, 1.03])
-    )
-    share = found.share_closed(0, 1, off).value
-    assert share == pytest.approx(found.share_closed(0, 1, floor, drive=1).value)
-    # One that the effect makes worse counts.
-    worse = noise + 0.2 * effect
-    worse[0] *= 1.2
-    assert Blocks([noise + effect, worse], 1e-3).share_closed(0, 1, off).value < share - 0.3
-
-
-def test_missing_samples_do_not_count():
-    rows = np.random.default_rng(4).standard_normal((1, 8000))
-    rows[:, 1::2] = np.nan
-    assert Blocks([rows], 5e-4).rms().value == pytest.approx(np.sqrt(np.nanmean(rows**2)))
 
 
 def test_an_effect_in_one_place_of_the_log_does_not_always_come_again() -> None:
@@ -112,21 +79,6 @@ def test_repeats_are_found_and_cancel_what_repeats():
     row = noise() + np.tile(0.1 * np.sign(OF.velocity), 4)
     assert find_repeats(data(RATE)) == OF.velocity.shape[1]
     assert repeated([row], [data(RATE)]) == pytest.approx([NOISE, NOISE], rel=0.04)
-
-
-def test_an_impact_that_comes_once_is_no_noise():
-    row = noise()
-    row[:, 4000:4100] += 1.0
-    assert repeated([row], [data(RATE)]) == pytest.approx([NOISE, NOISE], rel=0.05)
-
-
-def test_recordings_that_repeat_tell_the_noise_together():
-    once = motion()
-    found = repeated(
-        [2.0 * residual(once), noise(1), noise(2)], [data(once.velocity), data(RATE), data(RATE)]
-    )
-    alone = [repeated([noise(seed)], [data(RATE)]) for seed in (1, 2)]
-    assert (np.min(alone, axis=0) <= found).all() and (found <= np.max(alone, axis=0)).all()
 
 
 def test_a_motion_without_repeats_has_none():

@@ -4,7 +4,6 @@
 from dataclasses import replace
 from functools import cache
 
-from gap_signals import motion as moves
 from identify_cases import (
     recording_of,
     tripod,
@@ -19,7 +18,6 @@ from checks.reference.effects import Effect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
-from ros2_ident.gap.coordinates import coordinates, Motion
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.floor import predictability
 from ros2_ident.gates import examine
@@ -105,13 +103,6 @@ def test_a_limit_that_the_file_does_not_know_is_no_other_gain() -> None:
     assert not examine(tripod(), [recording(1)]).of('limited')
 
 
-def test_a_gain_that_every_drive_has_wrong_alike_is_one_of_the_file() -> None:
-    gain = 'velocity_gain'
-    wrong = tripod().with_constants(**{gain: 0.7 * tripod().number(gain)})
-    report = examine(wrong, [recording(1), recording(2)])
-    assert any(gain in x.sentence for x in report.contradictions)
-
-
 def test_gains_that_differ_from_drive_to_drive_are_no_number_of_the_file() -> None:
     logs = [recording(seed, ('gain 1', 'gain 2', 'gain 3')) for seed in (1, 2)]
     found = diagnose(tripod(), logs[:1], logs[1:], seed=1)
@@ -129,25 +120,6 @@ def test_a_log_in_other_units_that_makes_everything_diverge_is_told_with_the_rem
     with pytest.raises(IdentError, match='diverges') as error:
         diagnose(tripod(), [scaled(recording(1))], [scaled(recording(2))], seed=1)
     assert 'mm' in str(error.value) or 'unit' in str(error.value)
-
-
-def test_a_friction_that_lags_behind_the_motion_is_predicted() -> None:
-    of: Motion = moves(drives=1)
-    at = np.arange(of.position.shape[1])
-    late = np.empty(at.size)
-    value = 0.0
-    for k, wanted in enumerate(np.tanh(of.velocity[0] / 0.005)):
-        value += of.cycle / 0.05 * (wanted - value)
-        late[k] = value
-    found = {c.name: c.columns for c in coordinates(of, 0, at)}
-    others = np.hstack([c for name, c in found.items() if name != 'lagging friction'])
-    all_of_them = np.hstack([others, found['lagging friction']])
-
-    def left(columns: np.ndarray) -> float:
-        rest = late - columns @ np.linalg.lstsq(columns, late, rcond=None)[0]
-        return float(rest.std() / late.std())
-
-    assert left(all_of_them) < 0.6 * left(others)
 
 
 def slow(data: Dataset, size: float, seed: int, memory: float = 0.99) -> Dataset:

@@ -2,7 +2,6 @@
 """The whole diagnosis on an axis whose logs the slow reference makes."""
 
 from dataclasses import replace
-import json
 from pathlib import Path
 import threading
 
@@ -18,7 +17,6 @@ from ros2_ident.gap.case import recordings_of
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
-from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.words.verdict import sentence
 
 CYCLE = 1e-3
@@ -129,47 +127,6 @@ def test_the_gap_is_found_where_the_axis_reverses(found) -> None:
     assert all(finding.drive == 'lift' for finding in found.localisation)
 
 
-def test_the_file_holds_what_the_interface_promises(found) -> None:
-    data = json.loads(json.dumps(to_mapping(found), allow_nan=False))
-    assert set(data['verdict']) >= {'effect', 'where', 'probability'}
-    assert set(data['gap']) >= {
-        'unit',
-        'before',
-        'after',
-        'noise_floor',
-        'share_closed',
-        'per_drive',
-        'held_out',
-    }
-    for entry in data['ranking']:
-        assert set(entry) >= {'effect', 'where', 'probability', 'gap_after', 'parameters'}
-    for entry in data['localisation']:
-        assert set(entry) >= {
-            'drive',
-            'coordinate',
-            'region',
-            'statistic',
-            'p_value',
-            'sentence',
-        }
-    assert data['also'] == [] and isinstance(data['advice'], list)
-
-
-def test_the_residual_is_kept_and_its_maps_are_in_the_file(found) -> None:
-    fit, check = found.traces
-    assert (fit.held_out, check.held_out) == (False, True)
-    assert np.isnan(check.before).all()
-    assert np.nanstd(fit.before) == pytest.approx(found.steps[0].gap.value, rel=0.3)
-    assert np.nanstd(fit.after) == pytest.approx(NOISE, rel=0.1)
-    maps = to_mapping(found)['maps']
-    assert {m['drive'] for m in maps} == {f.drive for f in found.localisation}
-
-    def largest(lines) -> float:
-        return max(abs(mean) for line in lines for mean in line['mean'])
-
-    assert largest(maps[0]['after']) < 0.3 * largest(maps[0]['before'])
-
-
 def test_nothing_is_missing_where_nothing_is() -> None:
     found = diagnose(MACHINE, [recording(4)], [recording(5)], seed=3)
     assert found.effect == 'none'
@@ -266,11 +223,3 @@ def test_the_gap_of_a_position_is_diagnosed_with_an_effort_beside_it() -> None:
     assert found.per_drive['lift'].noise_floor == pytest.approx(1e-6, rel=0.1)
     # Gates go by the effort, whatever is compared: none takes metres for newton metres.
     assert not [gate for gate in found.gates if gate.gate == 'law_noise']
-
-
-@pytest.mark.parametrize('name', ['coulomb_torque', 'lift.coulomb_torque'])
-def test_a_parameter_is_held_by_its_name_alone_too(name: str) -> None:
-    (model,) = recordings_of(MACHINE, [recording(1)], fixed={name: 0.1}).models
-    assert 'lift.coulomb_torque' not in [p.name for p in model.parameters]
-    with pytest.raises(IdentError, match="'torque' cannot be fixed: no such parameter; choose"):
-        recordings_of(MACHINE, [recording(1)], fixed={'torque': 0.1})

@@ -6,56 +6,15 @@ from gap_signals import needs_practice, NOISE, practice_case
 import numpy as np
 import pytest
 
-from ros2_ident.gates import controller
 from ros2_ident.gates.controller import check_law
 from ros2_ident.gates.examine import examine_models
-from ros2_ident.gates.law import fit_law, Gain, Law
-from ros2_ident.gates.log import check_effort, check_streams
+from ros2_ident.gates.law import fit_law
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
-from ros2_ident.recording import StreamQuality
 from ros2_ident.recording.dataset import Dataset
 
 ROOT = Path(__file__).parents[2]
 MACHINE = load_machine(ROOT / 'config/tripod.yaml')
-
-
-def _law(**changes):
-    gains = (Gain('velocity_gain', 4.5, 4.5, 0.01),)
-    base = Law('drive_1', gains, 0.03, 0.0, 0.01, 0.01, 0.999, 0.0)
-    return replace(base, **changes)
-
-
-def test_a_wrong_gain_is_named_with_its_size():
-    gains = (Gain('velocity_gain', 5.4, 4.5, 0.01), Gain('scale', 1.1, 1.0, 0.03))
-    (gate,) = check_law(MACHINE, _law(gains=gains, misfit_file=0.04), 'drive_1')
-    assert gate.level == 'warn'
-    assert gate.number == pytest.approx(1.2)
-    assert 'your velocity_gain is 4.5; 5.4 fits the log to 0.01 N m' in gate.sentence
-    assert (gate.contradicts, gate.key) == (True, 'velocity_gain')
-
-
-def test_a_law_that_explains_nothing_fails():
-    (gate,) = check_law(MACHINE, _law(explained=0.2, misfit=0.5, misfit_file=2.0), 'drive_1')
-    assert (gate.level, gate.contradicts) == ('fail', True)
-    # An effect in the controller or its sensor may leave as little as half.
-    (gate,) = check_law(MACHINE, _law(explained=0.5, misfit=0.5, misfit_file=2.0), 'drive_1')
-    assert (gate.level, gate.contradicts) == ('warn', False)
-
-
-def test_a_law_that_no_other_gains_would_explain_better_has_run():
-    found = check_law(MACHINE, _law(explained=0.4, misfit=0.5, misfit_file=0.51), 'drive_1', 0.01)
-    assert [(g.gate, g.level) for g in found] == [('law_noise', 'warn'), ('law', 'ok')]
-    (gate,) = check_law(MACHINE, _law(explained=0.2, misfit=0.5, misfit_file=0.6), 'drive_1')
-    assert (gate.level, gate.contradicts) == ('fail', True)
-
-
-def test_steps_of_the_logged_position_are_no_noise_between_controller_and_log():
-    (gate,) = check_law(
-        MACHINE, _law(misfit=0.02, misfit_file=0.02, steps=0.021), 'drive_1', 0.01
-    )
-    assert (gate.gate, gate.level) == ('law', 'ok')
-    assert 'steps of the logged position' in gate.sentence
 
 
 def test_a_log_of_the_package_passes_its_own_law():
@@ -107,49 +66,6 @@ def test_a_gain_that_no_delay_makes_right_is_named(gain):
     (gate,) = check_law(MACHINE, law, 'drive_1', 0.01)
     assert (gate.key, gate.contradicts) == ('velocity_gain', True)
     assert gate.number == pytest.approx(gain, rel=0.05)
-
-
-@pytest.mark.parametrize(('misfit', 'swapped'), [(0.9, True), (2.0, False)])
-def test_efforts_are_swapped_only_where_the_other_law_explains_them(monkeypatch, misfit, swapped):
-    data = _rubbing_joint(0.002)
-    effort = np.repeat(data.effort, 2, axis=0)
-    data = replace(
-        data, names=('drive_1', 'drive_2'), effort=effort, command_position=effort,
-        command_velocity=effort, position=effort, velocity=effort,
-    )  # fmt: skip
-    own = _law(explained=0.7, misfit=0.8, misfit_file=40.0)
-    other = replace(own, misfit_file=misfit)
-    assert (other.followed > 0.5, own.followed < -100.0) == (swapped, True)
-    monkeypatch.setattr(controller, 'fit_law', lambda *about: other)
-    gates = controller.check_swapped(MACHINE, data, [own, replace(own, drive='drive_2')])
-    assert [g.gate for g in gates] == (['names'] if swapped else [])
-
-
-def test_without_a_command_there_is_nothing_to_check():
-    (gate,) = check_law(MACHINE, None, 'drive_1')
-    assert gate.level == 'warn'
-    assert 'cannot be checked' in gate.sentence
-
-
-def test_an_effort_without_its_sign_fails():
-    machine = load_machine(ROOT / 'config/emps.yaml')
-    data = read_data(ROOT / 'bags/axis_reversals', machine).datasets[0]
-    (_, gate) = check_effort(machine, data, 'emps_axis')
-    assert (gate.gate, gate.level) == ('sign', 'ok')
-    folded = replace(data, effort=np.abs(data.effort))
-    (_, gate) = check_effort(machine, folded, 'emps_axis')
-    assert (gate.gate, gate.level) == ('sign', 'fail')
-    assert 'only its size was logged; log the signed torque' in gate.sentence
-
-
-@pytest.mark.parametrize(('missing', 'level'), [(0, 'ok'), (50, 'warn'), (500, 'fail')])
-def test_missing_samples(missing, level):
-    case = type('Data', (), {})()
-    stream = StreamQuality(1000, missing, 1000.0, 1e-5, 2)
-    case.streams = {'effort': stream}
-    assert check_streams(case)[0].level == level
-    case.streams = {'effort': replace(stream, jitter=1e-3, stride=0)}
-    assert 'keep to no multiple of the controller cycle' in check_streams(case)[-1].sentence
 
 
 @needs_practice

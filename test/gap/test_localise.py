@@ -1,23 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-from dataclasses import replace
 
 from gap_signals import CYCLE, floor_of, motion, needs_practice, practice_case, residual
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from ros2_ident.gap.coordinates import (
-    coordinates,
     direction,
     motion_of,
-    PHASES,
-    phases,
-    since_reversal,
 )
 from ros2_ident.gap.localise import localise
 from ros2_ident.gap.spectrum import find_peak
-from ros2_ident.search.evidence import weigh
-from ros2_ident.search.noise import Run
 from ros2_ident.words.finding import where
 
 OF = motion()
@@ -86,20 +78,6 @@ def test_coloured_noise_gives_no_more_false_findings_than_stated(phi):
     assert false <= 2  # at most 5 % expected; 3 or more of 8 has a probability below 0.6 %
 
 
-def test_phases_and_the_way_since_a_reversal():
-    time = np.arange(4000) * 1e-3
-    velocity = np.sin(2.0 * np.pi * time / 2.0)
-    acceleration = np.gradient(velocity, 1e-3)
-    number = phases(velocity, acceleration)
-    assert PHASES[number[250]] == 'acceleration'
-    assert PHASES[number[750]] == 'deceleration'
-    assert PHASES[number[500]] == 'cruise'
-    assert PHASES[number[1000]] == 'reversal'
-    way = since_reversal(np.cumsum(velocity) * 1e-3, velocity)
-    assert way[1010] < 1e-3
-    assert way[1990] == pytest.approx(2.0 / np.pi, rel=0.02)
-
-
 def test_a_slope_of_the_spectrum_is_no_peak():
     row = residual(OF, phi=0.95)[0]
     assert find_peak(row, CYCLE, 0.003, 3.0).p_value > 0.001
@@ -136,44 +114,3 @@ def test_practice_cases_are_localised(number, coordinates):
 @needs_practice
 def test_a_practice_null_has_nothing_to_localise():
     assert _of_case(15)[1] == ()
-
-
-def _bang_bang(jumps, count):
-    """Return a motion of 250 Hz whose acceleration changes its sign at given cycles."""
-    push = np.zeros(count)
-    speed, generator = 0.0, np.random.default_rng(1)
-    for number, (k, end) in enumerate(zip(jumps, [*jumps[1:], count], strict=True)):
-        aim = (-1.0) ** number * generator.uniform(0.1, 0.2)
-        push[k:end] = (aim - speed) / (end - k)
-        speed = aim
-    velocity = np.cumsum(push)[None]
-    position, acceleration = np.cumsum(velocity, axis=1) * 4e-3, push[None] / 4e-3
-    load = 95.0 * acceleration
-    return replace(
-        OF, drives=('cart',), cycle=4e-3, gear=np.zeros(1), position=position, velocity=velocity,
-        acceleration=acceleration, jerk=np.gradient(acceleration, 4e-3, axis=1), load=load,
-        torque=load + 20.0 * np.tanh(velocity / 1e-3), output=load,
-    )
-
-
-@pytest.mark.parametrize('where', ['jump', 'reversal'])
-@pytest.mark.parametrize('signed', [False, True])
-def test_what_follows_each_switch_is_no_noise(where, signed):
-    at = np.arange(4000)
-    jumps = 50 + np.cumsum(np.random.default_rng(0).integers(60, 130, 45))
-    jumps = jumps[jumps < 3900]
-    of = _bang_bang(jumps, at.size)
-    heading = direction(of.velocity[0]) if where == 'reversal' else np.sign(of.acceleration[0])
-    step = np.diff(heading, prepend=heading[0]) / 2.0
-    lag = np.arange(0.0, 0.8, 4e-3) / 0.08
-    pulse = np.convolve(step if signed else np.abs(step), lag * np.exp(1.0 - lag))[: at.size]
-    pulse *= 20.0 / np.sqrt(np.mean(pulse**2))
-    noise = np.random.default_rng(2).standard_normal(at.size)
-    found = [c.columns for c in coordinates(of, 0, at) if c.name.startswith('time since')]
-    runs, blocks = [Run(0, at.size, 0)], at // 250
-    seen = weigh(pulse + noise, np.empty((at.size, 0)), np.hstack(found), runs, blocks)
-    # What is left of blocks that were left out is the noise, 1, and hardly more.
-    assert seen.unseen[0] < 1.2
-    noise = lfilter([1.0], [1.0, -0.9], noise)
-    seen = weigh(noise, np.empty((at.size, 0)), np.hstack(found), runs, blocks)
-    assert seen.floor[0] > 0.97 * seen.rms[0]

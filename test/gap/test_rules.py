@@ -16,9 +16,6 @@ from gap_fits import (
     FRICTION,
     made,
     of_round,
-    RULES,
-    size_of,
-    SPRING,
     STRIBECK,
 )
 from identify_cases import tripod
@@ -81,34 +78,10 @@ def test_a_step_has_to_take_enough_away_and_a_later_one_more(explainer, fall, fi
     assert explainer.material(before, after) is counts
 
 
-def test_a_step_has_to_close_a_share_however_much_it_takes_away(explainer):
-    before = made((9.0, 0.0))
-    assert not explainer.material(before, made((9.0 - 0.8, 0.0)))
-    assert explainer.material(before, made((9.0 - 1.0, 0.0)))
-    # Of all data, however much of those held out.
-    before = made((9.0, 0.0), check=(1.0, 0.0))
-    assert not explainer.material(before, made((9.0, 0.0), check=(0.2, 0.0)))
-    assert explainer.material(before, made((8.7, 0.0), check=(0.2, 0.0)))
-
-
 def test_what_the_data_held_out_refute_does_not_count(explainer):
     before = made((2.0, 0.0))
     assert explainer.material(before, made((0.0, 0.0), check=(1.7, 0.0)))
     assert not explainer.material(before, made((0.0, 0.0), check=(1.9, 0.0)))
-
-
-# ---------------------------------------------------------------------- the best of a round
-
-
-def test_the_best_fit_pays_for_its_parameters(explainer):
-    base = made((2.0, 0.0))
-    assert explainer.best(of_round(base)) is None
-    assert size_of(STRIBECK) == size_of(DRAG) + 1
-    two, one = made((0.2, 0.0), effects=[STRIBECK]), made((0.2015, 0.0), effects=[DRAG])
-    assert two.loss < one.loss
-    assert explainer.best(of_round(base, two, one)) is one
-    better = made((0.16, 0.0), effects=[STRIBECK])
-    assert explainer.best(of_round(base, better, one)) is better
 
 
 # ---------------------------------------------------------------------- rounds
@@ -143,30 +116,6 @@ def test_effects_are_added_while_they_count(explainer, attribution):
     assert got.remaining == pytest.approx(math.sqrt(0.1))
 
 
-def test_a_step_that_does_not_count_ends_it(explainer, attribution):
-    base = made((4.0, 0.0))
-    rounds_of(attribution, [made((3.9, 0.0), effects=[STRIBECK])])
-    got = explainer.explain(base, [], print)
-    assert got.chain == (base,) and len(got.rounds) == 1
-    rounds_of(attribution, [])
-    attribution.rounds = [[]]
-    assert explainer.explain(base, [], print).chain == (base,)
-
-
-def test_there_are_never_more_effects_than_the_rules_allow(explainer, attribution):
-    base = made((40.0, 40.0))
-    several = (STRIBECK, DRAG, EffectAt('backlash', 'all'), SPRING)
-    fits = [made((40.0 - 10 * k, 40.0 - 10 * k), effects=several[:k]) for k in range(1, 5)]
-    rounds_of(attribution, *([e] for e in fits))
-    attribution.refits = {(): base}
-    for k in range(len(several)):
-        for rest in (several[1 : k + 1], (several[0], *several[2 : k + 1])):
-            attribution.refits[rest] = base
-    attribution.refits[several[:2]] = fits[1]
-    got = explainer.explain(base, [], lambda e: None)
-    assert len(got.chain) == RULES.most + 1
-
-
 def test_an_effect_that_a_later_one_makes_superfluous_is_dropped(explainer, attribution):
     base, one = made((4.0, 0.0)), made((2.0, 0.0), effects=[STRIBECK])
     both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
@@ -174,39 +123,6 @@ def test_an_effect_that_a_later_one_makes_superfluous_is_dropped(explainer, attr
     assert [e.effects for e in explainer.pruned([base, one], both)] == [(), (DRAG,)]
     attribution.refits = {(DRAG,): made((1.0, 0.0), effects=[DRAG])}
     assert explainer.pruned([base, one], both) == [base, one, both]
-
-
-def test_an_effect_on_every_drive_comes_in_at_once_where_it_counts(explainer, attribution):
-    other = EffectAt(DRAG.effect, 'one')
-    base, single = made((4.0, 4.0)), made((4.0, 0.1), effects=[DRAG])
-    first, both = made((0.1, 4.0), effects=[other]), made((0.1, 0.1), effects=[other, DRAG])
-    rounds_of(attribution, [single, both])
-    attribution.refits = {(): base, (DRAG,): single, (other,): first}
-    got = explainer.explain(base, [], print)
-    assert [e.effects for e in got.chain] == [(), (other,), (other, DRAG)]
-    assert got.rounds[0].alone == {DRAG: single}
-    # One that does not count on a drive is not named there.
-    attribution.refits = {(): base, (DRAG,): made((0.1, 0.1), effects=[DRAG]), (other,): first}
-    rounds_of(attribution, [single, both])
-    assert explainer.explain(base, [], print).chain[-1].effects == (DRAG,)
-
-
-def test_the_first_effect_is_the_largest(explainer, attribution):
-    base, one = made((4.0, 3.0)), made((0.1, 3.0), effects=[STRIBECK])
-    both = made((0.1, 0.1), effects=[STRIBECK, DRAG])
-    other = made((0.1, 0.1), effects=[DRAG, STRIBECK])
-    alone = made((4.0, 0.1), effects=[DRAG])
-    attribution.refits = {(DRAG,): alone, (DRAG, STRIBECK): other}
-    chain, rests = [base, one, both], (alone, one)
-    assert explainer.ordered(chain, rests) == (chain, rests)
-    more = (made((1.0, 0.1), effects=[DRAG]), one)
-    assert explainer.ordered(chain, more) == ([base, alone, other], (one, more[0]))
-
-
-def test_a_stopped_search_says_that_it_is_not_complete(explainer, attribution):
-    attribution.stop = True
-    got = explainer.explain(made((4.0, 0.0)), [], print)
-    assert not got.complete and not attribution.asked
 
 
 # ---------------------------------------------------------------------- what is left to tell
@@ -243,27 +159,6 @@ def test_an_effect_on_a_drive_is_looked_for_on_those_of_its_make(explainer, attr
     assert on_both(0.4, errors=1.5) == (one,)  # no more than noise makes
 
 
-def test_limits_that_the_law_shows_are_named_however_little_they_close(explainer):
-    one, two = (EffectAt('torque_saturation', drive) for drive in DRIVES)
-    base, limited = made((4.0, 1.0)), made((3.5, 0.1), effects=[one, two])
-    rests = [base, made((3.6, 0.5), effects=[one])]
-    chain = [base, rests[1], limited]
-    fitted = chain, [rests[1]], [limited], rests
-    assert answered(explainer, *fitted, remaining=1.2).effect == UNKNOWN
-    explainer.shown, explainer.attribution.limits = (one, two), {'one': 0.4, 'two': 0.3}
-    said = answered(explainer, *fitted, remaining=1.2)
-    assert said.named == (one, two)
-    assert (said.probability, said.limits) == (0.9, {'one': 0.4})
-
-
-def test_limits_that_the_law_shows_come_first_and_stay(explainer, attribution):
-    one = EffectAt('torque_saturation', 'one')
-    base, limited = made((2.0, 2.0)), made((0.0, 1.9), effects=[one])
-    attribution.rounds = [[]]
-    got = explainer.explain(base, [], print, limited)
-    assert got.chain == (base, limited)
-
-
 # ---------------------------------------------------------------------- the answer
 
 
@@ -275,12 +170,6 @@ def answered(explainer, chain, fitted=(), rivals=None, rests=None, **more):
     rivals = tuple(fitted) if rivals is None else rivals
     got = found(chain, rounds, rivals, [chain[0]] if rests is None else rests, **more)
     return judge(explainer, got, temperatures=SHARP)
-
-
-def test_a_gap_that_is_not_material_is_none(explainer):
-    said = answered(explainer, [made((0.2, 0.0))])
-    assert (said.effect, said.where) == (NONE, ())
-    assert said.probability == pytest.approx(1.0, abs=1e-6)
 
 
 def test_a_small_gap_that_nothing_explains_is_none_and_a_large_one_unknown(explainer):
@@ -310,14 +199,6 @@ def test_a_name_is_believed_where_enough_closes_or_little_is_left(
         assert said.probability > 0.85
 
 
-def test_what_closes_nearly_as_much_cannot_be_told_apart(explainer):
-    base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[STRIBECK])
-    near, far = made((0.19, 0.0), effects=[DRAG]), made((0.21, 0.0), effects=[SPRING])
-    said = answered(explainer, [base, one], [one, near, far])
-    assert [w.at for w in said.confusable] == [STRIBECK, DRAG]
-    assert all(any(w is x for x in said.ranking) for w in said.confusable)
-
-
 def test_twins_are_one_answer_under_two_names(explainer):
     force, bias = EffectAt('constant_force', 'one'), EffectAt('effort_bias', 'one')
     base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[force])
@@ -335,15 +216,6 @@ def test_twins_are_one_answer_under_two_names(explainer):
     said = answered(explainer, [base, one], [one])
     assert [w.at for w in said.confusable] == [force, bias]
     assert said.confusable[1].probability == said.confusable[0].probability
-
-
-def test_further_effects_are_told_in_their_order(explainer):
-    base, one = made((2.0, 2.0)), made((0.0, 2.0), effects=[STRIBECK])
-    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
-    said = answered(explainer, [base, one, both], [one], [both], [made((2.0, 0.0)), one])
-    assert (said.effect, said.also) == ('stribeck', (DRAG,))
-    # The first one is weighed by the fit that has both.
-    assert [(w.at, w.model) for w in said.ranking] == [(STRIBECK, both)]
 
 
 # ---------------------------------------------------------------------- steps of encoders
@@ -369,30 +241,6 @@ def test_steps_of_an_encoder_are_the_answer_where_its_drive_has_the_gap(explaine
     assert unsure.probability == pytest.approx(0.95 / (1.0 + math.exp(-1.0)))
     both = read_coarsely(explainer, [made((2.0, 3.0))], 'one', 'two')
     assert (both.where, both.also) == (('two',), (STEPS,))
-
-
-def test_steps_on_a_drive_without_a_gap_are_no_answer(explainer):
-    for chain in ([made((2.0, 0.2))], [made((0.2, 0.0))]):
-        said = read_coarsely(explainer, chain, 'two')
-        assert said.effect in (UNKNOWN, NONE) and said.readings == ()
-
-
-def test_more_than_steps_is_missing_where_another_drive_has_a_gap(explainer):
-    assert read_coarsely(explainer, [made((2.0, 0.6))], 'one').effect == STEPS.effect
-    said = read_coarsely(explainer, [made((2.0, 0.7))], 'one')  # 0.8 squared is 0.64
-    assert (said.effect, said.readings) == (UNKNOWN, ())
-
-
-def test_an_effect_is_named_where_only_steps_are_left(explainer):
-    """It closes too little to be believed, for the steps' part of the gap cannot be closed."""
-    base, one = made((1.9, 2.0)), made((1.9, 0.0), effects=[DRAG])
-    assert answered(explainer, [base, one], [one], remaining=1.9).effect == UNKNOWN
-    said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
-    assert (said.effect, said.where, said.also) == ('quadratic_drag', ('two',), (STEPS,))
-    # Not where the other drive keeps a gap of its own.
-    base, one = made((1.9, 4.0)), made((1.9, 0.9), effects=[DRAG])
-    said = read_coarsely(explainer, [base, one], 'one', remaining=1.9)
-    assert (said.effect, said.also) == (UNKNOWN, (STEPS,))
 
 
 # ---------------------------------------------------------------------- what is left to tell

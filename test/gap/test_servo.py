@@ -111,24 +111,6 @@ def test_where_nothing_is_missing_a_servo_is_left_alone() -> None:
     assert found.effect == 'none', sentence(found)
 
 
-def test_a_command_that_stops_for_good_switches_the_motor_off() -> None:
-    whole, off = recorded(1), 6.0
-    data = align(whole, MACHINE.drives, CYCLE, need=('position',), released=True)
-    assert data.duration == pytest.approx(7.99, abs=0.02)
-    assert data.released * CYCLE == pytest.approx(off, abs=0.006)
-    assert any('switched off' in text for text in data.warnings)
-    assert not any('lie outside the command' in text for text in data.warnings)
-    # A goal that is sent now and then says nothing of the motor.
-    assert whole.command is not None
-    sent = whole.command
-    few = replace(sent, stamp=sent.stamp[::60], position=sent.position[::60])
-    seldom = replace(whole, command=few)
-    assert align(seldom, MACHINE.drives, CYCLE, need=(), released=True).released is None
-    other = align(whole, MACHINE.drives, CYCLE, need=())
-    assert other.released is None
-    assert other.duration == pytest.approx(off, abs=0.02)
-
-
 def test_checking_asks_for_no_effort_and_says_nothing_of_a_bad_one() -> None:
     file = MachineFile('servo.yaml', {}, (), MACHINE)
     report = check_both([recorded(1)], file)

@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A joint that turns: what is looked for in metres is looked for in radians, and named in them."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from checks.reference.axis import simulate_axis
 from checks.reference.effects import Effect
-from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.reading import LARGEST
-from ros2_ident.machine.units import angular_factor
-from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
+from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.words.finding import where
 from ros2_ident.words.verdict import advice, sentence
@@ -85,32 +79,3 @@ def test_steps_of_an_encoder_of_twelve_bits_are_found() -> None:
     assert step.unit == 'rad' and step.value == pytest.approx(1.5e-3, rel=0.01)
     assert 'reads its position in steps of 0.0015 rad' in sentence(found)
     assert ' um' not in sentence(found)
-
-
-def test_numbers_of_a_joint_are_those_of_a_carriage_on_its_lever() -> None:
-    factors = [angular_factor(unit) for unit in ('m', 'm/s', '1/m', 'N/m', 'N', 'kg', '1/kg', 's')]
-    assert factors == pytest.approx([20, 20, 0.05, 0.0025, 0.05, 0.0025, 400, 1], rel=1e-12)
-    assert angular_factor('effort s^2/m^2') == pytest.approx(1.0 / 400.0)
-    assert pytest.approx(3e-3) == 20.0 * LARGEST
-
-
-def test_a_straight_axis_has_the_catalogues_numbers() -> None:
-    axis = load_machine(Path(__file__).parents[2] / 'config/emps.yaml')
-    still = np.zeros((1, 400))
-    data = Dataset(axis.drives, 1e-3, 0, still, still, None, None, still + 7.0)
-    model = make_model(axis, data)
-    turning = make_model(JOINT, replace(data, names=JOINT.drives))
-    for effect in CATALOGUE.values():
-        if effect.place == 'all':
-            continue
-        straight = model.scaled(EffectAt(effect.id, axis.drives[0]))
-        turned = turning.scaled(EffectAt(effect.id, 'joint'))
-        for p, own, other in zip(effect.parameters, straight, turned, strict=True):
-            if 'effort' not in p.unit and p.unit != '1/W':
-                assert own == p
-            factor = angular_factor(p.unit) if p.unit != '1/W' else 0.05
-            numbers = [other.low, other.high, other.neutral, *other.starts]
-            expected = [factor * x for x in (own.low, own.high, own.neutral, *own.starts)]
-            assert numbers == pytest.approx(expected, rel=1e-12), (effect.id, p.name)
-            if p.unit in ('m', 'm/s', '1/m'):
-                assert other.unit == p.unit.replace('m', 'rad')

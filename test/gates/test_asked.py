@@ -9,19 +9,14 @@ import numpy as np
 import pytest
 from values import with_bounds
 
-from ros2_ident.gap.bursts import not_asked
 from ros2_ident.gap.facts import Event, Misfit
-from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.refusal import of_events
 from ros2_ident.gap.verdict import BOOKKEEPING, Verdict
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.gates.asked import Asked, fit_asked, Push
 from ros2_ident.identify.data import gather
-from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models import Machine
-from ros2_ident.models.protocol import FullModel, Output
-from ros2_ident.recording import align, Dataset, Recording, Stream
-from ros2_ident.words.finding import where
+from ros2_ident.recording import Dataset, Recording, Stream
 
 CYCLE, SECONDS, NOISE = 0.002, 12.0, 0.03
 TIME = np.arange(0.0, SECONDS, CYCLE)
@@ -125,26 +120,8 @@ def test_a_drive_that_is_limited_is_not_pushed() -> None:
         assert not report.of('not_asked') and report.of('asked')
 
 
-def test_a_feed_forward_is_a_part_of_what_is_asked_for() -> None:
-    angle = np.sin(1.7 * TIME)[:, None]
-    assert dataset(recording(position=angle)).command_effort is None
-    assert dataset(recording(velocity=angle)).command_effort is None
-    # A command's fields that are filled with zeros ask for nothing.
-    filled = align(recording(position=0.0 * angle), ('knee',), CYCLE, follows=False)
-    assert filled.command_position is None and filled.command_effort is not None
-    assert filled.command_effort[0] == pytest.approx(asked_for(TIME), abs=0.03)
-
-
 def test_a_drive_that_does_something_else_is_not_called_pushed() -> None:
     assert told(recording(held=(2.0, 8.0))) is None
-
-
-def test_without_its_parts_nothing_is_said() -> None:
-    whole = dataset(recording())
-    for part in ('command_effort', 'effort', 'position'):
-        assert fit_asked(machine(), replace(whole, **{part: None}), 'knee') is None
-    still = replace(whole, command_effort=np.ones((1, whole.cycles)))
-    assert fit_asked(machine(), still, 'knee') is None
 
 
 def test_pushes_are_said_of_every_recording() -> None:
@@ -154,18 +131,6 @@ def test_pushes_are_said_of_every_recording() -> None:
     assert gate.sentence.startswith('recording 2: knee: effort that was not commanded')
     assert '5.00 s (+0.6 N m)' in gate.sentence
     assert report.warnings == (gate.sentence,) or gate.sentence in report.warnings
-
-
-class Knee(FullModel):
-    """What a finding needs of a model."""
-
-    parameters = (Parameter('mass', 'kg m^2', 0.0, 1.0, 'physical', 'Newton'),)
-    outputs = (Output('knee', 'N m'),)
-    measured = np.zeros((1, 100))
-    cycle = CYCLE
-
-    def simulate(self, theta: np.ndarray) -> np.ndarray:
-        return np.zeros((len(theta), 1, 100))
 
 
 MISFIT = Misfit('knee', 'effort', 1.0, 0.5, 9.0, extended=False)
@@ -186,9 +151,3 @@ def test_pushes_come_before_what_a_model_misses() -> None:
     # A wrong unit or sign makes all efforts wrong.
     assert of_events(verdict(BOOKKEEPING), report).effect == BOOKKEEPING
     assert of_events(verdict('none'), GateReport(asked=((),))).effect == 'none'
-    none = np.zeros(1)
-    floor = Floor(np.full(1, 0.1), none, none, 'prediction', ())
-    (finding,) = not_asked(report.asked, floor, Knee())
-    assert finding.significant and finding.p_value < 1e-6
-    assert finding.over_floor == pytest.approx(2.0)
-    assert where(finding).startswith('knee: effort that was not commanded at 1.50 s (+0.7 N m)')

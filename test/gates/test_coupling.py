@@ -13,7 +13,6 @@ from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gates import examine
 from ros2_ident.identify.data import gather
 from ros2_ident.models import Machine
-from ros2_ident.models.linear_axis import KIND
 from ros2_ident.recording import Recording, Stream
 from ros2_ident.words.verdict import sentence
 
@@ -72,14 +71,6 @@ def test_an_elbow_that_carries_its_weight_behind_a_shoulder():
 
 def test_an_elbow_without_weight_is_a_machine_of_its_own():
     report = examine(joint(), gather([recording(0.0)], joint()).datasets)
-    assert report.of('coupling') == ()
-
-
-def test_a_kind_that_knows_its_coupling_is_not_doubted(monkeypatch):
-    monkeypatch.setattr(
-        'ros2_ident.gates.coupling.kind_of', lambda machine: replace(KIND, coupled=True)
-    )
-    report = examine(joint(), gather([recording(60.0)], joint()).datasets)
     assert report.of('coupling') == ()
 
 

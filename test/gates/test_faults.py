@@ -14,7 +14,6 @@ from values import with_bounds
 
 from checks.reference.bag_making import simulate_bag
 from ros2_ident.gates import examine, GateReport
-from ros2_ident.gates.tracking import check_tracking, Tracking
 from ros2_ident.identify.data import gather
 from ros2_ident.models import Machine
 from ros2_ident.recording import Recording, Stream
@@ -191,14 +190,3 @@ def test_without_a_command_that_is_said_once():
     report = report_of('tripod', silent)
     assert [g.gate for g in report.gates if g.level == 'warn'] == ['command']
     assert report.headline == ''
-
-
-def test_set_points_of_a_straight_path_are_told_apart_by_their_size() -> None:
-    # Drives on a straight path move alike but for a factor; two topics have their names exchanged.
-    drives, size = ('one', 'two', 'three'), np.array([1.0, 0.9, -0.4])
-    slope = size[:, None] / size[[2, 1, 0]]
-    share = np.full((3, 3), 0.985)
-    share[[0, 1, 2], [2, 1, 0]] = 0.998
-    (found,) = check_tracking(Tracking(drives, share, np.zeros((3, 3)), slope), 0.001, 'm')
-    assert (found.gate, found.level) == ('names', 'fail')
-    assert "one follows three's, three follows one's" in found.sentence

@@ -159,20 +159,6 @@ def test_an_overlay_keeps_the_unit_of_the_log(machine, bag, constants):
     assert total == pytest.approx(log.effort[shared])
 
 
-def test_an_overlay_of_some_drives_names_only_those():
-    data = gather([recording_of(tripod_bag())], tripod(), ['drive_3'])
-    problem = problem_of(tripod(), data, drives=['drive_3'])
-    (streams,) = overlay_streams(problem, 0.5 * (problem.low + problem.high))
-    assert streams['simulated'].names == ('drive_3',)
-
-
-def test_an_overlay_of_two_segments_is_two_bags(tmp_path, result):
-    one = recording_of(axis_bag())
-    problem = problem_of(axis(), gather([one, one], axis()))
-    paths = write_overlay(tmp_path / 'overlay', problem, result.theta)
-    assert [p.name for p in paths] == ['overlay', 'overlay_2']
-
-
 def test_overlays_of_an_earlier_run_go_and_recorded_bags_stay(tmp_path):
     bag = axis_bag()
     streams = {'/joint_states': bag.streams['/joint_states']}

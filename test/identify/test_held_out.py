@@ -16,7 +16,6 @@ from ros2_ident.identify.hidden import weigh_fit
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.models import EffectAt
 from ros2_ident.report.files import load_result
 from ros2_ident.report.signals import load_signals
 from ros2_ident.search.fit import fit
@@ -86,13 +85,6 @@ def test_a_check_bag_is_judged_on_and_not_fitted_to(found) -> None:
     assert same.validated_on == 'other'
     assert same.validation[0].rms == pytest.approx(found.residuals[0].rms, rel=0.1)
     assert off.validation[0].rms > 3.0 * same.validation[0].rms
-
-
-def test_effects_of_the_problem_are_in_what_is_judged() -> None:
-    effect = EffectAt('stribeck', 'emps_axis')
-    problem = problem_of(axis(), axis_data(), effects=[effect])
-    other = problem.setup.judged_on(another())
-    assert other.names == problem.names
 
 
 def test_a_value_of_its_own_in_every_bag_predicts_no_other() -> None:

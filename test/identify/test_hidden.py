@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.hidden import rows_of, runs_of
 from ros2_ident.identify.run import identify
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.report.schema import from_mapping, to_mapping
 
 
@@ -82,28 +80,3 @@ def test_a_controller_that_holds_a_speed_against_a_ripple_is_no_mass():
     mass = next(p for p in found.parameters if p.name.endswith('moving_mass'))
     assert mass.noise_low > 95.0
     assert mass.low <= 95.0 <= mass.high
-
-
-def test_runs_end_at_gaps_and_bridge_a_lost_sample():
-    mask = np.zeros((2, 100), dtype=bool)
-    mask[0, ::2] = True
-    mask[0, 20] = False
-    mask[0, 60:80] = False
-    mask[1, 10:20] = True
-    runs = runs_of([mask])
-    assert [(r.start, r.stop, r.place) for r in runs] == [(0, 29, 0), (29, 39, 0), (39, 49, 1)]
-
-
-def test_a_long_log_is_weighed_by_whole_blocks():
-    model = problem_of(axis(), axis_data()).models[0]
-    whole, part = rows_of([model], 10**9), rows_of([model], whole_rows(model) // 2)
-    assert whole.share == 1.0
-    assert 0.3 < part.share < 0.7
-    assert sum(r.stop - r.start for r in part.runs) == part.masks[0].sum() == part.blocks.size
-    # Blocks of a second, two side by side.
-    seconds = np.flatnonzero(np.diff(part.masks[0][0].astype(int))) * model.cycle
-    assert len(part.runs) == 1 or seconds.size > 1
-
-
-def whole_rows(model) -> int:
-    return int((~np.isnan(model.measured)).sum())

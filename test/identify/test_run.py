@@ -157,14 +157,6 @@ def test_cancel_keeps_the_best_so_far_and_is_quick():
     assert result.parameters[0].note == 'interval not computed: the run was cut short'
 
 
-def test_cancel_before_the_start_gives_no_estimate():
-    cancel = threading.Event()
-    cancel.set()
-    result = identify(axis(), axis_data(), settings=QUICK, cancel=cancel)
-    assert result.outcome is Outcome.CANCELLED
-    assert np.isnan(result.theta).all()
-
-
 @pytest.mark.parametrize('evaluations', [50, 150, 400])
 def test_the_budget_of_evaluations_holds_for_both_phases(evaluations):
     settings = replace(QUICK, budget=Budget(evaluations=evaluations))
@@ -239,11 +231,6 @@ def test_wrong_use_is_refused_before_anything_is_simulated(arguments, code, text
         identify(axis(), axis_data(), settings=QUICK, **arguments)
     assert caught.value.code is code
     assert text in caught.value.message
-
-
-def test_nothing_to_identify_from():
-    with pytest.raises(IdentError, match='there is no recording to identify from'):
-        identify(axis(), [], settings=QUICK)
 
 
 @pytest.mark.skipif(not (SHARED / 'data' / 'emps_train').exists(), reason='no ../shared/data here')

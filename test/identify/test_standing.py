@@ -75,14 +75,6 @@ def test_of_one_joint_that_moves_the_answer_is_about_that_joint():
     assert np.isfinite([[p.value, p.low, p.high] for p in result.parameters]).all()
 
 
-def test_friction_turns_over_as_sharply_as_the_log_tells_speeds():
-    result = found(logged(0.7, 0.1 * WAVE, -0.4))
-    values = {p.name.partition('.')[2]: p for p in result.parameters}
-    assert values['coulomb_torque'].value == pytest.approx(0.5, rel=0.02)
-    assert values['viscous_torque'].low <= 0.3 <= values['viscous_torque'].high
-    assert result.residuals[0].rms < 0.012
-
-
 def test_joints_that_move_in_turn_are_all_in_it():
     turns = [np.where(abs(TIME - 5.0 * k - 2.0) < 2.0, WAVE, WAVE[0]) for k in (0, 1)]
     machine, moving = at_rest(ARM, [logged(turns[0], turns[1], 0.2)])

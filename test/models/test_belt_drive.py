@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The belt drive against its slow twin, against linear algebra, and at its edges."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,6 @@ from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import EffectAt, load_machine
 from ros2_ident.models.belt_drive.model import BeltDrive, RecordedBelt, StepReference
-from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings
 from ros2_ident.words.identification import message
 
@@ -67,23 +65,6 @@ def test_fused_costs_are_eq_2_of_the_trajectories(kind):
     np.testing.assert_allclose(belt.cost(theta, measured), expected, rtol=1e-9)
 
 
-def test_cost_at_a_sampling_interval_near_half_a_period():
-    belt = BeltDrive(MACHINE, step_reference(cycle=1.0 / (2.0 * 75.39286565)))
-    measured = belt.simulate(TRUTH)[0]
-    theta = candidates(20, seed=5)
-    expected = np.sqrt(((measured - belt.simulate(theta)) ** 2).mean(axis=2)).mean(axis=1)
-    np.testing.assert_allclose(belt.cost(theta, measured), expected, rtol=1e-9)
-    assert belt.cost(TRUTH, measured)[0] < 1e-12
-
-
-def test_result_does_not_depend_on_the_batch(belt):
-    theta = candidates(45)
-    measured = belt.simulate(TRUTH)[0]
-    whole = belt.cost(theta, measured)
-    parts = np.concatenate([belt.cost(theta[i : i + 7], measured) for i in range(0, 45, 7)])
-    np.testing.assert_array_equal(whole, parts)
-
-
 def test_unstable_candidates_cost_inf(belt):
     theta = np.array([[-1e5, 45.0], [2e5, -3.0], [2e5, 45.0], [np.nan, 45.0]])
     cost = belt.cost(theta, belt.simulate(TRUTH)[0])
@@ -109,17 +90,6 @@ def test_errors_name_the_remedy():
         BeltDrive(with_bounds(MACHINE, {'belt_colour': (0.0, 1.0, '1')}), step_reference())
     with pytest.raises(IdentError, match='check the command stream'):
         BeltDrive(MACHINE, StepReference(2e-4, np.array([[np.nan]])))
-
-
-def test_without_a_controller_the_belt_turns_freely():
-    theta = np.array([[2e5, 0.0]])
-    belt = BeltDrive(MACHINE, step_reference(duration=0.3))
-    measured = belt.simulate(theta)[0]
-    np.testing.assert_allclose(measured, 0.0, atol=1e-15)  # nothing drives it
-    assert belt.cost(theta, measured)[0] < 1e-15
-    near = belt.simulate(np.array([[2e5, 1e-6]]))[0]
-    # A millionth of a newton metre a radian moves 5e-5 kg m^2 by some 1e-6 rad in that time.
-    np.testing.assert_allclose(near, measured, atol=1e-5)
 
 
 def bag_of(folder, seed, *more):
@@ -157,23 +127,6 @@ def test_a_recorded_belt_is_the_belt_and_says_what_it_needs(tmp_path):
     ):
         with pytest.raises(IdentError, match=what):
             RecordedBelt(MACHINE, data, **wrong)
-
-
-def test_errors_of_every_sample_are_summed_as_eq_2_has_them():
-    belt = BeltDrive(MACHINE, step_reference(duration=0.2))
-    told = belt.simulate(np.array([[1.9e5, 50.0]]))[0]
-    data = Dataset(
-        MACHINE.drives, belt.cycle, 0, belt.reference[None], 0.0 * belt.reference[None],
-        told[:1], None, told[1:],
-    )  # fmt: skip
-    whole = RecordedBelt(MACHINE, data)
-    theta = candidates(9)
-    expected = belt.cost(theta, told)
-    np.testing.assert_allclose(whole.costs(theta), expected, rtol=1e-12)
-    missing = replace(data, effort=np.where(np.arange(told.shape[1]) == 7, np.nan, told[1:]))
-    some = RecordedBelt(MACHINE, missing).costs(theta)
-    assert not np.array_equal(some, expected)
-    np.testing.assert_allclose(some, expected, rtol=0.01)
 
 
 def test_a_fit_that_may_have_ended_in_a_wrong_minimum_is_not_identified(tmp_path):

@@ -14,7 +14,7 @@ from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import effort_of, links_of  # noqa: E402
 from ros2_ident.models import make_model  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
-from ros2_ident.models.serial.cone import inertials_of, mended, nearest, pseudo_inertia  # noqa: E402
+from ros2_ident.models.serial.cone import nearest, pseudo_inertia  # noqa: E402
 
 ROTORS = {**BOXES, 'drive_inertia': [0.0, 1.0, 'kg m^2']}
 
@@ -153,37 +153,6 @@ def bodies(count: int, seed: int = 0) -> np.ndarray:
     return np.array(
         [of_points(rng.uniform(0.1, 2.0, 6), rng.uniform(-0.3, 0.3, (6, 3))) for _ in range(count)]
     )
-
-
-def test_a_pseudo_inertia_is_the_second_moments_of_the_points() -> None:
-    mass, place = np.array([1.0, 2.0]), np.array([[0.1, 0.2, 0.3], [-0.5, 0.0, 0.4]])
-    pseudo = pseudo_inertia(of_points(mass, place)[None])[0]
-    whole = np.column_stack([place, np.ones(2)])
-    np.testing.assert_allclose(pseudo, whole.T @ (mass[:, None] * whole), atol=1e-14)
-    np.testing.assert_allclose(inertials_of(pseudo[None])[0], of_points(mass, place), atol=1e-14)
-
-
-def test_the_triangle_of_inertias_and_the_centre_are_asked_for() -> None:
-    fine = bodies(1)[0]
-    flat = np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.5])
-    outside = fine.copy()
-    outside[1] = 10.0 * fine[0]
-    assert consistent(np.array([fine, flat, outside, -fine])).tolist() == [True, *[False] * 3]
-    repaired = mended(np.array([fine, flat]))
-    assert consistent(repaired).all()
-    np.testing.assert_array_equal(repaired[0], fine)
-    assert repaired[1, 0] == 1.0
-
-
-def test_a_fit_that_no_body_meets_is_met_as_far_as_it_goes() -> None:
-    described = bodies(1)
-    # Heavier by half and its moment of inertia about z gone: no body.
-    told = np.zeros((2, 10))
-    told[0, 0] = told[1, 9] = 1.0
-    wanted = np.array([0.5 * described[0, 0], -1.2 * described[0, 9]])
-    found = nearest(described, told, wanted, 1e6 * np.eye(2), FREE, 0.3)
-    assert consistent(found).all()
-    assert 0.0 < found[0, 9] < 0.1 * described[0, 9]
 
 
 def test_it_is_the_minimum() -> None:

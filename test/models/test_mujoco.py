@@ -2,7 +2,6 @@
 """A user's own MJCF as the model: MuJoCo's numbers, its attributes, what is missing in it."""
 
 from pathlib import Path
-import pickle
 import sys
 
 import numpy as np
@@ -166,17 +165,6 @@ def test_zero_and_direction_of_the_log_are_taken_off(folder) -> None:
     assert model.simulate(later[None])[0, 2:] == pytest.approx(
         sense * plain(shifted)[0] + zero, abs=1e-9
     )
-
-
-def test_a_candidate_does_not_depend_on_its_neighbours(folder) -> None:
-    machine = machine_of(folder)
-    model = Mujoco(machine, data_with(machine, COMMAND))
-    low = np.array([p.low for p in model.parameters])
-    high = np.array([p.high for p in model.parameters])
-    theta = low + (high - low) * np.random.default_rng(1).random((5, len(low)))
-    together = model.simulate(theta)
-    alone = np.concatenate([model.simulate(row[None]) for row in theta[::-1]])[::-1]
-    assert np.array_equal(together, alone)
 
 
 def test_a_log_of_a_description_is_simulated_with_an_effect(folder) -> None:
@@ -360,24 +348,3 @@ def test_joints_that_slide_are_in_metres_and_their_actuators_in_newtons(looped, 
     effort = model.simulated_effort(np.array([tool, rail, rail]))
     force = GEAR * log.effort
     assert np.sqrt(np.mean((effort - force)[:, 200:] ** 2)) < 0.05 * np.abs(force).max()
-
-
-def test_a_model_goes_to_another_process_and_simulates_the_same(folder) -> None:
-    machine = machine_of(folder)
-    model = Mujoco(machine, data_with(machine, COMMAND))
-    there = pickle.loads(pickle.dumps(model))
-    theta = theta_of(model)[None]
-    assert np.array_equal(there.simulate(theta), model.simulate(theta))
-
-
-def test_a_logs_delay_and_gain_act_on_the_effort_alone(folder) -> None:
-    machine = machine_of(folder, {**BOXES, 'measurement_delay': [0.0, 0.1, 's']})
-    position, effort = plain(COMMAND)
-    data = data_with(machine, position, effort)
-    model = Mujoco(machine, data, quantities=('effort', 'position'))
-    prompt, late = (
-        model.simulate(theta_of(model, measurement_delay=delay)[None])[0]
-        for delay in (0.0, 3.0 * CYCLE)
-    )
-    assert late[:2, 3:] == pytest.approx(prompt[:2, :-3], abs=1e-12)
-    assert np.array_equal(late[2:], prompt[2:])

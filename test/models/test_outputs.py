@@ -12,12 +12,11 @@ import pytest
 import yaml
 
 from checks.reference.axis import simulate_axis
-from checks.reference.effects import Effect
 from checks.reference.plant import Log
 from checks.reference.tripod import simulate_tripod
 from checks.reference.tripod import TABLE_5 as TRUTH
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
+from ros2_ident.models import load_machine, machine_from_mapping, make_model
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
@@ -61,28 +60,6 @@ def test_the_tripods_motion_is_the_references(data) -> None:
 P_LAW = {'law': 'cascade_p', 'integral_gain': 0.0}
 
 
-@pytest.mark.parametrize('law', [{}, P_LAW], ids=['pi', 'p'])
-def test_a_constant_on_a_tripods_drives_moves_it_as_in_the_reference(law: dict) -> None:
-    plain = yaml.safe_load(FILE.read_text())
-    machine = machine_from_mapping(
-        {
-            **plain,
-            'controller': {**plain['controller'], **law},
-            'parameters': {**plain['parameters'], 'constant_force': [-1.0, 1.0, 'N m']},
-        }
-    )
-    motion = draw_motion('multi_point', machine, 2.0, 5)
-    command = motion.position, motion.velocity
-    values = TRUTH | {'constant_force': 0.2}
-    log = simulate_tripod(machine, values, *command)
-    model = Tripod(machine, dataset(log, command), quantities=ALL)
-    theta = np.array([[values[p.name.split('.')[-1]] for p in model.parameters]])
-    missed = misses(model, log, theta)
-    assert all(missed[q] < TOLERANCE[q] for q in ALL), missed
-    more = log.effort - simulate_tripod(machine, TRUTH, *command).effort
-    assert np.mean(more, axis=1) == pytest.approx(0.2, abs=0.01)
-
-
 @pytest.mark.parametrize('elastic', [True, False])
 @pytest.mark.parametrize('law', [{}, P_LAW], ids=['pi', 'p'])
 def test_an_axis_motion_is_the_references(elastic: bool, law: dict) -> None:
@@ -113,18 +90,6 @@ def test_an_axis_motion_is_the_references(elastic: bool, law: dict) -> None:
     for row, quantity in zip(simulated, ALL, strict=True):
         rms = np.sqrt(np.mean((row - getattr(log, quantity)[0]) ** 2))
         assert rms < TOLERANCE[quantity], quantity
-
-
-def test_the_logged_position_is_the_motors_not_what_an_encoder_makes_of_it(data) -> None:
-    step = 2e-5
-    at = [EffectAt('encoder_quantisation', 'drive_2')]
-    model = Tripod(MACHINE, data, effects=at, quantities=['position'])
-    theta = np.array([[*truth(Tripod(MACHINE, data))[0], step]])
-    command = data.command_position, data.command_velocity
-    coarse = Effect('encoder_quantisation', ('drive_2',), {'step': step})
-    reference = simulate_tripod(MACHINE, TRUTH, *command, [coarse])
-    for seen in (model.simulate(theta)[0, 1], reference.position[1]):
-        assert np.std(np.mod(seen, step)) > 0.2 * step
 
 
 def holed(data: Dataset) -> Dataset:
@@ -164,18 +129,6 @@ def test_costs_are_the_weighted_rms_errors_of_the_outputs_that_have_samples(data
     assert len(rms) == 8
     np.testing.assert_allclose(model.costs(theta), np.mean(rms, axis=0), rtol=1e-12)
     assert np.abs(model.costs(theta) / plain.costs(theta) - 1.0).min() > 0.01
-
-
-def test_what_is_given_up_never_costs_more_than_it_would_have(data) -> None:
-    model = Tripod(MACHINE, holed(data), quantities=ALL, weights=[1.0, 1e3, 10.0])
-    theta = around(model, 40)
-    whole = model.costs(theta)
-    limit = float(np.percentile(whole, 30))
-    limited = model.costs(theta, limit)
-    np.testing.assert_array_equal(limited[whole <= limit], whole[whole <= limit])
-    assert (limited[whole > limit] > limit).all()
-    assert (limited <= whole).all()
-    assert np.count_nonzero(limited < whole) > 10
 
 
 def test_positions_alone_are_compared_where_there_is_no_effort(data) -> None:

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any model that meets the protocol is identified and diagnosed, on one recording or several."""
 
-import gc
 import math
-from pathlib import Path
-import weakref
 
 import numpy as np
 import pytest
@@ -17,13 +14,9 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.machine.parameter import Parameter
-from ros2_ident.models import load_machine, make_model
 from ros2_ident.models.protocol import complete, Model, Output
-from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings
-from ros2_ident.search.cluster import Cluster
 
-ROOT = Path(__file__).parents[2]
 SMALL = IdentifySettings(genetic=GeneticSettings(initial_population=64, generations=4))
 
 
@@ -189,44 +182,9 @@ def test_conditions_that_make_no_sense_are_refused(tmp_path):
     assert read_conditions(('a',), path) == Conditions(('a',), {'with_load': {'tool_mass': 0.5}})
 
 
-def test_a_cluster_gives_the_diagnosis_of_threads():
-    def run(workers):
-        return diagnose(model=Pendulum(TRUTH, 1, cubic=2e-3), seed=1, workers=workers)
-
-    distributed = pytest.importorskip('distributed')
-    with (
-        distributed.LocalCluster(n_workers=2, processes=False, dashboard_address=None) as near,
-        distributed.Client(near, set_as_default=False) as client,
-    ):
-        here, there = run(None), run(Cluster(client))
-    assert (here.effect, here.probability) == (there.effect, there.probability)
-    assert here.parameters == there.parameters
-
-
 def test_the_progress_of_a_diagnosis_never_goes_back():
     seen = []
     diagnose(model=Pendulum(TRUTH, 1, cubic=2e-3), seed=1, on_progress=seen.append)
     shares = [p.fraction for p in seen]
     assert shares == sorted(shares)
     assert shares[-1] >= 0.95
-
-
-@pytest.mark.parametrize('name', ['emps', 'tripod', 'delta', 'belt_drive', 'xl330', 'ur10'])
-def test_a_model_that_is_done_with_is_gone_without_the_garbage_collector(name):
-    machine = load_machine(ROOT / 'config' / f'{name}.yaml')
-    time, phases = np.arange(200) * 2e-3, np.arange(len(machine.drives))[:, None]
-    swing, rate = 0.01, 2.0 * np.pi
-    position = swing * np.sin(rate * time + phases)
-    velocity = swing * rate * np.cos(rate * time + phases)
-    data = Dataset(
-        machine.drives, 2e-3, 0, position, velocity, position, velocity, 0.0 * position
-    )
-    model = make_model(machine, data)
-    gone = weakref.ref(model)
-    gc.collect()
-    gc.disable()  # a diagnosis makes hundreds, with the recording in each
-    try:
-        del model
-        assert gone() is None
-    finally:
-        gc.enable()

@@ -125,19 +125,6 @@ def test_effects_of_the_structure_follow_the_reference(name) -> None:
     assert np.sqrt(np.mean(error**2, axis=1)).max() < 0.01 * change
 
 
-@pytest.mark.parametrize('name', ['rail_radius_error', 'rod_length_error'])
-def test_errors_of_the_geometry_stay_lengths(name) -> None:
-    motion, log = run(MACHINE)
-    model = model_of(MACHINE, motion, log, effects=[EffectAt(name, 'all')])
-    parameter = model.parameters[-1]
-    assert (parameter.unit, parameter.high) == ('m', 0.05)
-    key = 'shaft_radius' if name == 'rail_radius_error' else 'rod_length'
-    other = MACHINE.with_constants(**{key: MACHINE.number(key) + 0.01})
-    same = model_of(other, motion, log)
-    told = model.simulate(theta_of(model, {f'{name}.error': 0.01})[None])
-    assert np.allclose(told, same.simulate(theta_of(same)[None]), atol=1e-12)
-
-
 def test_set_points_put_the_platform_where_it_shall_be() -> None:
     rng = np.random.default_rng(4)
     centre = np.array([[0.0], [0.0], [-0.52]])

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import get_typestore, Stores
 import yaml
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
@@ -25,7 +24,6 @@ from ros2_ident.models.registry import kind_of, travel_of  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
-from ros2_ident.report.scene import MARKERS, Scene, scene_messages  # noqa: E402
 
 JOINTS = ('base', 'slide', 'elbow', 'wrist')
 URDF = '''<robot name="bent">
@@ -185,23 +183,6 @@ def test_an_arm_in_space_is_where_its_joints_put_it(tmp_path: Path) -> None:
     assert drawn.size == np.linalg.norm(drawn.links.reshape(-1, 3), axis=1).max()
 
 
-def test_an_arm_without_lengths_is_not_drawn() -> None:
-    flat = dict.fromkeys(('dh_a', 'dh_alpha', 'dh_d', 'dh_theta'), [0.0, 0.0])
-    machine = tabled({**flat, 'joint': ['revolute', 'revolute']})
-    assert kind_of(machine).scene(machine, motion(2, 3)[0]) is None
-
-
-def test_an_arm_moves_in_rviz(tmp_path: Path) -> None:
-    machine = described(tmp_path)
-    figure = kind_of(machine).scene(machine, motion(4, 6)[0])
-    stamp = 50_000_000 * np.arange(6)
-    scene = Scene('serial', stamp, figure, None, np.linspace(1.0, 2.0, 6), 'N m')
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for _, message in scene_messages(scene):
-        drawn = store.deserialize_cdr(message, MARKERS).markers
-        assert all(len(x.points) for x in drawn if x.type != 9)  # RViz complains of empty lines
-
-
 def test_another_description_is_another_machine(tmp_path: Path) -> None:
     first = described(tmp_path)
     assert described(tmp_path).digest == first.digest
@@ -284,40 +265,6 @@ UR10 = {
     'dh_theta': [0.0] * 6,
     'joint': ['revolute'] * 6,
 }
-
-
-def test_a_rotor_may_be_less_than_nothing_where_it_stands_for_its_link_too() -> None:
-    """The first joint's rotor takes up what its link is described too heavy by."""
-    parameters = {
-        'link_moment': [-2.0, 2.0, 'kg m'],
-        'link_inertia': [-3.0, 4.0, 'kg m^2'],
-        'drive_inertia': [0.0, 5.0, 'kg m^2'],
-    }
-    machine = tabled(UR10, {}, **parameters)
-    model = make_model(machine, moving(machine))
-    boxes = {p.name: (p.low, p.high) for p in model.parameters}
-    assert boxes['joint_0.drive_inertia'] == (-3.0, 9.0)
-    assert boxes['joint_5.drive_inertia'] == (0.0, 5.0)
-    del parameters['link_inertia']
-    machine = tabled(UR10, {}, **parameters)
-    model = make_model(machine, moving(machine))
-    rotors = [p for p in model.parameters if 'drive_inertia' in p.name]
-    assert {(p.low, p.high) for p in rotors} == {(0.0, 5.0)}
-
-
-def test_a_log_may_begin_and_end_on_the_move(tmp_path: Path) -> None:
-    """Where it is cut nothing tells the acceleration, so nothing is compared there."""
-    machine = described(tmp_path)
-    time = machine.number('cycle') * np.arange(500)
-    rates, phases = np.array([[3.0], [4.0], [5.0], [6.0]]), np.array([[0.0], [1.0], [2.0], [3.0]])
-    angle = rates * time + phases
-    moved = 0.5 * np.sin(angle), 0.5 * rates * np.cos(angle), -0.5 * rates**2 * np.sin(angle)
-    effort = arm_of(machine).efforts(*moved)
-    model = make_model(machine, replace(moving(machine, 500), position=moved[0], effort=effort))
-    there = np.isfinite(model.measured)
-    assert not there[:, :4].any() and not there[:, -4:].any()
-    assert (there.sum(axis=1) > 60).all()
-    assert np.abs(model.residuals(middle(model))).max() < 0.02 * effort.std()
 
 
 def test_six_joints_of_a_ur10_have_36_base_parameters() -> None:
@@ -457,13 +404,6 @@ def test_friction_of_a_joint_builds_up_over_a_way() -> None:
     assert np.abs(more).max() > 0.5
 
 
-def test_a_joint_has_every_effect_that_prescribed_motion_shows(tmp_path: Path) -> None:
-    machine = described(tmp_path, link_moment=[-5.0, 5.0, 'kg m'])
-    offered = {at.effect for at in make_model(machine, moving(machine)).extensions()}
-    nominal = {'coulomb_friction', 'viscous_friction'}
-    assert offered == (EFFECTS | nominal | {'effort_crosstalk'}) - {'gear_flexibility'}
-
-
 # ---------------------------------------------------------------------- mistakes
 
 
@@ -540,10 +480,3 @@ def test_a_description_is_read_without_a_bag(tmp_path, capsys) -> None:
     assert main(['check', '--machine', str(path)]) == 1
     said = 'arm.yaml:3: geometry.description has no joint knee; its joints are base, slide'
     assert said in capsys.readouterr().out
-
-
-def test_a_description_that_is_no_text_is_refused(tmp_path: Path) -> None:
-    described(tmp_path)
-    (tmp_path / 'arm.urdf').write_bytes(b'\xff\xfe<robot')
-    error = refused(load_machine, tmp_path / 'arm.yaml')
-    assert error.code is ErrorCode.BAD_MACHINE_FILE and 'no text in UTF-8' in error.message

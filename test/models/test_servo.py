@@ -207,31 +207,6 @@ def test_a_servo_without_a_set_point_is_refused() -> None:
     assert caught.value.code == ErrorCode.MISSING_STREAM
 
 
-@pytest.mark.parametrize(
-    ('drop', 'change', 'said'),
-    [
-        (('armature', 'load_length'), {'load_inertia': None}, 'nothing has an inertia'),
-        (('load_length',), {}, 'a mass without load_length'),
-        ((), {'torque_constant': None}, 'drive.torque_constant is missing'),
-    ],
-)
-def test_what_a_servo_lacks_is_said(drop, change, said) -> None:
-    from ros2_ident.machine.file import judged
-    from ros2_ident.models.registry import KINDS
-
-    gone = {*drop, *change}
-    drive = {name: value for name, value in DRIVE.items() if name not in gone}
-    data = {
-        'machine': 'servo',
-        'drives': ['joint'],
-        'drive': drive,
-        'controller': CONTROLLER,
-        'parameters': FRICTION,
-    }
-    remarks = judged(data, KINDS, 'file').remarks
-    assert any(said in remark.text for remark in remarks), remarks
-
-
 def held(width, boxes=FRICTION, effects=(), values=()):
     """Return positions of a servo that comes to rest above where its load hangs."""
     time = np.arange(3000) * 1e-3
@@ -257,16 +232,3 @@ def test_friction_without_a_width_holds_with_one_it_creeps(boxes, effects, value
     # A load behind an elastic gear still swings a little.
     assert np.ptp(sticking) < (1e-5 if boxes is not FRICTION else 1e-12)
     assert np.ptp(creeping) > 1e-3
-
-
-def test_friction_by_load_that_is_steep_at_standstill_takes_shorter_steps() -> None:
-    one = machine({**FRICTION}, CONTROLLER | {'position_gain': 2.0})
-    one = one.with_constants(coulomb_regularisation=2e-3)
-    at = [EffectAt('directional_load_friction', 'joint')]
-    position, velocity = set_points()
-    model = make_model(one, _data(one, effort=None, position=0.0 * position), effects=at)
-    theta = np.array([[0.011, 0.004, 0.6, 0.3]])
-    assert model.work(theta)[0] > 3 * make_model(one, model.data).work(theta[:, :2])[0]
-    rough = model.simulate(theta)
-    fine = model.finer(theta[0]).simulate(theta)
-    assert np.abs(rough - fine).max() < 1e-4

@@ -12,21 +12,15 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from checks.reference.bag_making import simulate_bag  # noqa: E402
 from checks.reference.twin import twin_of  # noqa: E402
-from models.test_serial import BOXES, described, JOINTS, URDF  # noqa: E402
+from models.test_serial import BOXES, described, URDF  # noqa: E402
 from ros2_ident.cli.main import main  # noqa: E402
-from ros2_ident.commissioning import check_both  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
-from ros2_ident.export.content import content_of  # noqa: E402
-from ros2_ident.export.estimate import Estimate  # noqa: E402
-from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
-from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import make_model  # noqa: E402
-from ros2_ident.models.registry import read_machine_file  # noqa: E402
-from ros2_ident.recording import Dataset, read_bag, Stream, write_bag  # noqa: E402
-from ros2_ident.simulate.bag import CLEAN, simulate, START  # noqa: E402
+from ros2_ident.recording import Dataset  # noqa: E402
+from ros2_ident.simulate.bag import CLEAN, simulate  # noqa: E402
 from ros2_ident.simulate.motions import draw_motion  # noqa: E402
 
 ALGEBRAIC = IdentifySettings(method='algebraic')
@@ -133,14 +127,6 @@ def test_what_cannot_be_built_is_refused(tmp_path: Path) -> None:
         model.simulate(values(model, {}))
 
 
-def test_no_file_of_a_simulator_has_them(tmp_path: Path) -> None:
-    data = logged(arm(tmp_path), {}, 2.0)
-    problem = problem_of(arm(tmp_path, BUILT), Data((data,)))
-    nothing = Estimate({}, {}, {}, (), {}, '')
-    with pytest.raises(IdentError, match='none of the files has a place for couplings'):
-        content_of(problem, nothing, 0.3)
-
-
 # ---------------------------------------------------------------------- what is compared
 
 
@@ -220,29 +206,6 @@ def test_an_effort_may_stand_before_its_motion(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         model.motion[0][:, inside], early.position[:, inside], rtol=0, atol=2e-4
     )
-
-
-def test_a_command_of_torques_is_left_out(tmp_path: Path, capsys) -> None:
-    machine = arm(tmp_path)
-    data = logged(machine, {}, 4.0)
-    stamp = START + (4_000_000 * np.arange(data.cycles)).astype(np.int64)
-    assert data.effort is not None
-    assert data.position is not None
-    streams = {
-        '/joint_states': Stream(JOINTS, stamp, position=data.position.T, effort=data.effort.T),
-        '/joint_command': Stream(JOINTS, stamp, effort=data.effort.T),
-    }
-    path = write_bag(tmp_path / 'bag', streams)
-    report = check_both(read_bag(path), read_machine_file(tmp_path / 'arm.yaml'))
-    assert not [f.sentence for f in report.findings if f.level == 'error']
-    said = ' '.join(f.sentence for f in report.findings)
-    assert 'command:' not in said
-    assert 'record the set-point' not in said
-    out = str(tmp_path / 'out')
-    words = ['identify', str(path), '--machine', str(tmp_path / 'arm.yaml'), '--out', out]
-    main([*words, '--method', 'algebraic', '--no-report', '--no-overlay', '--quiet'])
-    assert found_in(Path(out))
-    assert 'record the set-point' not in capsys.readouterr().out
 
 
 # ---------------------------------------------------------------------- simulated bags

@@ -143,30 +143,6 @@ def test_an_effect_at_its_neutral_values_changes_nothing(model: Tripod, effect_i
     assert np.abs(with_it - plain).max() < 1e-9
 
 
-@pytest.mark.parametrize('effect_id', sorted(set(CATALOGUE) - {'gear_flexibility'}))
-def test_an_effect_inside_its_bounds_changes_the_log(model: Tripod, effect_id: str) -> None:
-    effect = get_effect(effect_id)
-    where = 'all' if effect.place == 'all' else 'drive_2'
-    held = np.ones(model.data.cycles)
-    extended = Tripod(MACHINE, model.data, effects=[EffectAt(effect_id, where)], held=held)
-    values = []
-    for p in extended.scaled(extended.effects[0]):
-        if p.role == 'time':
-            value = 0.8
-        elif p.starts:
-            value = p.starts[0]
-        elif p.role != 'size':
-            value = p.neutral
-        else:
-            value = p.neutral + 0.2 * ((p.high if p.high > p.neutral else p.low) - p.neutral)
-        values.append(value)
-    theta = theta_of(model, TABLE_5)
-    with_it = extended.simulate(np.concatenate([theta, values])[None])[0]
-    change = np.sqrt(np.mean((with_it - model.simulate(theta[None])[0]) ** 2, axis=1))
-    assert np.isfinite(change).all()
-    assert change[1] > 1e-5
-
-
 def test_a_flexible_gear_belongs_to_a_rigid_axis(model: Tripod) -> None:
     with pytest.raises(IdentError, match='its parameter is gear_stiffness'):
         Tripod(MACHINE, model.data, effects=[EffectAt('gear_flexibility', 'drive_1')])

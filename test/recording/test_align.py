@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import align, Dataset, Recording, RecordingBuilder, Stream
-from ros2_ident.recording.setpoint import find_steps, interpolate_setpoint
+from ros2_ident.recording.setpoint import interpolate_setpoint
 
 CYCLE = 5e-4
 START = 1_700_000_000_000_000_000
@@ -104,15 +104,6 @@ def test_drives_that_publish_one_by_one(apart):
         np.testing.assert_array_equal(row[tick], tick - i * late + 0.5 * i)
 
 
-def test_a_command_that_is_sent_when_it_changes_has_no_holes():
-    ticks = np.r_[np.arange(300), np.arange(500, 1000)] * 2
-    held = np.where(ticks < 1000, 0.1, 0.1 + 1e-5 * (ticks - 1000.0))
-    command = Stream(NAMES, START + ticks * 500_000, np.stack([held, held], axis=1))
-    data = align(Recording(stream(np.arange(1000) * 2), command=command), NAMES, CYCLE)
-    assert data.cycles == 1999
-    np.testing.assert_allclose(data.command_position[0, 600:1000], 0.1, atol=2e-6)
-
-
 def test_errors_name_the_remedy():
     ticks = np.arange(100) * 2
     good = Recording(stream(ticks), source='log')
@@ -178,23 +169,13 @@ def test_set_points_between_samples_follow_a_quintic_and_hold_a_step():
     np.testing.assert_allclose(rate, 0.0, atol=1e-9)
 
 
-def test_smooth_motion_and_ramps_are_no_steps():
-    time = np.arange(1000) * 1e-3
-    ramp = np.clip(time - 0.3, 0.0, 0.2)
-    for position in (np.sin(20.0 * time), ramp, time**3, np.zeros(1000)):
-        assert find_steps(time, position).size == 0
-    assert find_steps(np.arange(6.0), np.array([0.0, 0, 0, 5, 5, 5])).tolist() == [2]
-
-
 def test_speeds_without_positions_are_integrated():
     ticks = np.arange(400) * 5
     data = align(Recording(state=stream(ticks, fields='ve')), NAMES, CYCLE)
     position, _ = motion(ticks * CYCLE)
     moved = position - position[0]
     np.testing.assert_allclose(data.position[:, ::5], moved.T[:, : data.cycles], atol=1e-4)
-    assert any(
-        'drive_1, drive_2 was recorded; it is the integral' in x for x in data.warnings
-    )
+    assert any('drive_1, drive_2 was recorded; it is the integral' in x for x in data.warnings)
     command = stream(ticks, fields='p')
     assert (
         align(Recording(state=stream(ticks, fields='ve'), command=command), NAMES, CYCLE).position

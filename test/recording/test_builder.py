@@ -135,19 +135,6 @@ def test_building_does_not_end_the_collecting():
     assert builder.counts == {'state': 0, 'effort': 0, 'command': 0}
 
 
-def test_single_messages_of_several_drives_and_a_copy_that_is_built_meanwhile():
-    builder = RecordingBuilder()
-    for k in range(1500):
-        add(builder, 'state', k // 2 * MS, 'ab'[k % 2], [k], (), [1.0] if k > 1400 else ())
-        if k == 1201:
-            early = builder.copied()
-    (whole,), (part,) = builder.build(), early.build()
-    np.testing.assert_array_equal(whole.state.position, np.arange(1500.0).reshape(750, 2))
-    assert np.isfinite(whole.state.effort).sum() == 99
-    np.testing.assert_array_equal(part.state.position, whole.state.position[:601])
-    assert part.state.effort is None
-
-
 # ---------------------------------------------------------------------- each rule at its edge
 def steps(*stamps):
     """Return what is built of a state at so many milliseconds: stamps by recording, and said."""
@@ -173,14 +160,3 @@ def test_nothing_from_any_stream_for_long_is_the_end_of_a_recording():
     play(builder, 'state', [x * MS for x in early + late])
     play(builder, 'command', [x * MS for x in range(0, 50_000, 5_000)])
     assert len(builder.build()) == 1
-
-
-def test_plays_that_a_topic_missed_stay_empty():
-    builder = RecordingBuilder()
-    for begin, end in ((200, 300), (100, 200), (0, 100)):
-        play(builder, 'state', range(begin * MS, end * MS, MS))
-    play(builder, 'effort', range(200 * MS, 290 * MS, MS))
-    play(builder, 'effort', range(3 * MS, 95 * MS, MS))
-    first, second, third = builder.build()
-    assert (first.effort.stamp[0], third.effort.stamp[0]) == (200 * MS, 3 * MS)
-    assert second.effort is None

@@ -138,19 +138,6 @@ def test_check_names_the_topics_and_the_options(tmp_path):
     ) in lines
 
 
-def test_damaged_messages_of_a_controller_are_counted(tmp_path):
-    recording = make_recording()
-    maker = Maker()
-    messages = as_ros2_control_records(maker, recording, dynamic=False)
-    bad = maker.controller(START, ['drive_1'], ([0.0, 1.0],), ([0.0, 1.0],))
-    messages += [(START + k, CONTROLLER, messages[1][2], bad) for k in range(3)]
-    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
-    assert any(
-        '3 of 123 messages are no valid JointTrajectoryControllerState' in x
-        for x in read.warnings
-    )
-
-
 # ---------------------------------------------------------------------- trajectories
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import smooth_motion
-from ros2_ident.recording.motion import allowed_cutoff
 
 CYCLE = 5e-4
 TIME = np.arange(6000) * CYCLE
@@ -33,13 +32,6 @@ def test_smooth_motion_passes_to_its_ends():
         np.testing.assert_allclose(values, expected, atol=bound)
 
 
-def test_motion_between_the_cycles():
-    found = smooth_motion(rest_to_rest(TIME)[0][None], CYCLE, 60.0, ahead=0.5)
-    truth = rest_to_rest(TIME + 0.5 * CYCLE)
-    for values, expected, bound in zip(found, truth, (1e-6, 2e-5, 1e-2), strict=True):
-        np.testing.assert_allclose(values[0], expected, atol=bound)
-
-
 def test_noise_beyond_the_cutoff_goes_and_nothing_is_delayed():
     rng = np.random.default_rng(0)
     truth = rest_to_rest(TIME)
@@ -50,16 +42,6 @@ def test_noise_beyond_the_cutoff_goes_and_nothing_is_delayed():
     inner = slice(1000, -1000)
     match = [np.sum(velocity[0][inner] * np.roll(truth[1], lag)[inner]) for lag in lags]
     assert lags[int(np.argmax(match))] == 0
-
-
-def test_before_the_first_and_after_the_last_sample_it_stands():
-    position = rest_to_rest(TIME)[0]
-    position[:300] = np.nan
-    position[-300:] = np.nan
-    found, velocity, _ = smooth_motion(position[None], CYCLE, 50.0)
-    np.testing.assert_allclose(found[0, :300], 0.0, atol=1e-9)
-    np.testing.assert_allclose(found[0, -300:], 0.2, atol=1e-9)
-    np.testing.assert_allclose(velocity[0, -300:], 0.0, atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -78,12 +60,3 @@ def test_errors_name_the_remedy(position, cutoff, text):
     with pytest.raises(IdentError, match=text) as caught:
         smooth_motion(np.array(position), 0.01, cutoff)
     assert caught.value.code == ErrorCode.BAD_VALUES
-
-
-def test_a_cutoff_leaves_room_below_half_the_rate_of_the_slowest():
-    rare = np.zeros((2, 100))
-    assert [allowed_cutoff(rare, 0.01, x) for x in (10.0, 50.0)] == pytest.approx([10.0, 20.0])
-    rare[1, np.arange(100) % 4 != 0] = np.nan
-    assert allowed_cutoff(rare, 0.01, 10.0) == pytest.approx(5.0)
-    rare[1, 1:] = np.nan  # a single sample has no rate
-    assert allowed_cutoff(rare, 0.01, 50.0) == pytest.approx(20.0)

@@ -63,19 +63,6 @@ def test_memory_of_the_grid_is_bounded(monkeypatch):
     assert caught.value.code is ErrorCode.BAD_VALUES
 
 
-def test_the_account_of_a_stream_is_that_of_its_cycles():
-    stream = sampled(np.delete(np.arange(0, 400, 2), [10, 11, 70]))
-    effort = np.array(stream.effort)
-    effort[5:9] = np.nan
-    state = Stream(NAMES, stream.stamp, stream.position, None, effort)
-    whole = align(Recording(state), NAMES, CYCLE).streams['state']
-    assert (whole.samples, whole.missing) == (197, 3)
-    assert whole.rate == pytest.approx(500.0) and whole.stride == 2
-    command = sampled(np.arange(100, 300, 2), effort=False)
-    part = align(Recording(state, command=command), NAMES, CYCLE).streams['state']
-    assert (part.samples, part.missing) == (99, 1)
-
-
 def test_stamps_come_back_from_cycles():
     state = sampled(np.arange(0, 1000, 2))
     stamp = np.round(state.stamp * 1.0002).astype(np.int64) + 7 * MS + 300_000

@@ -93,23 +93,3 @@ def test_it_takes_no_more_than_its_limit_and_says_so(path):
     assert 10 < read.state.stamp.size < 120
     spool.clear()
     assert spool.problem == ''
-
-
-def test_a_full_disk_is_said_and_leaves_what_was_there(path, monkeypatch):
-    recording = make_recording()
-    spool = Spool(path, 1 << 20)
-    spooled(spool, recording, slice(0, 50))
-
-    def full(number, data, at):
-        if len(data) > 100:
-            return write(number, data[:100], at)
-        raise OSError(28, 'No space left on device')
-
-    write = os.pwrite
-    monkeypatch.setattr(os, 'pwrite', full)
-    spooled(spool, recording, slice(50, None))
-    assert 'No space left on device' in spool.problem
-    monkeypatch.undo()
-    spool.close()
-    (read,) = read_bag(path)
-    same(recording, read, slice(0, 50))

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.units import effort_factors
 from ros2_ident.recording import Recording, Stream
 
 STAMP = np.arange(4) * 1_000_000
@@ -35,25 +34,6 @@ def test_a_stream_refuses_with_one_sentence(changes, text):
     assert '\n' not in caught.value.message
 
 
-def test_arrays_are_copies_and_read_only():
-    values = VALUES.copy()
-    stream = Stream(('a', 'b'), STAMP, values)
-    values[0, 0] = 99.0
-    assert stream.position[0, 0] == 0.0
-    for array in (stream.position, stream.stamp):
-        with pytest.raises(ValueError, match='read-only'):
-            array[0] = 1
-
-
-def test_columns_by_name():
-    stream = Stream(('a', 'b'), STAMP, VALUES)
-    np.testing.assert_array_equal(stream.column('position', 'b'), VALUES[:, 1])
-    assert stream.column('position', 'c') is None
-    assert stream.column('effort', 'b') is None
-    with pytest.raises(IdentError, match="has no field 'torque'; choose one of position"):
-        stream.values('torque')
-
-
 def test_an_empty_recording_is_refused():
     with pytest.raises(IdentError, match='holds no stream at all') as caught:
         Recording(source='x')
@@ -72,11 +52,3 @@ def test_a_part_of_a_recording():
     assert part.duration == pytest.approx(1e-3)
     with pytest.raises(IdentError, match='no sample between 9 and 10 ns; it spans 0 to 3000000'):
         recording.between(9, 10)
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'factor'),
-    [(('N m',), 1.0), (('N',), 1.0), (('A', 0.25), 0.25), (('percent', None, 6.0), 0.06)],
-)
-def test_effort_units(arguments, factor):
-    assert effort_factors(*arguments) == pytest.approx((factor,))

@@ -358,16 +358,3 @@ def test_a_table_of_one_joint_becomes_map_and_machine_file(tmp_path, capsys):
     (tmp_path / 'log.columns.yaml').write_text('mine')
     assert main(words) == 2
     assert (tmp_path / 'log.columns.yaml').read_text() == 'mine'
-
-
-def test_speeds_do_for_a_machine_file_and_are_not_held_against_themselves(tmp_path, capsys):
-    time = 0.01 * np.arange(500)
-    rows = np.stack([time, np.sin(time), np.cos(time)], axis=1)
-    table, out = tmp_path / 'log.csv', tmp_path / 'my.yaml'
-    np.savetxt(table, rows, delimiter=',', header='time,dq,tau [A]', comments='')
-    words = ['--bag', str(table), '--out', str(out)]
-    assert main(['new-machine', '--kind', 'linear_axis', *words]) == 0
-    assert load_machine(out).bounds['measurement_delay'] == (0.0, pytest.approx(0.02), 's')
-    assert 'effort_unit: A and' in (tmp_path / 'log.columns.yaml').read_text()
-    assert main(['check', str(table), '--machine', str(out)]) == 0
-    assert 'reported velocity' not in capsys.readouterr().out

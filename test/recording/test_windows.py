@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reader_cases import equal
 
 from ros2_ident.identify.run import identify, read_data
 from ros2_ident.models import load_machine
-from ros2_ident.recording import choose_windows, read_bag, Recording, Stream, write_bag
+from ros2_ident.recording import choose_windows, Recording, Stream
 from ros2_ident.report.files import load_result, write_result
 
 ROOT = Path(__file__).parents[2]
@@ -27,10 +26,6 @@ def log(seconds: float, moving: list[tuple[float, float]], rate: float = 200.0) 
     return Recording(
         Stream(('a',), stamp, column), Stream(('a',), stamp, effort=column), None, 'log'
     )
-
-
-def test_short_log_is_taken_whole() -> None:
-    assert choose_windows([log(60.0, [(1.0, 50.0)])], ('a',), samples=12_000) is None
 
 
 def test_motion_is_taken_and_rest_is_not() -> None:
@@ -81,13 +76,3 @@ def test_long_log_is_fitted_in_part_and_validated_on_the_rest(
     assert any('windows' in warning for warning in result.quality.warnings)
     write_result(tmp_path, result)
     assert load_result(tmp_path).validation == result.validation
-
-
-def test_messages_are_decoded_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording = log(20.0, [(1.0, 19.0)])
-    bag = write_bag(tmp_path / 'bag', recording)
-    whole = read_bag(bag)[0]
-    monkeypatch.setattr('ros2_ident.recording.content._PIECE', 7)
-    pieces = read_bag(bag)[0]
-    assert equal([pieces], [whole])
-    np.testing.assert_array_equal(whole.streams['state'].stamp, recording.streams['state'].stamp)

@@ -221,10 +221,3 @@ def test_pages_on_several_runs_are_accessible(page: Any, tmp_path: Path) -> None
         assert page.execute_async_script(JUDGE) == []
     page.get(here)
     until(page, 'return document.documentElement.dataset.ready')
-
-
-def test_close_up_every_sample_is_drawn(page: Any) -> None:
-    page.execute_script("identPage.actions.view('effort-plot', '61.75,61.85')")
-    close = page.execute_script(RANGE)
-    assert close['points'] == pytest.approx(101, abs=3)
-    assert close['most'] == pytest.approx(4.0, abs=0.01)

@@ -49,17 +49,6 @@ def write_report_of(folder: Path) -> None:
     write_report(folder)
 
 
-def test_a_page_comes_at_most_every_few_seconds(
-    problem: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(live, 'EVERY', 3600.0)
-    with LivePage(tmp_path, 'Identifying', 'axis', problem) as page:
-        page.show(step(problem, 3.0))
-        assert 'Preparing' in text(tmp_path) and RELOADS in text(tmp_path)
-        write_report_of(tmp_path)
-    assert RELOADS not in text(tmp_path)
-
-
 def test_the_reason_of_an_end_without_report_is_on_the_page(tmp_path: Path) -> None:
     why = IdentError(ErrorCode.DIVERGED, 'every candidate diverges; check the gains')
     for error, words in ((why, why.message), (KeyboardInterrupt(), 'it was interrupted twice')):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Overlay bags: what was recorded, what was found, and the tripod in space."""
 
-from dataclasses import replace
 import json
 
 from identify_cases import ROOT, tripod
@@ -12,16 +11,12 @@ from report_cases import diagnosed
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
-from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.run import read_data
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.models import EffectAt
 from ros2_ident.recording import read_bag
 from ros2_ident.report.diagnosis import to_mapping
-from ros2_ident.report.overlay import diagnosed_problem, overlay_streams, write_overlay
+from ros2_ident.report.overlay import overlay_streams, write_overlay
 from ros2_ident.report.scene import (
-    colours,
-    largest_gap,
     MARKERS,
     REPEAT,
     scene_messages,
@@ -140,52 +135,3 @@ def test_what_is_drawn_is_the_scene(scene):
     np.testing.assert_allclose(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 0.6, rtol=1e-12)
     text = next(x.text for x in first if x.text)
     assert f'times {scene.magnification:g}' in text and 'N m' in text
-
-
-def test_the_largest_gap_is_the_brightest(scene):
-    bright = colours(scene)[:, 0] + colours(scene)[:, 1]
-    known = np.isfinite(scene.gap)
-    assert bright[np.nanargmax(scene.gap)] == bright.max()
-    order = np.argsort(scene.gap[known])
-    assert (np.diff(bright[known][order]) >= -1e-12).all()
-    markers = STORE.deserialize_cdr(largest_gap(scene), MARKERS).markers
-    assert {x.ns for x in markers} == {'frame', 'gap', 'measured', 'simulated'}
-    stamp = markers[0].header.stamp
-    assert stamp.sec * 10**9 + stamp.nanosec == scene.stamp[np.nanargmax(scene.gap)]
-
-
-def test_where_nothing_can_be_simulated_the_measured_machine_is_drawn(problem, theta):
-    one = problem_of(problem.machine, problem.data, drives=['drive_1'])
-    few = 0.5 * (one.low + one.high)
-    (streams,) = overlay_streams(one, few)
-    scene = scene_of(one, few, streams['residual'])
-    assert scene.simulated is None and scene.magnification == 1.0
-    markers = STORE.deserialize_cdr(scene_messages(scene)[0][1], MARKERS).markers
-    assert {x.ns for x in markers} == {'frame', 'gap', 'measured'}
-
-
-def test_positions_that_no_rod_reaches_give_no_scene(problem, theta):
-    (dataset,) = problem.data.datasets
-    far = replace(dataset, position=dataset.position * np.array([[1.0], [9.0], [-9.0]]))
-    (streams,) = overlay_streams(problem, theta)
-    wrong = problem_of(problem.machine, replace(problem.data, datasets=(far,)))
-    assert scene_of(wrong, theta, streams['residual']) is None
-
-
-def test_the_model_of_a_diagnosis_is_the_one_with_its_effects(problem):
-    effects = [EffectAt('stribeck', 'drive_2'), EffectAt('payload_change', 'all')]
-    extended = problem_of(problem.machine, problem.data, effects=effects)
-
-    class Value:
-        def __init__(self, value):
-            self.value = value
-
-    truth = 0.5 * (extended.low + extended.high)
-    values = {p.name: Value(v) for p, v in zip(extended.parameters, truth, strict=True)}
-    found = object.__new__(Diagnosis)
-    object.__setattr__(found, 'parameters', dict(reversed(values.items())))
-    object.__setattr__(found, 'nominal', {p.name: 0.0 for p in problem.parameters})
-    again, theta = diagnosed_problem(problem, found)
-    assert {p.name for p in again.parameters} == set(values)
-    for p, value in zip(again.parameters, theta, strict=True):
-        assert value == values[p.name].value

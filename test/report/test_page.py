@@ -6,7 +6,6 @@ from html.parser import HTMLParser
 import json
 import math
 
-from bokeh.models import GlyphRenderer
 import numpy as np
 import pytest
 from report_cases import (
@@ -19,20 +18,17 @@ from report_cases import (
 
 from ros2_ident.cli.main import main
 from ros2_ident.cli.runs import page_line
-from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
-from ros2_ident.gap.diagnosis import DriveGap, Value
-from ros2_ident.gap.facts import Cause, Event, Facts
+from ros2_ident.gap.facts import Cause, Facts
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
-from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
 from ros2_ident.report.diagnosis import from_mapping, to_mapping
 from ros2_ident.report.files import load_diagnosis
-from ros2_ident.report.page import charts, write_report
+from ros2_ident.report.page import write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
-from ros2_ident.report.page.effort import effort_plot, extremes, NOTHING
+from ros2_ident.report.page.effort import extremes
 from ros2_ident.report.page.numbers import (
     from_to,
     number,
@@ -40,11 +36,8 @@ from ros2_ident.report.page.numbers import (
     shares,
 )
 from ros2_ident.report.page.several import write_comparison
-from ros2_ident.report.page.steps import moved
 from ros2_ident.report.signals import load_signals, write_signals
 from ros2_ident.report.tables import write_tables
-from ros2_ident.words import verdict as words
-from ros2_ident.words.figures import compared
 
 DIAGNOSED = ['where', 'gap', 'time', 'values']
 IDENTIFIED = ['effort', 'parameters', 'search', 'correlations']
@@ -122,10 +115,6 @@ def test_the_numbers_of_the_table_are_those_of_the_files(both):
     assert diagnosis['verdict']['sentence'] in page.text
     for finding in diagnosis['localisation']:
         assert finding['sentence'].replace('^2', '²').replace('^3', '³') in page.text
-
-
-def test_what_a_file_holds_cannot_be_read_as_html(both):
-    assert 'effort: 4000 <samples>' in Page(both).text
 
 
 @pytest.mark.parametrize(
@@ -211,37 +200,6 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     assert 'The run was cut short' in page.text
     assert 'The correlations are not known' in page.text
     assert page.pictures == ['gap-effort-plot', 'effort-plot', 'generations-plot', 'costs-plot']
-
-
-def test_a_slow_residual_and_uncommanded_effort_are_worded_alike_everywhere(tmp_path):
-    """The page's words are those of the verdict's sentence."""
-    found = diagnosed()
-    unknown = replace(
-        found, effect='unknown', where=('drive_2',), ranking=(), steps=found.steps[:1],
-        per_drive={n: replace(g, before=0.0101) for n, g in found.per_drive.items()},
-    )
-    slow = Facts(Cause.SLOW, 'drive_2', 'N m', slow={'drive_2': 0.0101})
-    push = Facts(
-        Cause.EVENTS, 'drive_2', 'N m', contradictions=(0,),
-        events=(Event('drive_2', 1, 1.41, 0.73), Event('drive_2', 2, 0.5, -1.0)),
-    )
-    gate = Gate('not_asked', 'drive_2', 'warn', 1.41, 's', 'drive_2: not commanded: 1.41 s.')
-    for facts, headline, told in (
-        (slow, 'The residual of drive_2 is too large and too slow', '0.0101 N m on drive_2, '),
-        (push, 'drive_2 produced effort that was not commanded.',
-         ': drive_2 at 1.41 s (+0.73 N m) in recording 1, 0.50 s (-1 N m) in recording 2.'),
-    ):
-        made = replace(unknown, facts=facts, gates=(gate,))
-        write_diagnosed(tmp_path, made)
-        said = of_diagnosis(content(write_report(tmp_path)), 'out')
-        assert said.headline.startswith(headline)
-        assert words.sentence(made) in said.sure and told in words.sentence(made)
-        assert bool(said.careful) == (facts is slow)
-    assert said.state == 'The cause is beside the machine and its command'
-    assert said.steps[0].code.startswith('ident diagnose NEW_BAG --machine ')
-    write_diagnosed(tmp_path, replace(unknown, facts=slow))
-    notes = {gap.drive: gap.note for gap in of_diagnosis(content(tmp_path / 'x'), '').gaps}
-    assert notes == {'drive_1': 'noise only', 'drive_2': 'too slow for noise'}
 
 
 def screen(said):
@@ -404,15 +362,6 @@ def test_numbers_for_people(made, text):
     assert made == text
 
 
-def test_a_solution_by_least_squares_has_no_search(tmp_path):
-    write_identified(tmp_path)
-    data = json.loads((tmp_path / 'result.json').read_text())
-    assert 'id="search"' in write_report(tmp_path).read_text()
-    data['settings']['method'] = 'algebraic'
-    (tmp_path / 'result.json').write_text(json.dumps(data))
-    assert 'id="search"' not in write_report(tmp_path).read_text()
-
-
 def content(page):
     return load_diagnosis(page.parent)
 
@@ -444,67 +393,9 @@ def test_the_first_screen_answers_four_questions(both):
     assert 'times' not in everything
 
 
-def test_a_page_on_positions_speaks_of_positions(both):
-    of = content(both)
-    maps = tuple(replace(m, unit='m') for m in of.maps)
-    settings = {**of.settings, 'outputs': {'position': None}}
-    of_positions = replace(of, maps=maps, settings=settings)
-    hero, _ = charts.all_of(of_positions, 'Stribeck friction on drive_1')
-    assert hero.title == 'drive_1: measured minus simulated position over the velocity'
-    code = of_diagnosis(of_positions, 'out').steps[-1].code
-    assert '--machine MACHINE.yaml --output position --out' in code
-    assert [compared(u) for u in ('N', 'N m', 'rad', 'm/s')] == [
-        'effort', 'effort', 'position', 'velocity',
-    ]
-
-
-def test_numbers_that_are_known_together_only_are_given_together(both):
-    of = content(both)
-    d, name = of.found, 'drive_1.viscous_torque'
-    (size,) = [n for n in d.parameters if n.endswith('stribeck.torque')]
-    parameters = {**d.parameters, name: Value(1.01, 'N m s/m', 0.9, 1.1)}
-    nominal, moved = {**d.nominal, name: 1.0}, {**d.moved, name: 0.01}
-    known = replace(d, parameters=parameters, nominal=nominal, moved=moved)
-    assert name not in of_diagnosis(replace(of, found=known), 'out').steps[1].code
-    wide = {**parameters, size: replace(parameters[size], low=-9.0, high=9.0)}
-    loose = replace(of, found=replace(known, parameters=wide))
-    law, values, *_ = of_diagnosis(loose, 'out').steps
-    assert law.loose and 'not determined' in law.laws[0].numbers[0][2]
-    assert values.text.startswith('Set these parameters with them')
-    assert name in values.code
-
-
-def test_a_diagnosis_says_what_moves_and_what_cannot_be_seen(both):
-    d = content(both).found
-    assert 'drive_1.coulomb_torque (−37.5 %)' in moved(d)
-    assert words.unseen(d.not_testable, 2) == {'rod-length error': 'the machine'}
-    everywhere = [EffectAt('backlash', drive) for drive in d.per_drive]
-    assert words.unseen(everywhere, 2) == {'backlash': 'any drive'}
-
-
 def test_a_diagnosis_is_read_back_as_it_was_written(both):
     made = diagnosed()
     assert to_mapping(replace(content(both).found, traces=made.traces)) == to_mapping(made)
-
-
-def test_the_worst_drive_and_the_named_one_have_a_map_whatever_was_found_there():
-    found = diagnosed()
-    assert {m['drive'] for m in to_mapping(found)['maps']} == {'drive_1'}
-    worst = dict(found.per_drive, drive_2=DriveGap(0.09, 0.09, 0.01, 0.0, 0.3, 0.3))
-    maps = to_mapping(replace(found, per_drive=worst))['maps']
-    # Nothing was found on the worst: it stands first, over its speed.
-    assert (maps[0]['drive'], maps[0]['coordinate']) == ('drive_2', 'velocity')
-    assert {m['drive'] for m in maps} == {'drive_1', 'drive_2'}
-    noise = {**found.evidence, 'size': 0.1}
-    quiet = replace(found, per_drive=worst, localisation=(), evidence=noise)
-    assert to_mapping(quiet)['maps'] == []
-
-
-def test_no_equation_of_a_drive_speaks_of_a_carriage():
-    """A joint has none."""
-    for effect in CATALOGUE.values():
-        assert effect.place != 'drive' or 'carriage' not in effect.equation, effect.id
-        assert '|sgn' not in effect.equation, effect.id
 
 
 def test_long_logs_of_many_drives_stay_below_the_limit(tmp_path):
@@ -528,36 +419,6 @@ def test_thinning_keeps_the_extremes():
     holes = np.where(np.arange(rows.shape[1]) % 2, rows, np.nan)
     assert np.isfinite(holes[0, extremes(holes[:1], 500)]).all()
     assert extremes(rows[:, :400], 500).tolist() == list(range(400))
-
-
-@pytest.mark.filterwarnings('error')
-def test_a_drive_without_samples_and_one_that_diverged():
-    signals = long_signals(2000)
-    (log,) = signals.recordings
-    log.measured[1] = np.nan
-    log.simulated[0, 2, 1000:] = np.inf
-    (refill,) = (x for x in effort_plot(signals).drawn.references() if x.name == 'refill')
-    held = {name: codes != NOTHING for name, codes in refill.args['full'].data.items()}
-    assert not held['measured_1'].any() and held['measured_0'].all()
-    # beyond all bounds: along the edge
-    assert held['simulated_2_0'].all()
-    assert all(math.isfinite(view['late']) for view in refill.args['views'])
-
-
-def test_an_identification_keeps_where_it_began(tmp_path):
-    write_identified(tmp_path)
-    signals = load_signals(tmp_path / 'signals.npz')
-    assert signals.models == ('middle of the bounds', 'identified') and signals.judged == 1
-    (log,) = signals.recordings
-    began, ended = (np.nanstd(log.measured - simulated) for simulated in log.simulated)
-    assert began > 5.0 * ended
-    # The axis' set-point is recorded: so is how far it lags behind.
-    assert np.isfinite(log.tracking).mean() > 0.9 and 0.0 < np.nanstd(log.tracking) < 0.01
-    drawn = effort_plot(signals)
-    hidden = {r.name for r in drawn.drawn.select({'type': GlyphRenderer}) if not r.visible}
-    assert hidden == {'model-0'}
-    (_, _, buttons), *_ = drawn.choices
-    assert [pressed for *_, pressed in buttons] == [False, False, True]
 
 
 def test_other_files_are_refused(tmp_path):

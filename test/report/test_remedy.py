@@ -4,13 +4,12 @@
 from dataclasses import replace
 
 from identify_cases import axis, tripod
-import pytest
 from report_cases import diagnosed
 from values import with_bounds
 import yaml
 
 from ros2_ident.gap.diagnosis import Value
-from ros2_ident.models import EffectAt, Machine
+from ros2_ident.models import Machine
 from ros2_ident.report.files import machine_lines
 
 
@@ -39,16 +38,6 @@ def test_a_constant_gets_its_new_value_on_the_drive_that_has_the_effect():
     assert read == {'controller': {'velocity_gain': [gain, 1.5 * gain, gain]}}
 
 
-def test_a_constant_of_the_whole_machine_is_one_number():
-    machine = tripod()
-    radius = machine.number('rail_radius')
-    said = lines(
-        machine, 'rail_radius_error', 'all', {'rail_radius_error.error': value(0.002, 'm')}
-    )
-    read = yaml.safe_load('\n'.join(said))
-    assert read == {'geometry': {'rail_radius': pytest.approx(radius + 0.002)}}
-
-
 def test_what_the_file_does_not_know_is_searched_from_now_on():
     machine = axis()
     bounds = {name: box for name, box in machine.bounds.items() if name != 'viscous_friction'}
@@ -69,18 +58,3 @@ def test_what_the_file_cannot_say_gets_no_line():
     # Already identified: the file needs no change.
     again = {'emps_axis.viscous_friction.torque': value(203.5, 'N s/m')}
     assert lines(axis(), 'viscous_friction', 'emps_axis', again) == ()
-
-
-def test_effects_of_one_section_share_its_heading():
-    said = lines(
-        tripod(),
-        'velocity_gain_error',
-        'drive_1',
-        {
-            'drive_1.velocity_gain_error.factor': value(1.1, '1'),
-            'drive_1.position_gain_error.factor': value(0.9, '1'),
-        },
-        also=[EffectAt('position_gain_error', 'drive_1')],
-    )
-    assert [line for line in said if not line.startswith(' ')] == ['controller:']
-    assert len(said) == 3

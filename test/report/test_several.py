@@ -48,23 +48,6 @@ def test_a_value_without_an_interval_is_shown_and_never_differs():
     assert drawn([('a', lost), ('b', lost)]) == []
 
 
-def test_a_scale_is_no_finer_than_the_finest_interval():
-    (strip,) = drawn([('a', {'mass': value(1.0, 0.1)}), ('b', {'mass': value(1.000001, 0.2)})])
-    assert strip.ends == ('0.9 kg', '1.1 kg')
-    assert abs(strip.marks[1].at - strip.marks[0].at) < 0.01
-
-
-def test_a_lopsided_interval_is_on_its_scale():
-    one = {'mass': {'value': 1.0, 'low': 0.5, 'high': 1.1, 'unit': 'kg'}}
-    (strip,) = drawn([('a', one), ('b', one)])
-    assert strip.ends == ('0.5 kg', '1.1 kg')
-
-
-def test_an_endless_interval_does_not_hide_the_values():
-    (strip,) = drawn([('a', {'mass': value(1.0, 500.0)}), ('b', {'mass': value(2.0, 0.1)})])
-    assert abs(strip.marks[1].at - strip.marks[0].at) > 10.0
-
-
 def test_a_comparison_of_an_identification_with_another_and_a_diagnosis(tmp_path):
     good = identified()
     first, *rest = good.parameters
@@ -152,15 +135,3 @@ def test_what_chance_may_explain_does_not_differ_on_the_page_of_a_fleet(tmp_path
     text = write_report(tmp_path).read_text()
     assert 'h differs from the others' in text and text.count(', differs') == 1
     assert 'To be inspected' in text
-
-
-def test_where_no_machine_differs_the_headline_is_what_would_have_shown(tmp_path):
-    write_summary(tmp_path, [row('a', 1, 2.0), row('b', 1, 2.01)])
-    text = write_report(tmp_path).read_text()
-    # 1.96 + 1.64 standard deviations of the difference of two values, each known to 0.1 / 1.96
-    assert 'No difference shows; the smallest that would have: mass 0.26' in text
-    (summary,) = differences(json.loads((tmp_path / 'fleet.json').read_text()))
-    assert summary.startswith('No difference shows; the smallest that would have: mass 0.26')
-    (tmp_path / 'fleet.json').write_text('{}')
-    with pytest.raises(IdentError, match='is no fleet'):
-        write_report(tmp_path)

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,8 +36,6 @@ from ros2_ident.recording import read_bag  # noqa: E402
 from ros2_ident.recording.cdr import encode  # noqa: E402
 from ros2_ident.recording.streams import FIELDS  # noqa: E402
 from ros2_ident.report import files  # noqa: E402
-from ros2_ident.ros import node as module  # noqa: E402
-from ros2_ident.ros.parameters import snapshot  # noqa: E402
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
 
@@ -151,35 +148,6 @@ def test_a_cancel_that_is_taken_together_with_its_goal_is_heeded(start) -> None:
     assert listener.answer(handle, 20.0)[0] == GoalStatus.STATUS_CANCELED
 
 
-def test_what_a_callback_raises_does_not_end_the_node(start) -> None:
-    node, listener = start()
-    listener.until(lambda: listener.statuses, 'the node')
-
-    class Broken:
-        def spin_once(self, seconds):
-            raise ZeroDivisionError('of a test')
-
-    before = len(node.node.board._stumbled)
-    node.node.spin(Broken())
-    node.node.spin(Broken())
-    assert len(node.node.board._stumbled) == before + 1
-
-
-def test_the_end_of_a_stream_does_not_end_the_node(start, monkeypatch) -> None:
-    def fail(*arguments, **options):
-        raise RecursionError('of a test')
-
-    monkeypatch.setattr(module, 'Identify', SimpleNamespace(Goal=fail))
-    node, listener = start(auto_start=True)
-    node.executor.create_task(node.node._stream_ended)
-    told = listener.until(
-        lambda: [x for x in listener.statuses if 'of a test' in x.error_message], 'the failure'
-    )
-    assert told[0].error_code == ErrorCode.INTERNAL
-    found = answer(listener, bag_path='')
-    assert found.error_code == ErrorCode.INVALID_GOAL
-
-
 def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monkeypatch) -> None:
     def full(*arguments, **options):
         raise OSError(28, 'No space left on device')
@@ -219,33 +187,6 @@ def test_a_wrong_machine_file_is_told_at_the_start_and_when_it_is_set(start) -> 
     assert listener.statuses[0].error_code == ErrorCode.BAD_MACHINE_FILE
     (said,) = node.node.set_parameters([Parameter('machine_file', value='/nor_there.yaml')])
     assert not said.successful and '/nor_there.yaml: cannot be read' in said.reason
-
-
-def test_parameters_that_are_no_part_of_a_run_are_read_again(start) -> None:
-    node, _ = start()
-    changes = {
-        'keep_streams': True,
-        'buffer_messages': 1234,
-        'missing_warning': 0.5,
-        'joint_names': ['a', 'b/effort'],
-    }
-    said = node.node.set_parameters([Parameter(x, value=y) for x, y in changes.items()])
-    assert all(x.successful for x in said)
-    capture = node.node.capture
-    assert (capture.keep_streams, capture.limit) == (True, 1234)
-    assert capture.names == ('a', 'b/effort') and node.node.diagnostics.missing_warning == 0.5
-
-
-def test_drives_can_be_emptied(start) -> None:
-    node, _ = start()
-    assert snapshot(node.node)['drives'] == ('drive_1',)
-    # `ros2 param set` cannot tell of which type an empty list is
-    for empty in ('BOOL_ARRAY', 'STRING_ARRAY', 'INTEGER_ARRAY'):
-        node.node.set_parameters([Parameter('drives', value=['drive_2'])])
-        (said,) = node.node.set_parameters([Parameter('drives', Parameter.Type[empty], [])])
-        assert said.successful and snapshot(node.node)['drives'] == ()
-    (said,) = node.node.set_parameters([Parameter('drives', Parameter.Type.INTEGER_ARRAY, [1])])
-    assert not said.successful and 'string array' in said.reason
 
 
 def test_two_nodes_of_one_name_are_told(start, tmp_path) -> None:

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pace of a replay, and the worker: parts that need no DDS."""
 
-import gc
-import os
 from pathlib import Path
 import threading
 import time
-import weakref
 
 import pytest
 from ros_helpers import BAG, ended, new_domain, program, Station
@@ -28,14 +25,6 @@ def test_messages_come_in_order_and_at_their_times() -> None:
     late = sorted((at - came[0][0]) - k * STEP for k, (at, _) in enumerate(came))
     assert late[0] > -STEP, 'never early'
     assert late[len(late) // 2] < STEP, 'half of them within a period, on a busy machine too'
-
-
-@pytest.mark.parametrize('rate', [0.5, 4.0])
-def test_rate(rate: float) -> None:
-    began = time.monotonic()
-    play(messages(100), lambda m: None, rate=rate)
-    expected = 99 * STEP * 1e-9 / rate
-    assert expected <= time.monotonic() - began < expected + 0.3
 
 
 def test_stop_ends_it() -> None:
@@ -88,9 +77,19 @@ def test_clock_remaps_and_a_paused_start() -> None:
     station = Station(make, domain)
     try:
         with program(
-            'replay', str(BAG), '--rate', '7', '--clock', '100',
-            '--topics', '/joint_states', '--remap', '/joint_states:=/arm/states',
-            '--wait-for-subscribers', '60', domain=domain,
+            'replay',
+            str(BAG),
+            '--rate',
+            '7',
+            '--clock',
+            '100',
+            '--topics',
+            '/joint_states',
+            '--remap',
+            '/joint_states:=/arm/states',
+            '--wait-for-subscribers',
+            '60',
+            domain=domain,
         ) as replay:
             code, text = ended(replay)
         assert code == 0, text
@@ -149,35 +148,3 @@ def test_the_worker_tells_everything_in_the_executors_thread(station) -> None:
     assert isinstance(done[1][1], ZeroDivisionError)
     assert threads == {station._thread.name}
     assert not worker.busy and worker.join(5.0)
-
-
-class Circle:
-    """What only the garbage collector finds."""
-
-    def __init__(self) -> None:
-        self.itself = self
-
-
-@pytest.mark.ros
-def test_the_worker_gives_memory_back_after_a_run(station) -> None:
-    circles, kept, done = [], [], []
-
-    def job(cancel, say) -> None:
-        circles.append(weakref.ref(Circle()))
-        # below what malloc maps one by one, and with pieces between them that are kept
-        pieces = [b'1' * (100_000 + k) for k in range(1000)]
-        kept.extend(pieces[::100])
-
-    def resident() -> int:
-        return int(Path('/proc/self/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
-
-    try:
-        gc.disable()
-        before = resident()
-        station.node.worker.start(job, lambda what: None, lambda *x: done.append(x))
-        station.until(lambda: done, 'the end')
-        station.until(lambda: circles[0]() is None, 'the collector', 5.0)
-        station.until(lambda: resident() - before < 3e7, 'the memory', 5.0)
-        assert station.node.worker.join(5.0)
-    finally:
-        gc.enable()

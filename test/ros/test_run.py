@@ -4,17 +4,16 @@
 from dataclasses import replace
 from functools import partial
 import os
-import threading
 
 from identify_cases import After, AXIS_FILE, ROOT
 import numpy as np
 import pytest
 
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.settings import IdentifyProgress, IdentifySettings
+from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
-from ros2_ident.report.overlay import Preview, SAMPLES
+from ros2_ident.report.overlay import SAMPLES
 from ros2_ident.ros.paths import checkpoint_of, MOST
 from ros2_ident.ros.run import carry_out, save, Wanted
 from ros2_ident.search import GeneticSettings
@@ -60,29 +59,6 @@ def test_previews_leave_the_result_as_it_is(wanted):
     with_previews = identify(wanted, None, on_preview=lambda *_: None)
     without = identify(wanted, None)
     np.testing.assert_array_equal(with_previews.result.theta, without.result.theta)
-
-
-def progress(cost, theta):
-    return IdentifyProgress('search', 1, 1, 1, 1, cost, 'N', (), theta, 0.0, 0.0, 0.0)
-
-
-def test_a_preview_waits_for_its_period_and_for_something_better(wanted, monkeypatch):
-    monkeypatch.setattr('ros2_ident.report.overlay.SHARE', np.inf)
-    problem = identify(wanted, None).problem()
-    theta = 0.5 * (problem.low + problem.high)
-    shown = []
-    soon = Preview(problem, lambda *x: shown.append(x), 0.0)
-    soon(progress(np.inf, theta))
-    assert not shown
-    soon(progress(2.0, theta))
-    soon(progress(2.0, theta))
-    assert len(shown) == 1
-    soon(progress(1.0, theta))
-    assert len(shown) == 2
-    late = Preview(problem, lambda *x: shown.append(x), 1e6)
-    late(progress(2.0, theta))
-    late(progress(1.0, theta))
-    assert len(shown) == 3
 
 
 class Killed(BaseException):
@@ -135,25 +111,6 @@ def test_a_goal_that_is_sent_again_after_a_kill_goes_on(wanted, tmp_path, dying,
     assert simulated < 0.8 * whole.evaluations, 'generations were kept'
     assert finished.result.theta.tobytes() == whole.theta.tobytes()
     save(finished)
-    assert left_in(tmp_path) == []
-
-
-def test_a_diagnosis_goal_goes_on_likewise(tmp_path, dying):
-    wanted = Wanted(load_machine(AXIS_FILE), bags=(str(BAG),), output_directory=str(tmp_path))
-
-    def go():
-        return diagnose(wanted, None, threading.Event(), lambda progress: None)
-
-    revive = dying(12)
-    with pytest.raises(Killed):
-        go()
-    revive()
-    (name,) = left_in(tmp_path)
-    size = (tmp_path / 'unfinished' / name).stat().st_size
-    done = go()
-    assert left_in(tmp_path) == [name]
-    assert (tmp_path / 'unfinished' / name).stat().st_size > size > 10_000
-    save(done)
     assert left_in(tmp_path) == []
 
 

@@ -3,11 +3,9 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.signal import decimate
 from values import with_bounds
 
 from ros2_ident.cli.main import main
@@ -16,7 +14,6 @@ from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, make_model
 from ros2_ident.recording import Dataset, read_bag
-from ros2_ident.search import algebraic
 from ros2_ident.search.algebraic import solve
 from ros2_ident.search.genetic import StopReason
 
@@ -157,20 +154,6 @@ class Rows:
         return float(np.sqrt(np.mean(residual**2)))
 
 
-def weighted(problem, lengths, rounds=3):
-    """Return the estimate whose weights follow what each series leaves."""
-    weights = np.ones(sum(lengths))
-    for _ in range(rounds):
-        theta = np.linalg.lstsq(
-            problem.slopes * weights[:, None], problem.measured * weights, rcond=None
-        )[0]
-        left = problem.slopes @ theta - problem.measured
-        ends = np.cumsum(lengths)[:-1]
-        sizes = np.array([part.std() for part in np.split(left, ends)])
-        weights = np.repeat(sizes.max() / sizes, lengths)
-    return theta, left, weights
-
-
 def test_without_noise_the_truth_is_found_wherever_the_box_is():
     problem = Rows([300, 200])
     problem.low, problem.high = np.array([50.0, -8.0]), np.array([51.0, 8.0])
@@ -192,29 +175,6 @@ def test_what_cannot_be_below_zero_is_not_and_the_others_make_the_best_of_it():
     own = problem.slopes[:, 0]
     assert found.theta[1] == pytest.approx(0.0, abs=1e-12)
     assert found.theta[0] == pytest.approx(own @ problem.measured / (own @ own), rel=1e-9)
-
-
-def test_series_that_are_long_enough_are_decimated_one_by_one(monkeypatch):
-    lengths = [400, 399, 801]
-    problem = Rows(lengths, [1.0, 2.0, 3.0])
-    seen = SimpleNamespace()
-
-    def noted(jacobian, residual, *_, series, level):
-        seen.rows, seen.series = residual, series
-
-    monkeypatch.setattr(algebraic, 'intervals', noted)
-    found = solve(problem, decimation=10)
-    assert seen.series == (40, 399, 81) and len(seen.rows) == 520
-    parts = np.split(np.column_stack([problem.measured, problem.slopes]), [400, 799])
-    kept = [decimate(p, 10, axis=0, zero_phase=True) if len(p) != 399 else p for p in parts]
-    both = np.concatenate(kept)
-    small = SimpleNamespace(measured=both[:, 0], slopes=both[:, 1:])
-    theta, _, _ = weighted(small, [40, 399, 81])
-    np.testing.assert_allclose(found.theta, theta, rtol=1e-6)
-    # The residual is that of all rows.
-    np.testing.assert_allclose(
-        found.residual, problem.slopes @ theta - problem.measured, rtol=1e-6
-    )
 
 
 def test_what_the_data_do_not_show_stays_in_the_middle_of_its_box():
@@ -248,11 +208,3 @@ def test_a_middle_that_diverges_is_refused():
     with pytest.raises(IdentError, match='in the middle of the bounds diverges') as caught:
         solve(problem)
     assert caught.value.code is ErrorCode.DIVERGED
-
-
-def test_rounding_errors_of_what_hardly_acts_are_not_taken_for_a_curve():
-    problem = Rows([300], [0.1])
-    problem.slopes[:, 1] *= 1e-9
-    problem.bend = lambda theta: 1e-12 * np.cos(theta[:, 1:])
-    found = solve(problem, decimation=1)
-    assert found.theta[1] == pytest.approx(0.0)  # the middle of its box

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import math
 import os
 from pathlib import Path
-import pickle
 import signal
 import threading
 import time
@@ -17,7 +16,6 @@ import pytest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import identify, read_data
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine
 from ros2_ident.search import (
     GeneticSearch,
@@ -109,13 +107,6 @@ def test_failure_of_the_work_is_no_loss_of_the_worker(near: Any) -> None:
     assert caught.value.code is ErrorCode.BAD_VALUES
 
 
-def test_cut_batches_are_put_together_again(near: Any) -> None:
-    theta = np.random.default_rng(1).random((37, 3))
-    with near.open(Bowl()) as costs:
-        for count in (37, 3):
-            np.testing.assert_array_equal(costs(theta[:count]), Bowl().costs(theta[:count]))
-
-
 def test_a_cancel_does_not_wait_for_the_workers(near: Any) -> None:
     event = threading.Event()
     with near.open(Slow()) as costs:
@@ -174,16 +165,3 @@ def test_no_scheduler_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(IdentError, match='dask scheduler') as caught:
         identify(machine, data, workers=Cluster('tcp://127.0.0.1:1'))
     assert caught.value.code is ErrorCode.INVALID_GOAL
-
-
-def test_problem_refuses_to_be_unpacked_by_other_sources(monkeypatch: pytest.MonkeyPatch) -> None:
-    machine = load_machine(ROOT / 'config/emps.yaml')
-    problem = problem_of(machine, read_data(ROOT / 'bags/axis_reversals', machine))
-    packed = pickle.dumps(problem)
-    again = pickle.loads(packed)
-    theta = 0.5 * (problem.low + problem.high)[None]
-    np.testing.assert_array_equal(problem.residuals(theta), again.residuals(theta))
-    assert again.data.recordings == ()
-    monkeypatch.setattr('ros2_ident.identify.problem.result_digest', lambda: 'other')
-    with pytest.raises(IdentError, match='same version'):
-        pickle.loads(packed)

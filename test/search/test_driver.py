@@ -53,27 +53,6 @@ def test_finds_the_minimum_in_physical_units():
     np.testing.assert_allclose(cost(result.survivors), result.survivor_costs)
 
 
-def test_slices_do_not_change_the_result():
-    sizes, batches = [], []
-
-    def counted(theta):
-        sizes.append(len(theta))
-        return cost(theta)
-
-    def stoppable(theta, limit, stop):
-        batches.append(len(theta))
-        return cost(theta)
-
-    stoppable.limited = True
-    whole = minimise(stoppable, search(), low=LOW, high=HIGH, give_up=False)
-    cut = minimise(counted, search(), low=LOW, high=HIGH)
-    np.testing.assert_array_equal(whole.theta, cut.theta)
-    assert whole.best_costs == cut.best_costs
-    assert batches == [100, *[20] * 9]
-    assert max(sizes) == 16
-    assert sum(sizes) == whole.evaluations
-
-
 @pytest.mark.parametrize('count', [1, 17, 100, 101, 150])
 def test_budget_of_evaluations_is_kept_to_the_candidate(count):
     seen = []
@@ -87,13 +66,6 @@ def test_budget_of_evaluations_is_kept_to_the_candidate(count):
     assert len(tried) == result.evaluations == count
     assert result.stop is StopReason.EVALUATIONS
     assert result.cost == cost(tried).min()
-
-
-def test_budget_of_generations():
-    result = minimise(cost, search(), low=LOW, high=HIGH, budget=Budget(generations=3))
-    assert result.generations == 3
-    assert result.evaluations == 140
-    assert result.stop is StopReason.GENERATIONS
 
 
 def test_budget_of_seconds():
@@ -154,18 +126,6 @@ def test_progress_is_throttled_frozen_and_ends_complete():
 def test_unusable_bounds_are_refused(arguments, text):
     with pytest.raises(IdentError, match=text):
         minimise(cost, search(), **arguments)
-
-
-@pytest.mark.parametrize(
-    ('evaluate', 'text'),
-    [
-        (lambda t: np.full(len(t), math.nan), 'evaluate returned NaN'),
-        (lambda t: np.zeros((len(t), 2)), 'one cost for each'),
-    ],
-)
-def test_unusable_costs_are_refused(evaluate, text):
-    with pytest.raises(IdentError, match=text):
-        minimise(evaluate, search(), low=LOW, high=HIGH)
 
 
 def test_an_error_in_a_thread_reaches_the_caller():

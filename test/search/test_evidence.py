@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise of any size and colour, what is missing, and intervals that allow for it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -63,17 +61,6 @@ def test_noise_that_columns_could_follow_is_not_taken_for_less():
     assert np.sqrt(np.mean((np.array(told) - 1.0) ** 2)) < 0.015
 
 
-def test_places_of_one_noise_share_it():
-    rng = np.random.default_rng(3)
-    drawn = noise(rng, 0.01, 0.9)
-    runs = (Run(0, ROWS // 2, 0), Run(ROWS // 2, ROWS, 1))
-    one, two = weigh(drawn, waves(rng, 5), waves(rng, 9), runs, BLOCKS).noise
-    assert one is two and one.samples == ROWS
-    drawn[ROWS // 2 :] *= 2.0
-    one, two = weigh(drawn, waves(rng, 5), waves(rng, 9), runs, BLOCKS).noise
-    assert two.variance / one.variance == pytest.approx(4.0, rel=0.3)
-
-
 def test_what_no_column_predicts_on_other_blocks_is_noise():
     # Of its own in every block: a fit would follow it, a prediction cannot.
     rng = np.random.default_rng(4)
@@ -82,18 +69,6 @@ def test_what_no_column_predicts_on_other_blocks_is_noise():
     seen = weigh(residual, waves(rng, 2), columns, RUNS, BLOCKS)
     assert seen.rest[0] < 0.012
     assert seen.unseen[0] == pytest.approx(seen.rms[0], rel=0.01)
-
-
-def test_what_is_not_clear_counts_where_it_comes_true_on_other_blocks():
-    rng = np.random.default_rng(3)
-    missing = waves(rng, 60)
-    residual = noise(rng, 0.01, 0.0) + 0.2 * missing[:, 7]
-    seen = weigh(residual, waves(rng, 5), missing, RUNS, BLOCKS)
-    # Each block is predicted by the others alone, and as well as they can.
-    assert seen.unseen[0] == pytest.approx(0.01, rel=0.1)
-    assert seen.unseen[0] > seen.rest[0]
-    assert replace(seen, gain=31.0).floor[0] == seen.rest[0]
-    assert replace(seen, gain=29.0).floor[0] == seen.unseen[0]
 
 
 def test_intervals_hold_the_truth_though_the_model_lacks_something():
@@ -119,30 +94,6 @@ def test_intervals_hold_the_truth_though_the_model_lacks_something():
     assert 0.9 * 3 * tries <= hits['with what is missing']
 
 
-def test_rows_left_out_tell_as_much_as_those_weighed():
-    rng = np.random.default_rng(6)
-    jacobian, missing = waves(rng, 3), waves(rng, 20)
-    residual = noise(rng, 0.01, 0.0)
-    whole = weigh(residual, jacobian, missing, RUNS, BLOCKS)
-    half = weigh(
-        residual[: ROWS // 2], jacobian[: ROWS // 2], missing[: ROWS // 2], RUNS[:1],
-        BLOCKS[: ROWS // 2], share=0.5,
-    )  # fmt: skip
-    assert np.diag(half.covariance) == pytest.approx(np.diag(whole.covariance), rel=0.2)
-
-
-def test_more_columns_that_are_alike_than_samples_are_weighed():
-    rng = np.random.default_rng(6)
-    time = np.linspace(0.0, 1.0, 60)[:, None]
-    rates = np.repeat(np.linspace(0.5, 3.0, 15), 10)
-    alike = np.sin(2.0 * np.pi * rates * time + np.tile(np.linspace(0.0, 3.0, 10), 15))
-    residual = alike[:, 3] + alike[:, 40] + 1e-6 * rng.standard_normal(60)
-    seen = weigh(residual, time, alike, [Run(0, 60, 0)], np.arange(60) // 10)
-    assert seen.gain > 100.0
-    assert 0.0 < seen.floor[0] < 1e-3
-    assert np.isfinite(seen.left).all()
-
-
 @pytest.mark.parametrize('rho', [0.0, 0.9])
 def test_more_columns_than_samples_do_not_explain_noise(rho):
     floors = []
@@ -155,29 +106,3 @@ def test_more_columns_than_samples_do_not_explain_noise(rho):
         floors.append(seen.floor[0] / np.sqrt(np.mean(drawn**2)))
         assert seen.gain < 5.0
     assert np.mean(floors) == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_model_without_anything_to_add_is_weighed_too():
-    rng = np.random.default_rng(7)
-    seen = weigh(noise(rng, 0.01, 0.5), waves(rng, 2), np.empty((ROWS, 0)), RUNS, BLOCKS)
-    assert seen.gain == 0.0
-    assert seen.floor[0] == pytest.approx(0.01, rel=0.05)
-
-
-# ------------------------------------------------- against the dense Gaussian formulas
-
-
-def test_a_residual_that_is_predicted_wholly_is_weighed_at_each_place():
-    rng = np.random.default_rng(0)
-    missing = rng.normal(size=(400, 4))
-    runs = (Run(0, 100, 1), Run(100, 250, 0), Run(250, 400, 1))
-    blocks = np.arange(400) // 20
-    truth = np.array([0.0, 3.0, 0.0, 0.0])
-    seen = weigh(missing @ truth, rng.normal(size=(400, 2)), missing, runs, blocks)
-    place = np.repeat([1, 0, 1], [100, 150, 150])
-    residual = missing @ truth
-    for k in range(2):
-        assert seen.rms[k] == pytest.approx(np.sqrt(np.mean(residual[place == k] ** 2)))
-    assert (seen.floor < 1e-4 * seen.rms).all()
-    assert np.abs(seen.left).max() < 1e-4
-    assert seen.gain > 100.0

@@ -13,9 +13,8 @@ from ros2_ident.search import fit as module
 from ros2_ident.search.driver import Budget
 from ros2_ident.search.evaluators import Threads
 from ros2_ident.search.fit import fit, FitSettings
-from ros2_ident.search.genetic import GeneticSettings, StopReason
+from ros2_ident.search.genetic import GeneticSettings
 from ros2_ident.search.refine import RefineStatus
-from ros2_ident.search.uncertainty import intervals
 
 TIME = np.linspace(0.0, 1.0, 80)
 TRUTH = np.array([3.0, 2000.0])
@@ -85,51 +84,6 @@ def test_every_candidate_is_counted_and_kept(whole):
     assert 0.0 < found.seconds < 60.0
 
 
-def test_the_estimate_is_the_refinements_with_its_residual_and_intervals(whole):
-    problem, found = whole
-    assert len(found.refined.starts) == 4
-    np.testing.assert_array_equal(found.theta, found.refined.theta)
-    np.testing.assert_array_equal(found.residual, found.refined.residual)
-    np.testing.assert_allclose(found.theta, TRUTH, rtol=0.01)
-    assert found.refined.cost < found.ga.cost
-    expected = intervals(
-        found.refined.jacobian,
-        found.residual,
-        found.theta,
-        problem.low,
-        problem.high,
-        series=problem.series,
-    )
-    np.testing.assert_array_equal(found.intervals.half_width, expected.half_width)
-    assert len(found.intervals.noise) == 2
-
-
-def test_without_a_refinement_the_searchs_best_has_residual_and_intervals():
-    problem = Oscillation()
-    found = run(problem, refine=False, level=0.5)
-    assert found.refined is None and not found.left_out
-    np.testing.assert_array_equal(found.theta, found.ga.theta)
-    np.testing.assert_array_equal(found.residual, Oscillation().residuals(found.theta[None])[0])
-    # One for the residual, two for each column.
-    assert found.evaluations == problem.simulated == PLANNED + 5
-    wide = run(refine=False).intervals.half_width / found.intervals.half_width
-    np.testing.assert_allclose(wide, 1.96 / 0.674, rtol=0.1)
-    # The derivative is by the parameters in their units, to either side.
-    step = np.diag([1e-4, 1e-1])
-    sides = problem.residuals(found.theta + step) - problem.residuals(found.theta - step)
-    jacobian = (sides / (2.0 * step.sum(axis=1)[:, None])).T
-    expected = intervals(
-        jacobian,
-        found.residual,
-        found.theta,
-        problem.low,
-        problem.high,
-        series=problem.series,
-        level=0.5,
-    )
-    np.testing.assert_allclose(found.intervals.half_width, expected.half_width, rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ('whole', 'search'),
     [
@@ -147,14 +101,6 @@ def test_a_budget_of_candidates_is_shared_and_kept(whole, search):
         budget=Budget(evaluations=100), genetic=replace(GENETIC, generations=40), refine=False
     )
     assert alone.ga.evaluations == 95 and alone.evaluations == 100
-
-
-def test_without_time_everything_is_left_out():
-    cut = run(budget=Budget(seconds=1e-9))
-    assert cut.ga.stop is StopReason.SECONDS
-    assert cut.left_out and cut.refined is None and not cut.cancelled
-    assert np.isnan(cut.theta).all() and cut.intervals is None
-    assert (cut.candidates.shape, cut.costs.shape) == ((0, 2), (0,))
 
 
 def test_a_cancel_of_the_refinement_keeps_its_best_with_intervals():
@@ -201,14 +147,3 @@ def test_a_large_search_says_what_it_would_take(monkeypatch):
         run(genetic=huge)
     assert 'take 10 h' in caught.value.message
     assert caught.value.code is ErrorCode.INVALID_GOAL
-
-
-def test_settings_are_checked():
-    for name in ('starts', 'refine_evaluations'):
-        assert FitSettings(**{name: 1})
-        for value in (0, 1.5):
-            with pytest.raises(IdentError, match=f'{name} is {value}'):
-                FitSettings(**{name: value})
-    for level in (0.0, 1.0):
-        with pytest.raises(IdentError, match='give a probability between 0 and 1'):
-            FitSettings(level=level)

@@ -123,16 +123,3 @@ def test_a_full_disk_ends_the_journal_and_not_the_run(tmp_path, monkeypatch):
         monkeypatch.setattr(os, 'pwrite', real)
         assert journal.get({}, 'step', 2) is not None
     assert whole(path, values) == 3
-
-
-def test_arrays_differ_by_their_type_and_shape_too():
-    one = np.zeros(4)
-    others = [one.reshape(2, 2), np.zeros(8, np.float32), np.zeros(4, np.int64), -one, one[:3]]
-    assert len({digest_of(x) for x in [one, *others]}) == 6
-    assert digest_of('a', 'b') != digest_of('ab') != digest_of(b'a', 'b')
-
-
-def test_without_a_path_nothing_is_remembered():
-    journal = Journal()
-    journal.put({'value': np.ones(1)}, 'a')
-    assert journal.get({}, 'a') is None

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ros2_ident.search.levenberg import difference_jacobian, DIVERGED, fit_at, local_fit
+from ros2_ident.search.levenberg import local_fit
 
 LOW, HIGH = np.array([-2.0, -4.0]), np.array([2.0, 6.0])
 
@@ -58,22 +58,3 @@ def test_a_bound_that_the_fit_leans_on_is_kept_and_the_rest_goes_on(truth, ends)
     # Where the first stays at its bound, 1.25 y + 0.25 x is to be least.
     free = truth[1] - 0.25 / 1.25 * (ends[0] - truth[0])
     assert found.theta[1] == pytest.approx(np.clip(free, LOW[1], HIGH[1]), abs=1e-3)
-
-
-def test_a_neighbour_on_its_way_to_infinity_says_nothing_of_the_slope():
-    def cliff(theta):
-        out = theta * np.ones((1, 2))
-        out[theta[:, 0] > 0.2, 1] = 2.0 * DIVERGED
-        return out
-
-    residual, jacobian = difference_jacobian(cliff, np.array([0.2, 0.3]), np.zeros(2), np.ones(2))
-    np.testing.assert_array_equal(residual, [0.2, 0.3])
-    np.testing.assert_allclose(jacobian, [[0.0, 0.0], [0.0, 1.0]], atol=1e-9)
-
-
-def test_where_a_fit_ended_it_can_be_had_again():
-    found = local_fit(Valley(), np.array([0.0, 0.0]), LOW, HIGH)
-    again = fit_at(Valley(), found.unit, LOW, HIGH)
-    for name in ('theta', 'unit', 'residual', 'jacobian', 'loss'):
-        np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
-    assert again.evaluations == 3

@@ -21,12 +21,9 @@ from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.search import (
-    Budget,
     GeneticSearch,
     GeneticSettings,
     minimise,
-    StopReason,
-    ThreadedEvaluator,
 )
 
 LOW, HIGH = [0.0] * 3, [1.0] * 3
@@ -95,59 +92,6 @@ def test_the_same_candidates_survive(work, share, distance):
         assert evaluate.given_up or distance == 0.8
 
 
-def test_what_is_given_up_is_told_and_does_not_depend_on_the_threads():
-    seen = []
-    for threads in (1, 2, 3):
-        told = []
-        with ThreadedEvaluator(Bounded(0.5), threads, limited=True) as evaluate:
-            searched(
-                evaluate,
-                SETTINGS,
-                3,
-                on_generation=lambda theta, costs, exact, told=told: told.append((costs, exact)),
-            )
-        seen.append([(costs.tobytes(), exact.tobytes()) for costs, exact in told])
-    assert seen[0] == seen[1] == seen[2]
-    assert not all(exact.all() for _, exact in told)
-
-
-def test_a_search_goes_on_where_it_was_cut_off():
-    whole = searched(cost, SETTINGS, 5)
-    search = GeneticSearch(3, SETTINGS, 5)
-    budget = Budget(evaluations=300 + 2 * 48 + 10)
-    cut = minimise(Bounded(0.5), search, low=LOW, high=HIGH, budget=budget)
-    assert cut.stop is StopReason.EVALUATIONS
-    assert cut.generations == 3
-    minimise(Bounded(0.2), search, low=LOW, high=HIGH)
-    for key in ('survivors', 'survivor_costs', 'best_cost'):
-        assert np.array_equal(getattr(search, key), getattr(whole[0], key)), key
-
-
-def test_a_batch_is_left_off_when_the_time_is_up():
-    now = [0.0]
-    asked = []
-
-    def slow(theta, limit=math.inf, stop=None):
-        while not stop():
-            now[0] += 1.0
-            asked.append(len(theta))
-        return np.full(len(theta), np.inf)
-
-    slow.limited = True
-    found = minimise(
-        slow,
-        GeneticSearch(3, SETTINGS, 0),
-        low=LOW,
-        high=HIGH,
-        budget=Budget(seconds=10.0),
-        clock=lambda: now[0],
-    )
-    assert found.stop is StopReason.SECONDS
-    assert found.evaluations == 0
-    assert found.seconds == 10.0
-    assert len(asked) == 10
-
-
 # ---------------------------------------------------------------- the simulations
 
 
@@ -182,20 +126,6 @@ def test_above_the_limit_a_cost_is_a_lower_bound(name):
             assert share > 0.5 or (bounds[costs < np.inf] < costs[costs < np.inf]).any()
             alone = np.concatenate([problem.costs(row[None], limit) for row in theta])
             assert np.array_equal(alone, bounds)
-
-
-def test_stopped_simulations_say_nothing():
-    problem = problems()['tripod']
-    theta = np.repeat(0.5 * (problem.low + problem.high)[None], 9, axis=0)
-    calls = []
-
-    def stop():
-        calls.append(None)
-        return len(calls) > 2
-
-    assert (problem.costs(theta, stop=stop) == np.inf).all()
-    assert len(calls) == 3
-    assert np.array_equal(problem.costs(theta, stop=lambda: False), problem.costs(theta))
 
 
 def test_the_parameters_are_the_same_to_the_bit():

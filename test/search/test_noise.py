@@ -9,7 +9,6 @@ import pytest
 from scipy.signal import lfilter
 
 from ros2_ident.search.noise import (
-    correlation_time,
     fast_noise,
     fit_noise,
     MOST_COEFFICIENTS,
@@ -56,18 +55,6 @@ def test_a_true_order_is_found_up_to_the_most():
     assert not beyond.coefficients.size
 
 
-def test_what_is_too_short_or_nothing_is_white():
-    assert not fit_noise(coloured([0.95], 9)).coefficients.size
-    assert fit_noise(coloured([0.95], 10)).coefficients.size == 1
-    nothing = fit_noise(np.zeros(100))
-    assert (nothing.variance, nothing.innovation, nothing.samples) == (0.0, 0.0, 100)
-    assert fit_noise().samples == 0
-    # An offset is not taken out, and is wholly predicted.
-    assert fit_noise(np.full(1000, 2.0)).variance == pytest.approx(4.0)
-    tone = fit_noise(np.sin(0.3 * np.arange(1_000_000)))
-    assert 0.0 < tone.innovation < 1e-4 * tone.variance
-
-
 def test_rows_are_whitened_run_by_run():
     models = [NoiseModel(np.array([0.5, -0.2]), 4.0, 2.25, 100), white(2.0)]
     runs = [Run(0, 6, 0), Run(6, 8, 0), Run(8, 12, 1), Run(12, 15, 0)]
@@ -91,10 +78,3 @@ def test_products_with_the_covariance_are_those_of_the_full_matrix(count, a):
     found = weighted_normal_matrix(rows, first_order(a))
     np.testing.assert_allclose(found, rows.T @ a**lag @ rows, rtol=1e-6, atol=1e-6 * count)
     np.testing.assert_allclose(weighted_normal_matrix(rows, white(3.0)), 9.0 * rows.T @ rows)
-
-
-def test_what_does_not_change_or_is_too_short_counts_by_the_sample():
-    assert correlation_time(np.full(100, 3.0)) == 1.0
-    assert correlation_time(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])) == 1.0
-    assert correlation_time(np.empty(0)) == 1.0
-    assert correlation_time(coloured([0.9], 20_000)) == pytest.approx(19.0, rel=0.2)

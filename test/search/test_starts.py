@@ -6,8 +6,6 @@ import threading
 import numpy as np
 import pytest
 
-from ros2_ident.errors import IdentError
-from ros2_ident.search.evaluators import ThreadedEvaluator
 from ros2_ident.search.refine import APART, distinct_starts
 
 WIDE = np.array([10.0, 2.0])
@@ -30,16 +28,6 @@ def drawn(seed, size=60):
     costs = rng.integers(0, 30, size).astype(float)  # some are equal
     costs[rng.random(size) < 0.1] = np.inf
     return candidates, costs, candidates[int(costs.argmin())]
-
-
-@pytest.mark.parametrize('count', [1, 2, 4, 40])
-def test_starts_are_the_best_ones_that_lie_apart(count):
-    for seed in range(10):
-        candidates, costs, best = drawn(seed)
-        found = distinct_starts(
-            best, candidates, costs.copy(), np.ones(60, bool), WIDE, count, None, NEVER
-        )
-        np.testing.assert_array_equal(found, plainly(best, candidates, costs, count))
 
 
 @pytest.mark.parametrize('count', [1, 2, 4, 40])
@@ -68,34 +56,3 @@ def test_costs_that_are_bounds_are_found_out_as_far_as_they_matter(count):
         if count == 1:
             assert not asked
     assert spared > 0 or count == 40
-
-
-def test_a_stop_takes_what_is_known():
-    candidates, costs, best = drawn(1)
-    exact = np.zeros(60, bool)
-    exact[:30] = True
-    stop = threading.Event()
-    stop.set()
-    found = distinct_starts(best, candidates, costs.copy(), exact, WIDE, 4, None, stop)
-    assert len(found) == 4 and (found[0] == best).all()
-
-
-# ---------------------------------------------------------------------- who evaluates
-
-
-def test_threads_are_as_many_as_are_asked_for():
-    with pytest.raises(IdentError, match='threads is 0; give at least 1'):
-        ThreadedEvaluator(len, 0)
-    names = set()
-
-    def evaluate(theta):
-        names.add(threading.current_thread().name)
-        threads.wait(10.0)  # all of them are here at once
-        return theta[:, 0]
-
-    threads = threading.Barrier(3)
-    with ThreadedEvaluator(evaluate, 3) as evaluator:
-        evaluator(np.zeros((24, 1)))
-    assert len(names) == 3
-    # They end with the context.
-    assert not names & {t.name for t in threading.enumerate()} - {'MainThread'}

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ros2_ident.errors import IdentError
-from ros2_ident.models import load_machine, registry
+from ros2_ident.models import load_machine
 from ros2_ident.models.registry import space_of
-from ros2_ident.recording import read_bag, write_bag
+from ros2_ident.recording import read_bag
 from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate, simulate_bag, START
 from ros2_ident.simulate.effects import read_effect
 from ros2_ident.simulate.motions import draw_motion, KINDS
@@ -102,27 +101,6 @@ def test_same_seed_same_bag(bag):
         assert np.array_equal(stream.stamp, again.streams[topic].stamp)
         assert not np.array_equal(stream.stamp, other.streams[topic].stamp)
     assert np.array_equal(bag.streams['/effort'].effort, again.streams['/effort'].effort)
-
-
-def test_nuisance_follows_the_machine_file():
-    assert nuisance_of(EMPS).effort_noise == 0.3
-    assert nuisance_of(MACHINE).effort_step == pytest.approx(0.002)
-
-
-NOWHERE = replace(registry.KINDS['tripod'], space=None)
-
-
-def test_a_kind_that_moves_nowhere_says_so(monkeypatch):
-    monkeypatch.setattr(registry, 'kind_of', lambda machine: NOWHERE)
-    with pytest.raises(IdentError, match='the kind tripod has no `space`'):
-        draw_motion('mixed', MACHINE, 4.0, 1)
-
-
-def test_written_and_read(bag, tmp_path):
-    path = write_bag(tmp_path / 'out', bag.streams, custom={'made_by': 'a test'})
-    (recording,) = read_bag(path)
-    assert np.array_equal(recording.effort.effort, bag.streams['/effort'].effort)
-    assert np.array_equal(recording.state.stamp, bag.streams['/joint_states'].stamp)
 
 
 @pytest.mark.parametrize(
