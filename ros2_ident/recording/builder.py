@@ -209,10 +209,10 @@ class RecordingBuilder:
             self.add_block(role, stamp[there], joints, *map(taken.get, FIELDS))
 
     def build(self) -> list[Recording]:
-        """Cut what was collected into recordings.
+        """Cut what was collected into recordings; the builder is empty afterwards.
 
         Returns:
-            One recording per segment, in the order of arrival; the builder keeps its messages.
+            One recording per segment, in the order of arrival.
 
         Raises:
             IdentError: NO_DATA before the first message, BAD_VALUES where the stamps make no
@@ -286,6 +286,7 @@ class RecordingBuilder:
         what = f'{self.source}: {role} with {len(names)} joints takes'
         Limits.from_environment().require_memory(what, needed)
         stamp, _, fields = track.joined(track.blocks)
+        track.blocks.clear()  # hours of them twice would not fit
         for target in fields:
             if target is not None and (bad := np.abs(target) > _ABSURD).any():
                 target[bad] = np.nan

@@ -2,7 +2,7 @@
 """Content of a bag: messages by topic, decoded piece by piece."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,8 +23,8 @@ _HELD = 1 << 24
 _SHOWN = 10
 
 Decoded = tuple[IntArray, cdr.Block]
-# Takes a message of a topic: log time, ns, and serialised bytes.
-Sink = Callable[[int, bytes], None]
+# Takes messages of a topic: log times, ns, and serialised bytes.
+Sink = Callable[[Sequence[int], Sequence[bytes]], None]
 
 
 class Messages:
@@ -47,18 +47,29 @@ class Messages:
         self.blocks: deque[Decoded] = deque()
         self._parse = parse
         self._limits = Limits.from_environment()
-        self._fresh: list[tuple[int, bytes]] = []
+        self._times: list[int] = []
+        self._data: list[bytes] = []
         self._held = 0
         self._bytes = 0
         self._since = 0
 
-    def append(self, log_time: int, data: bytes) -> None:
-        """Take a message: log time [ns] and serialised bytes."""
-        self.count += 1
-        self._held += len(data)
-        self._fresh.append((log_time, data))
-        if len(self._fresh) >= _PIECE or self._held > _HELD:
+    def take(self, times: Sequence[int], data: Sequence[bytes]) -> None:
+        """Take messages: log times [ns] and serialised bytes."""
+        self.count += len(data)
+        self._held += sum(map(len, data))
+        self._times += times
+        self._data += data
+        if len(self._data) >= _PIECE or self._held > _HELD:
             self.decode()
+
+    def _fresh(self) -> tuple[list[int], list[bytes]]:
+        """Return what has come since the last time; what cannot be unpacked is empty."""
+        times, data = self._times, self._data
+        self._times, self._data, self._held = [], [], 0
+        if any(x.startswith(ZSTD) for x in data[:_SHOWN]):  # compressed one by one
+            budget = Budget(sum(map(len, data)))
+            data = [_unpacked(x, budget) if x.startswith(ZSTD) else x for x in data]
+        return times, data
 
     def decode(self) -> None:
         """Decode what has come since the last time; what is no such message is counted.
@@ -66,11 +77,9 @@ class Messages:
         Raises:
             IdentError: BAD_VALUES where the values take more memory than allowed.
         """
-        fresh, self._fresh, self._held = self._fresh, [], 0
-        if not fresh:
+        times, data = self._fresh()
+        if not data:
             return
-        times = [x[0] for x in fresh]
-        data = self._plain([x[1] for x in fresh])
         try:
             if max(times) >= LATEST_STAMP or min(times) <= -LATEST_STAMP:
                 raise ValueError
@@ -79,7 +88,7 @@ class Messages:
             raise IdentError(ErrorCode.BAD_VALUES, str(exc)) from None
         except (ValueError, IndexError):
             whole = [pair for pair in zip(times, data, strict=True) if self._is_whole(*pair)]
-            self.lost += len(fresh) - len(whole)
+            self.lost += len(data) - len(whole)
             times = [x[0] for x in whole]
             found = cdr.decode([x[1] for x in whole], self._parse)
         clock = np.array(times, dtype=np.int64)
@@ -111,13 +120,6 @@ class Messages:
     def finish(self) -> None:
         """Bring what is only known with the last message into the blocks."""
 
-    def _plain(self, data: list[bytes]) -> list[bytes]:
-        """Unpack messages that were compressed one by one; what cannot be becomes empty."""
-        if any(x.startswith(ZSTD) for x in data):
-            budget = Budget(sum(map(len, data)))
-            data = [_unpacked(x, budget) if x.startswith(ZSTD) else x for x in data]
-        return data
-
 
 class Trajectories(Messages):
     """The trajectories sent on a topic; their blocks are the set-point that follows them."""
@@ -128,8 +130,7 @@ class Trajectories(Messages):
 
     def decode(self) -> None:
         """Decode what has come since the last time."""
-        fresh, self._fresh, self._held = self._fresh, [], 0
-        for (when, _), data in zip(fresh, self._plain([x[1] for x in fresh]), strict=True):
+        for when, data in zip(*self._fresh(), strict=True):
             try:
                 self._sent.append((when, parse_trajectory(data, when)))
             except ValueError:
@@ -209,29 +210,25 @@ class Content:
             return None
         roles = [role for role in self.wanted.get(topic, ()) if role in ROLES_OF[kind]]
         if not roles:
-            return self._show(self._first.setdefault(topic, []))
+            first = self._first.setdefault(topic, [])
+
+            def show(times: Sequence[int], data: Sequence[bytes]) -> None:
+                if len(first) < _SHOWN:
+                    first.extend(x for x in data[:_SHOWN] if not x.startswith(ZSTD))
+
+            return show
         self.types[topic] = kind
         sinks = []
         for role in roles:
             trajectories = kind == TRAJECTORY
             new = Trajectories() if trajectories else Messages(parser(kind, role, self.names))
-            sinks.append(self.messages.setdefault((topic, role), new).append)
+            sinks.append(self.messages.setdefault((topic, role), new).take)
 
-        def fan(log_time: int, data: bytes) -> None:
+        def fan(times: Sequence[int], data: Sequence[bytes]) -> None:
             for sink in sinks:
-                sink(log_time, data)
+                sink(times, data)
 
-        return sinks[0] if len(sinks) == 1 else fan
-
-    @staticmethod
-    def _show(first: list[bytes]) -> Sink:
-        """Return what keeps the first messages of a topic, as many as show what it holds."""
-
-        def take(log_time: int, data: bytes) -> None:
-            if len(first) < _SHOWN and not data.startswith(ZSTD):
-                first.append(data)
-
-        return take
+        return fan
 
     def offered(self) -> Iterator[tuple[str, str, tuple[str, ...]]]:
         """Yield topic, type and possible roles of what could be read and is not wanted."""

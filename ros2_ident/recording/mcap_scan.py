@@ -6,7 +6,7 @@ search goes on for the next chunk, message of a known size, or end of the data. 
 checksum does not fit is left out: which of its bytes are wrong is unknown.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 import contextlib
 from io import BytesIO
 import mmap
@@ -196,29 +196,32 @@ class _Walk:
 
     def _records(self, raw: bytes) -> int:
         """Read records until one makes no sense; return its place, or the end."""
-        at, size, ways, found = 0, len(raw), self.ways, self.found
-        unpack, unpack_message = HEAD.unpack_from, _MESSAGE.unpack_from
+        at, size, unpack, unpack_message = 0, len(raw), HEAD.unpack_from, _MESSAGE.unpack_from
+        found: dict[int, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
         while at + HEAD.size <= size:
             opcode, length = unpack(raw, at)
             begin = at + HEAD.size
             end = begin + length
             if end > size:
-                return at
+                break
             if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
                 number, _, log_time, _ = unpack_message(raw, begin)
-                way = ways.get(number) or self._way(number)
-                if way is None:
-                    self.losses.unknown += 1
-                else:
-                    topic, target = way
-                    found[topic] += 1
-                    if target is not None:
-                        target(log_time, raw[begin + _MESSAGE.size : end])
+                times, data = found[number]
+                times.append(log_time)
+                data.append(raw[begin + _MESSAGE.size : end])
             elif opcode not in (Opcode.SCHEMA, Opcode.CHANNEL) or not _note(
                 self.defined, opcode, raw[begin:end]
             ):
-                return at
+                break
             at = end
+        for number, (times, data) in found.items():
+            if (way := self.ways.get(number) or self._way(number)) is None:
+                self.losses.unknown += len(data)
+                continue
+            topic, target = way
+            self.found[topic] += len(data)
+            if target is not None:
+                target(times, data)
         return at
 
     # ------------------------------------------------------------------ topics and their counts

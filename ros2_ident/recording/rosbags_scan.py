@@ -101,7 +101,7 @@ class _Chunks(Reader):
                         number = header.get_uint32('conn')
                         found[topics[number]] += 1
                         if (target := targets[number]) is not None:
-                            target(header.get_time('time'), _cdr(kinds[number], data))
+                            target([header.get_time('time')], [_cdr(kinds[number], data)])
             except Damage as exc:
                 losses.blocks += 1
                 losses.say(str(exc))
@@ -217,7 +217,7 @@ def _read(base: sqlite3.Connection, content: Content, losses: Losses) -> None:
             found[number] -= 1
             losses.unknown += 1
             continue
-        ways[number][1](when, data)  # type: ignore[misc]
+        ways[number][1]([when], [data])  # type: ignore[misc]
     for number, (topic, _) in ways.items():
         content.counts[topic] += found[number]
         losses.whole += found[number]

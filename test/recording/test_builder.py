@@ -126,9 +126,9 @@ def test_building_does_not_end_the_collecting():
         builder.build()
     assert caught.value.code == ErrorCode.NO_DATA
     play(builder, 'state', [0, MS])
-    first = builder.build()
+    first = builder.copied().build()
     play(builder, 'state', [2 * MS])
-    assert builder.build()[0].state.stamp.size == 3
+    assert builder.copied().build()[0].state.stamp.size == 3
     assert first[0].state.stamp.size == 2
     assert builder.counts == {'state': 3, 'effort': 0, 'command': 0}
     builder.clear()
