@@ -30,14 +30,13 @@ DRAG, SPRING = EffectAt('quadratic_drag', 'two'), EffectAt('cable_spring', 'two'
 
 
 class Attribution:
-    """Fits by number: what `refit` and `round` return is told beforehand."""
+    """Fits by number: what `refit` returns is told beforehand."""
 
     def __init__(self):
         part = SimpleNamespace(drive=np.repeat([0, 1], SAMPLES), models=[self])
         self.case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
         self.floor = np.ones(2)
-        self.rounds, self.refits, self.asked = [], {}, []
-        self.stop = False
+        self.refits = {}
         self.errors = np.inf
         self.limits = {}
         self.machine, self.noise, self.thinned = None, 0.1, False
@@ -52,15 +51,10 @@ class Attribution:
         ]
 
     def stopped(self):
-        return self.stop
-
-    def round(self, base, candidates):
-        self.asked.append(base)
-        return Round(base, {}, {}, tuple(self.rounds.pop(0)))
+        return False
 
     def refit(self, effects, theta):
-        told = self.refits[tuple(effects)]
-        return told if isinstance(told, Explanation) else told(theta)
+        return self.refits[tuple(effects)]
 
 
 def size_of(effect):

@@ -15,9 +15,6 @@ from identify_cases import (
     QUICK,
     recording_of,
     theta_of,
-    tripod,
-    tripod_bag,
-    TRIPOD_TRUTH,
 )
 import numpy as np
 import pytest
@@ -64,16 +61,6 @@ def test_errors_are_those_of_each_quantity_along_the_log() -> None:
     assert true.rmse < 0.1 * heavy.rmse
     # the model that was fitted compares what it did
     assert [o.quantity for o in model.outputs] == ['effort']
-
-
-def test_a_tripod_runs_freely_and_its_recordings_count_together() -> None:
-    model, theta = run_of(tripod(), tripod_bag(), TRIPOD_TRUTH)
-    one = predicted('log', [('true', [(model, theta)])])
-    two = predicted('log', [('true', [(model, theta)] * 2)])
-    assert len(one.first) == 3
-    assert max(e.rmse for (e,) in one.first) < 1e-5
-    assert two.first[0][0].samples == 2 * one.first[0][0].samples
-    assert two.first[0][0].rmse == pytest.approx(one.first[0][0].rmse)
 
 
 def test_a_model_along_its_recorded_motion_says_what_to_log() -> None:

@@ -89,15 +89,3 @@ def test_a_machine_file_from_description_and_bag(identified, tmp_path, capsys) -
     words += ['--method', 'algebraic', '--no-report', '--no-overlay']
     assert main([*words, '--out', str(tmp_path / 'out')]) in (0, 1)
     assert 'elbow.viscous_torque' in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ('words', 'remedy'),
-    [
-        (['linear_axis', '--description', 'arm.urdf'], 'leave out --description'),
-        (['serial', '--description', 'none.urdf'], 'none.urdf: cannot be read (No such file'),
-    ],
-)
-def test_a_description_that_does_not_fit_is_refused(capsys, words, remedy) -> None:
-    assert main(['new-machine', '--kind', *words]) == 2
-    assert remedy in capsys.readouterr().err

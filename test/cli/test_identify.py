@@ -7,13 +7,10 @@ import time
 
 from forked import forked
 from identify_cases import axis_bag, AXIS_FILE, ROOT
-import numpy as np
 import pytest
-from ros2_control_bags import as_ros2_control_records, Maker
 
 from ros2_ident.cli.main import main
-from ros2_ident.recording import read_bag, Recording, Stream, write_bag
-from ros2_ident.recording.streams import FIELDS
+from ros2_ident.recording import write_bag
 
 SMALL = ['--population', '64', '--survivors', '4', '--generations', '4']
 SLOW = ['--population', '1000000', '--generations', '2']
@@ -37,50 +34,6 @@ def spawn(words):
         stderr=subprocess.PIPE,
         text=True,
     )
-
-
-def refused(words, capsys):
-    """Return the one line on standard error of a command that has to end with 2."""
-    assert main(words) == 2
-    said = capsys.readouterr()
-    assert said.out == ''
-    lines = said.err.strip().splitlines()
-    assert len(lines) == 1, said.err
-    assert 'Traceback' not in said.err
-    return lines[0]
-
-
-def resampled(stream, field, stamp):
-    """Return a field at other stamps, None where it is not there."""
-    values = stream.values(field)
-    if values is None:
-        return None
-    return np.stack([np.interp(stamp, stream.stamp, column) for column in values.T], axis=1)
-
-
-def test_a_bag_of_ros2_control_is_identified_without_options(command, bag, tmp_path, capsys):
-    (recording,) = read_bag(bag)
-    # controllers and broadcasters run in one cycle and stamp by its time
-    stamp = recording.state.stamp
-    recording = Recording(
-        **{
-            role: Stream(x.names, stamp, *(resampled(x, y, stamp) for y in FIELDS))
-            for role, x in recording.streams.items()
-        }
-    )
-    maker = Maker()
-    twin = maker.write(tmp_path / 'ros2_control', as_ros2_control_records(maker, recording))
-    found = []
-    for path in (write_bag(tmp_path / 'plain', recording), twin):
-        # what interpolation does to the effort leaves the sign of the constant force open
-        assert main([command[0], str(path), *command[2:], *SMALL, '--quiet']) == 1
-        result = json.loads((tmp_path / 'out/result.json').read_text())
-        found.append({name: x['value'] for name, x in result['parameters'].items()})
-    assert found[0] == found[1]
-    capsys.readouterr()
-    assert main(['check', str(twin), '--machine', str(AXIS_FILE)]) == 0
-    said = capsys.readouterr().out
-    assert 'no /joint_command, /joint_trajectory_controller/controller_state is taken' in said
 
 
 def test_identify_writes_its_files_and_ends_well(command, tmp_path, capsys):
@@ -109,16 +62,6 @@ def test_identify_writes_its_files_and_ends_well(command, tmp_path, capsys):
     assert capsys.readouterr().err == ''
 
 
-def test_a_damaged_neighbour_costs_the_page_and_no_more(command, tmp_path, capsys):
-    (tmp_path / 'out').mkdir()
-    (tmp_path / 'out' / 'diagnosis.json').write_text('{')
-    assert main([*command, *SMALL, '--seed', '1', '--quiet']) == 0
-    assert 'no page is written' in capsys.readouterr().err
-    assert not (tmp_path / 'out' / 'report.html').exists()
-    assert main([*command, *SMALL, '--seed', '1', '--quiet', '--no-report']) == 0
-    assert capsys.readouterr().err == ''
-
-
 def test_options_reach_the_search(command, tmp_path):
     words = [*SMALL, '--no-refine', '--no-overlay', '--quiet', '--fix', 'moving_mass=95']
     words += ['--bounds', 'coulomb_friction=10:30', '--seed', '4', '--drives', 'emps_axis']
@@ -132,12 +75,6 @@ def test_options_reach_the_search(command, tmp_path):
     assert data['seed'] == 4
     assert data['settings']['genetic']['initial_population'] == 64
     assert not (tmp_path / 'out' / 'overlay').exists()
-
-
-def test_a_spent_budget_ends_with_1(command, tmp_path, capsys):
-    assert main([*command, '--evaluations', '40', '--quiet']) == 1
-    assert 'budget spent: The budget of evaluations is spent' in capsys.readouterr().out
-    assert json.loads((tmp_path / 'out' / 'result.json').read_text())['outcome'] == 'budget spent'
 
 
 def test_a_signal_keeps_the_best_so_far(command, tmp_path):
@@ -160,26 +97,6 @@ def test_a_signal_keeps_the_best_so_far(command, tmp_path):
     data = json.loads((tmp_path / 'out' / 'result.json').read_text())
     assert data['outcome'] == 'cancelled'
     assert data['parameters']['emps_axis.moving_mass']['value'] > 0.0
-
-
-@pytest.mark.parametrize(
-    ('options', 'text'),
-    [
-        (['--drives', 'drive_9'], "drive 'drive_9' is not in the machine file; choose from emps"),
-        (['--fix', 'mass=1'], "'mass' cannot be fixed: no such parameter; choose from"),
-        (['--fix', 'moving_mass=1', '--fix', 'moving_mass=2'], '--fix names moving_mass twice'),
-        (['--bounds', 'moving_mass=3:2'], 'moving_mass has the bounds 3 to 2;'),
-        (['--state-topic', '/x', '--effort-topic', '/x'], '/x is given as state and as effort'),
-        (
-            ['--state-topic', '/joint_state'],
-            'holds no message of /joint_state, named as its state topic, only /effort (sens',
-        ),
-    ],
-)
-def test_wrong_use_is_one_sentence_and_2(command, options, text, capsys):
-    line = refused([*command, *options], capsys)
-    assert line.startswith('ident identify: ')
-    assert text in line
 
 
 @pytest.mark.parametrize(

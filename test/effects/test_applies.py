@@ -12,7 +12,6 @@ from ros2_ident.recording import Dataset
 
 ROOT = Path(__file__).parents[2]
 STRUCTURE = {e.id for e in CATALOGUE.values() if e.group == 'structure'}
-CONTROLLER = {e.id for e in CATALOGUE.values() if e.group == 'controller'}
 # Friction that motor and load make together, where both are known apart.
 PRESSED = {
     'directional_load_friction',
@@ -51,17 +50,6 @@ def test_on_a_rigid_axis_gear_platform_and_what_is_nominal_are_left_out() -> Non
     single = {'integral_gain_error', 'effort_crosstalk'}
     others = GEAR | STRUCTURE | OF_FILES | PRESSED
     assert left_out(machine_of('emps')) == nominal | single | others
-
-
-def test_recorded_motion_knows_no_controller() -> None:
-    emps = machine_of('emps')
-    more = left_out(emps, command=False) - left_out(emps)
-    assert more == CONTROLLER - {'integral_gain_error'}
-
-
-def test_a_weight_does_not_hang_behind_a_spring() -> None:
-    standing = machine_of('emps').with_constants(gravity=9.81)
-    assert left_out(standing) - left_out(machine_of('emps')) == {'gear_flexibility'}
 
 
 def test_a_parameter_of_the_machine_is_no_effect() -> None:

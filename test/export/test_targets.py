@@ -161,17 +161,6 @@ def test_what_a_urdf_cannot_say_is_as_large_as_stated(tmp_path: Path) -> None:
     assert 'of the improvement on each joint' in words[-1]
 
 
-def test_efforts_of_motors_become_those_of_joints(tmp_path: Path) -> None:
-    machine = described(tmp_path, **SMOOTH, **ROTOR).with_constants(gear_factor=50.0)
-    found = content(machine)
-    elbow = found.joints[JOINTS.index('elbow')]
-    # The middle of the boxes, at the motor.
-    assert elbow.armature == pytest.approx(0.5 * 50.0**2, rel=1e-4)
-    assert elbow.viscous == pytest.approx(10.0 * 50.0, rel=1e-4)
-    for row in found.missed(armature=True):
-        assert row.exported < 1e-3 * row.described
-
-
 def test_the_rest_of_a_urdf_stays(tmp_path: Path) -> None:
     text = (described(tmp_path, **BOXES), (tmp_path / 'arm.urdf').read_text())[1]
     text = text.replace('<link name="hand">', '<!-- mine --><link name="hand"><visual/>')
@@ -275,18 +264,6 @@ def test_effects_become_the_closest_friction_and_are_named(tmp_path: Path) -> No
     without = replace(found, joints=found.identified).missed(armature=False)[elbow]
     assert row.exported < 0.8 * without.exported
     assert yaml.safe_load(path.with_name('export.json').read_text())['spread'] == 0.3
-
-
-def test_how_a_log_was_made_stays_out(tmp_path: Path) -> None:
-    there = [EffectAt('effort_smoothing', 'all')]
-    machine = described(tmp_path, **BOXES)
-    found = content(machine, effects=there)
-    assert found.logged == tuple(there)
-    _, words = into_urdf(tmp_path, found)
-    assert any('effort_smoothing' in w and 'left out' in w for w in words)
-    # What the log swallowed is put back: the identified model misses nothing of it.
-    for row in found.missed(armature=False):
-        assert row.identified < 1e-9
 
 
 def test_isaac_and_ros2_control(tmp_path: Path) -> None:

@@ -23,8 +23,7 @@ from ros2_ident.gap.floor import predictability
 from ros2_ident.gates import examine
 from ros2_ident.gates.law import fit_law
 from ros2_ident.identify.data import gather
-from ros2_ident.models import EffectAt, make_model
-from ros2_ident.models.trials import orders_shown
+from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.bag import nuisance_of
 from ros2_ident.simulate.motions import draw_motion
@@ -68,27 +67,6 @@ def test_what_one_of_three_like_drives_has_more_than_the_others_is_no_noise() ->
     # Without the catalogue: what the motion predicts is enough.
     floor = predictability(joint.with_effects(()), np.array(theta), lambda: True).floor
     assert floor.per_drive == pytest.approx(3 * [tripod().effort_noise], rel=0.1)
-
-
-def test_orders_are_told_from_a_residual_and_chance_shows_none() -> None:
-    at = EffectAt('torque_ripple', 'drive_3')
-    model = make_model(tripod(), recording(1)).extended((at,))
-    theta = np.array([TRIPOD_TRUTH[p.name.rpartition('.')[2]] for p in model.parameters[:-3]])
-
-    def simulated(points: np.ndarray) -> np.ndarray:
-        return model.residuals(np.hstack([np.repeat(theta[None], len(points), axis=0), points]))
-
-    neutral = simulated(np.array([[0.0, 0.0, 1.0]]))[0]
-    ripple = simulated(np.array([[0.02, 0.01, 12.47]]))[0] - neutral
-    noise = 0.01 * np.random.default_rng(1).standard_normal(ripple.size)
-    none = np.empty((ripple.size, 0))
-
-    def shown(residual: np.ndarray, clear: bool) -> tuple[float, ...]:
-        return orders_shown(model, at, lambda p: simulated(p) - neutral, residual, none, clear)
-
-    assert shown(ripple + noise, True)[0] == pytest.approx(12.47, abs=0.06)
-    assert shown(noise, True) == ()
-    assert len(shown(noise, False)) == 3
 
 
 def test_a_limit_that_the_file_does_not_know_is_no_other_gain() -> None:

@@ -13,7 +13,6 @@ from gap_fits import (
     explainer_of,
     floor_of,
     found,
-    FRICTION,
     made,
     of_round,
     STRIBECK,
@@ -58,83 +57,6 @@ def test_the_rules_are_those_that_the_docs_state():
         stated |= dict(zip(re.findall(r'\w+', names), numbers, strict=True))
     rules = vars(Rules())
     assert {k: v for k, v in stated.items() if k in rules} == rules
-
-
-# ---------------------------------------------------------------------- what counts
-
-
-@pytest.mark.parametrize(
-    ('fall', 'first', 'counts'),
-    [
-        (0.45**2, True, True),
-        (0.3**2, True, False),
-        (0.45**2, False, False),
-        (0.6**2, False, True),
-    ],
-)
-def test_a_step_has_to_take_enough_away_and_a_later_one_more(explainer, fall, first, counts):
-    before = made((1.0, 0.0), effects=[] if first else [STRIBECK])
-    after = made((1.0 - fall, 0.0), effects=[*before.effects, FRICTION])
-    assert explainer.material(before, after) is counts
-
-
-def test_what_the_data_held_out_refute_does_not_count(explainer):
-    before = made((2.0, 0.0))
-    assert explainer.material(before, made((0.0, 0.0), check=(1.7, 0.0)))
-    assert not explainer.material(before, made((0.0, 0.0), check=(1.9, 0.0)))
-
-
-# ---------------------------------------------------------------------- rounds
-
-
-def rounds_of(attribution, *rounds):
-    attribution.rounds = [list(r) for r in rounds]
-
-
-def test_where_nothing_is_missing_nothing_is_tried(explainer, attribution):
-    base = made((0.24, 0.0))
-    got = explainer.explain(base, [], print)
-    assert (got.chain, got.rounds, got.complete) == ((base,), (), True)
-    assert (got.rests, got.rivals) == ((), ())
-    assert got.remaining == pytest.approx(math.sqrt(0.24))
-    assert not attribution.asked
-
-
-def test_effects_are_added_while_they_count(explainer, attribution):
-    base = made((4.0, 2.0))
-    one = made((0.1, 2.0), effects=[STRIBECK])
-    both = made((0.1, 0.1), effects=[STRIBECK, DRAG])
-    alone = made((4.0, 0.1), effects=[DRAG])
-    rounds_of(attribution, [one, made((4.0, 1.0), effects=[DRAG])], [both])
-    attribution.refits = {(): base, (DRAG,): alone}
-    heard = []
-    got = explainer.explain(base, [], heard.append)
-    assert got.chain == (base, one, both)
-    assert heard == [one, both]
-    assert all(at is b for at, b in zip(attribution.asked, (base, one), strict=True))
-    assert got.rests == (alone, one)
-    assert got.remaining == pytest.approx(math.sqrt(0.1))
-
-
-def test_an_effect_that_a_later_one_makes_superfluous_is_dropped(explainer, attribution):
-    base, one = made((4.0, 0.0)), made((2.0, 0.0), effects=[STRIBECK])
-    both = made((0.0, 0.0), effects=[STRIBECK, DRAG])
-    attribution.refits = {(DRAG,): made((0.1, 0.0), effects=[DRAG])}
-    assert [e.effects for e in explainer.pruned([base, one], both)] == [(), (DRAG,)]
-    attribution.refits = {(DRAG,): made((1.0, 0.0), effects=[DRAG])}
-    assert explainer.pruned([base, one], both) == [base, one, both]
-
-
-# ---------------------------------------------------------------------- what is left to tell
-
-
-@pytest.mark.parametrize(('errors', 'counts'), [(np.inf, True), (5.0, True), (3.0, False)])
-def test_a_step_that_slow_noise_may_make_does_not_count(explainer, attribution, errors, counts):
-    # It takes away 0.8 of the noise, 0.28 at the lower end of an interval of 3 standard errors.
-    base, one = made((0.64, 0.0)), made((0.0, 0.0), effects=[STRIBECK])
-    attribution.errors = errors
-    assert explainer.material(base, one)
-    assert explainer.counts(base, one) == counts
 
 
 # ---------------------------------------------------------------------- limits

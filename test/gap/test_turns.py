@@ -14,7 +14,7 @@ from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.turns import payload_turns
 from ros2_ident.identify.data import gather
-from ros2_ident.models import EffectAt, make_model
+from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset
 from ros2_ident.simulate.bag import nuisance_of
 
@@ -69,19 +69,6 @@ def test_a_payload_shared_with_friction_on_one_drive_only_is_none() -> None:
     effort = np.array(data.effort)
     effort[0] += pulses
     assert turns(replace(data, effort=effort)) == ()
-
-
-def test_a_load_carried_all_the_time_is_a_heavier_tool() -> None:
-    data = recording(1)
-    at = EffectAt('payload_turns', 'all')
-    plain = make_model(tripod(), data)
-    assert at not in plain.extensions()
-    model = plain.carrying(np.ones(data.cycles)).extended([at])
-    theta = np.array([TRIPOD_TRUTH[p.name.split('.')[-1]] for p in plain.parameters])
-    heavier = theta.copy()
-    heavier[[p.name for p in plain.parameters].index('tool_mass')] += 0.2
-    loaded = model.simulate(np.append(theta, 0.2)[None])
-    assert np.abs(loaded - plain.simulate(heavier[None]))[:, :, 300:].max() < 1e-3
 
 
 def test_the_turns_give_the_payload_its_mass() -> None:

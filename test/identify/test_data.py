@@ -5,9 +5,7 @@ from identify_cases import (
     axis,
     axis_bag,
     axis_data,
-    AXIS_TRUTH,
     recording_of,
-    theta_of,
     tripod,
     tripod_bag,
 )
@@ -51,25 +49,6 @@ def test_a_segment_that_starts_in_motion_is_compared_later():
     assert 'segment 1 of 1 starts in motion: its first 0.3 s' in data.warnings[0]
 
 
-@pytest.mark.parametrize(
-    ('value', 'code', 'text'),
-    [
-        (None, ErrorCode.MISSING_STREAM, 'no stream holds an effort'),
-        (np.nan, ErrorCode.BAD_VALUES, 'every effort of the drives is NaN'),
-        (0.0, ErrorCode.BAD_VALUES, 'the effort of emps_axis is 0 in every sample'),
-    ],
-)
-def test_efforts_that_tell_nothing_are_refused(value, code, text):
-    whole = recording_of(axis_bag())
-    assert whole.effort is not None
-    effort = None if value is None else np.full_like(whole.effort.effort, value)
-    broken = None if value is None else replace(whole.effort, effort=effort)
-    with pytest.raises(IdentError) as caught:
-        gather([replace(whole, effort=broken)], axis())
-    assert caught.value.code is code
-    assert text in caught.value.message
-
-
 def test_only_the_chosen_drives_need_an_effort():
     whole = recording_of(tripod_bag())
     assert whole.effort is not None
@@ -80,22 +59,6 @@ def test_only_the_chosen_drives_need_an_effort():
     with pytest.raises(IdentError, match='no effort of drive_1') as caught:
         gather([recording], tripod(), ['drive_1'])
     assert caught.value.code is ErrorCode.MISSING_STREAM
-
-
-def test_cost_and_residuals_agree_over_segments():
-    whole = recording_of(axis_bag())
-    half = whole.between(whole.begin, whole.begin + 2_000_000_000)
-    problem = problem_of(axis(), gather([whole, half], axis()))
-    theta = theta_of(tuple(p.name for p in problem.parameters), AXIS_TRUTH)[None]
-    theta = np.concatenate([theta, 1.05 * theta])
-    residual = problem.residuals(theta)
-    assert residual.shape == (2, problem.samples)
-    assert sum(problem.series) == problem.samples
-    costs = [problem.cost_of(row) for row in residual]
-    assert problem.costs(theta) == pytest.approx(costs, rel=1e-12)
-    assert costs[0] < costs[1]
-    left = problem.left(residual[0])[0]
-    assert left.rms == pytest.approx(np.sqrt(np.mean(residual[0] ** 2)))
 
 
 def test_a_name_without_a_drive_means_every_drive():

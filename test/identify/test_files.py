@@ -118,13 +118,6 @@ def test_half_a_file_and_none(tmp_path, result):
         load_result(tmp_path)
 
 
-def test_results_do_not_go_where_a_file_is(tmp_path, result):
-    (tmp_path / 'taken').write_text('')
-    with pytest.raises(IdentError, match='give another directory') as caught:
-        write_result(tmp_path / 'taken', result)
-    assert caught.value.code is ErrorCode.INVALID_GOAL
-
-
 def test_an_overlay_holds_the_log_and_what_the_simulation_says(tmp_path, result):
     problem = problem_of(axis(), axis_data())
     (path,) = write_overlay(tmp_path / 'overlay', problem, result.theta)

@@ -7,15 +7,12 @@ from typing import Any
 from identify_cases import (
     axis,
     axis_data,
-    AXIS_FILE,
     identified,
     QUICK,
-    ROOT,
 )
 import numpy as np
 import pytest
 
-from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.outcome import state_of
 from ros2_ident.identify.result import bound_of, Identification, Outcome
@@ -103,19 +100,6 @@ def test_a_large_residual_is_one_of_the_effort_and_of_the_noise(bent, noise, ref
     assert (result.outcome is Outcome.CONTRADICTED) == refused
     if refused:
         assert f'The model leaves {100.0 * share:.0f} % of what varies in line' in message(result)
-
-
-def machine_file(folder, gain):
-    path = folder / 'axis.yaml'
-    path.write_text(AXIS_FILE.read_text().replace('velocity_gain: 8557.4257475', gain))
-    return str(path)
-
-
-def test_check_names_the_line_and_the_number(tmp_path, capsys):
-    path = machine_file(tmp_path, 'velocity_gain: 243.45')
-    assert main(['check', str(ROOT / 'bags/axis_reversals'), '--machine', path]) == 1
-    said = capsys.readouterr().out
-    assert f'error {path}:15: emps_axis: your velocity_gain is 243.4; 85' in said
 
 
 # ---------------------------------------------------------------------- what is identified

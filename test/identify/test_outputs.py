@@ -94,15 +94,6 @@ def test_a_log_without_effort_is_identified_by_its_position():
     assert caught.value.code is ErrorCode.MISSING_STREAM
 
 
-def test_a_weight_is_taken_as_it_is_given():
-    recording = recording_of(axis_bag())
-    data = gather([recording], axis(), quantities=('effort', 'position'))
-    weights = {'effort': 1.0, 'position': 1e-9}
-    hardly = identify(axis(), data, outputs=weights, settings=SMALL, seed=1)
-    alone = identify(axis(), gather([recording], axis()), settings=SMALL, seed=1)
-    np.testing.assert_allclose(hardly.theta, alone.theta, rtol=1e-4)
-
-
 @pytest.mark.parametrize(
     ('texts', 'said'),
     [

@@ -63,12 +63,6 @@ def test_same_seed_gives_the_same_bits_on_one_and_two_threads():
         assert other.history.costs.tolist() == runs[0].history.costs.tolist()
 
 
-def test_another_seed_searches_elsewhere():
-    one, other = identified(), identified(3)
-    assert one.parameters[0].ga_value != other.parameters[0].ga_value
-    assert one.parameters[0].value == pytest.approx(other.parameters[0].value, rel=1e-4)
-
-
 def test_tripod_drive_alone_takes_the_others_from_their_recorded_motion():
     data = gather([recording_of(tripod_bag())], tripod(), ['drive_2'])
     settings = replace(QUICK, genetic=GeneticSettings(initial_population=256, generations=6))

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 import re
 
-from identify_cases import axis_bag, AXIS_FILE, ROOT
+from identify_cases import AXIS_FILE, ROOT
 import numpy as np
 import pytest
 import yaml
@@ -16,7 +16,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model
 from ros2_ident.models.new_file import machine_template
 from ros2_ident.models.registry import KINDS, read_machine_file
-from ros2_ident.recording import Dataset, Stream, write_bag
+from ros2_ident.recording import Dataset
 
 BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_reversals'}
 
@@ -289,16 +289,6 @@ def test_what_does_not_fit_the_bag_names_the_line(
     assert code == (1 if level == 'error' else 0)
     out = capsys.readouterr().out.splitlines()
     assert any(x.startswith(level) and said in x and f'{path}:{line}: ' in x for x in out)
-
-
-def test_millimetres_are_noticed(tmp_path, capsys):
-    streams = {}
-    for topic, stream in axis_bag().streams.items():
-        position = None if stream.position is None else 1e3 * np.asarray(stream.position)
-        streams[topic] = Stream(stream.names, stream.stamp, position, effort=stream.effort)
-    bag = write_bag(tmp_path / 'mm', streams)
-    main(['check', str(bag), '--machine', str(AXIS_FILE)])
-    assert 'record positions of the carriage in m, not mm' in capsys.readouterr().out
 
 
 def test_a_good_pair_has_no_warning(capsys):

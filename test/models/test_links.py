@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
-from models.test_serial import BOXES, described, middle, moving, tabled, URDF  # noqa: E402
+from models.test_serial import BOXES, described, middle, moving, tabled  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import effort_of, links_of  # noqa: E402
 from ros2_ident.models import make_model  # noqa: E402
@@ -48,16 +48,6 @@ def test_a_body_is_what_its_link_says(tmp_path: Path) -> None:
     assert mass == pytest.approx(3.0)
     np.testing.assert_allclose(centre, [0.2, 0.0, 0.01], atol=1e-12)
     assert np.trace(inertia) == pytest.approx(0.1)
-
-
-def test_the_body_behind_an_empty_link_is_the_one_that_is_changed(tmp_path: Path) -> None:
-    text = URDF.replace('<mass value="1.5"/>', '<mass value="0.05"/>')
-    machine = described(tmp_path).with_constants(description=text)
-    body = arm_of(machine).bodies[3]
-    assert body.name == 'tool'
-    mass, centre, _ = body.inertial(body.inertials)
-    assert mass == pytest.approx(0.4)
-    np.testing.assert_allclose(centre, [0.0, 0.0, 0.05], atol=1e-12)
 
 
 def test_links_ask_what_the_candidate_asks(model) -> None:

@@ -283,13 +283,6 @@ def test_a_candidate_that_is_unstable_has_no_output(folder, monkeypatch, tmp_pat
     assert capfd.readouterr() == ('', '') and not list(tmp_path.iterdir())
 
 
-def test_a_log_without_set_points_is_refused(folder) -> None:
-    machine = machine_of(folder)
-    data = Dataset(machine.drives, CYCLE, 0, None, None, COMMAND, None, None)
-    with pytest.raises(IdentError, match='holds no set-point'):
-        Mujoco(machine, data)
-
-
 GEAR = 78.53981633974483  # rad/m, of config/tripod.yaml
 TOOL = {'tool_mass': 1.4, 'drive_inertia': 9e-5, 'coulomb_torque': 0.05, 'viscous_torque': 0.05}
 

@@ -11,8 +11,6 @@ import yaml
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.models import load_machine, make_model
-from ros2_ident.models.new_file import ways
-from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.write import write_bag
 
@@ -148,15 +146,3 @@ def test_from_urdf_and_log_to_parameters(folder, capsys) -> None:
     for full, p in found.items():
         drive, name = full.split('.')
         assert p['value'] == pytest.approx(TRUE[name][DRIVES.index(drive)], rel=0.05), full
-
-
-def test_what_a_log_allows_is_said() -> None:
-    stamp = np.arange(3)
-    many = np.zeros((3, 1))
-    points = Stream(('a',), stamp, position=many)
-    both = Stream(('a',), stamp, position=many, effort=many)
-    assert 'needs an effort' in ways(KINDS['mujoco'], Recording(points, command=points))
-    assert 'also along' in ways(KINDS['mujoco'], Recording(both, command=points))
-    assert 'also freely' in ways(KINDS['serial'], Recording(both, command=points))
-    assert 'log the set-points' in ways(KINDS['serial'], Recording(both))
-    assert 'neither' in ways(KINDS['serial'], Recording(points))

@@ -146,20 +146,3 @@ def test_positions_alone_are_compared_where_there_is_no_effort(data) -> None:
     with pytest.raises(IdentError, match='the recording holds no effort; record it') as info:
         _ = Tripod(MACHINE, blind).measured
     assert info.value.code is ErrorCode.MISSING_STREAM
-
-
-@pytest.mark.parametrize(
-    ('quantities', 'weights', 'said'),
-    [
-        (['colour'], None, 'colour cannot be compared; choose from effort, position, velocity'),
-        ([], None, 'nothing cannot be compared'),
-        (['effort', 'effort'], None, 'effort, effort cannot be compared'),
-        (['effort', 'position'], [1.0], 'weights 1 do not suit effort, position'),
-        (['effort'], [0.0], 'weights 0 do not suit effort; give one positive number for each'),
-        (['effort'], [float('nan')], 'weights nan do not suit effort'),
-    ],
-)
-def test_what_cannot_be_compared_is_refused(data, quantities, weights, said: str) -> None:
-    with pytest.raises(IdentError, match=said) as info:
-        Tripod(MACHINE, data, quantities=quantities, weights=weights)
-    assert info.value.code is ErrorCode.INVALID_GOAL

@@ -18,7 +18,7 @@ from ros2_ident.identify.data import read_data
 from ros2_ident.identify.run import identify, IdentifySettings
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping
 from ros2_ident.models.tripod.model import Delta
-from ros2_ident.models.tripod.reach import check_reach, figure, set_points_of_delta
+from ros2_ident.models.tripod.reach import set_points_of_delta
 from ros2_ident.recording import Dataset, write_bag
 from ros2_ident.search import GeneticSettings
 from ros2_ident.simulate.motions import draw_motion
@@ -141,25 +141,6 @@ def test_set_points_put_the_platform_where_it_shall_be() -> None:
     with pytest.raises(IdentError, match='reach of the rods') as caught:
         set_points_of_delta(points + [[0.0], [0.0], [-0.5]], speeds, MACHINE)
     assert caught.value.code is ErrorCode.BAD_VALUES
-
-
-def test_positions_in_degrees_are_found_out() -> None:
-    motion, _ = run(MACHINE)
-    assert not list(check_reach(MACHINE, motion.position))
-    (remark,) = check_reach(MACHINE, np.degrees(motion.position))
-    assert remark.level == 'error' and 'rad' in remark.text
-
-
-def test_a_scene_keeps_every_length() -> None:
-    motion, _ = run(CROOKED)
-    drawn = figure(CROOKED, motion.position[:, ::500])
-    assert drawn is not None
-    arms, rods = drawn.links[:, :3], drawn.links[:, 3:]
-    lengths = [np.linalg.norm(part[:, :, 1] - part[:, :, 0], axis=-1) for part in (arms, rods)]
-    assert lengths[0] == pytest.approx(np.full((len(arms), 3), CROOKED.number('arm_length')))
-    assert lengths[1] == pytest.approx(np.full((len(arms), 3), CROOKED.number('rod_length')))
-    short = MACHINE.with_constants(rod_length=0.36)
-    assert figure(short, np.zeros((3, 1))) is None
 
 
 def test_a_bag_gives_the_parameters_back(tmp_path) -> None:

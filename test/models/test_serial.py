@@ -385,25 +385,6 @@ def test_friction_at_a_joint_grows_with_what_the_links_ask(tmp_path: Path) -> No
     np.testing.assert_array_equal(more[[0, 1, 3]], 0.0)
 
 
-def test_friction_of_a_joint_builds_up_over_a_way() -> None:
-    there = [EffectAt('presliding', 'joint_0')]
-    machine = slide()
-    model = make_model(machine, moving(machine), effects=there)
-    theta = sized(model)
-    values = {p.name.rpartition('.')[2]: t for p, t in zip(model.parameters, theta, strict=True)}
-    place, velocity, _ = model._motion.reshape(3, -1)
-    way = np.diff(place)
-    built = [0.0]
-    for step in way:  # Dahl: dh/dx = (1 - h sgn v)/delta
-        end = np.sign(step)
-        built.append(end + (built[-1] - end) * np.exp(-abs(step) / values['way']))
-    plain = make_model(machine, model.data).simulated_effort(theta[:-1])[0]
-    more = values['coulomb_torque'] * (np.array(built) - np.tanh(velocity / 5e-3))
-    # The kernels' tanh ends 2e-8 below 1.
-    np.testing.assert_allclose(model.simulated_effort(theta)[0] - plain, more, rtol=0, atol=5e-8)
-    assert np.abs(more).max() > 0.5
-
-
 # ---------------------------------------------------------------------- mistakes
 
 

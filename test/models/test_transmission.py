@@ -162,32 +162,6 @@ def test_below_its_bandwidth_an_arm_is_rigid(tmp_path: Path) -> None:
     assert there[0] * 0.004 > 2.0 / 30.0
 
 
-def test_what_holds_a_joint_at_rest_is_left_out(tmp_path: Path) -> None:
-    plain = arm(tmp_path)
-    truth = {'coulomb_torque': 2.0, 'viscous_torque': 3.0}
-    data = noisy(logged(plain, truth), 0.05)
-    assert data.effort is not None
-    speed = make_model(plain, data).motion[1]
-    slow = np.abs(speed) < 0.1
-    # At rest friction is whatever the motor asks of it, here more than when it moves.
-    held = replace(data, effort=data.effort + np.where(slow, 2.5 * np.sign(speed), 0.0))
-    errors = []
-    there = []
-    for machine in (plain, arm(tmp_path, controller={'least_speed': 0.1})):
-        model = make_model(machine, held)
-        there.append(np.isfinite(model.measured))
-        errors.append(
-            max(
-                abs(p.value - truth[p.name.partition('.')[2]])
-                for p in identify(machine, held, settings=ALGEBRAIC).parameters
-                if p.name.endswith('coulomb_torque')
-            )
-        )
-    assert not there[1][np.abs(speed) < 0.05].any()
-    assert there[1].sum() > 0.5 * there[0].sum()
-    assert errors[1] < 0.05 < 0.2 < errors[0]
-
-
 def test_an_effort_may_stand_before_its_motion(tmp_path: Path) -> None:
     machine = arm(tmp_path, **BOXES, measurement_delay=[-0.03, 0.03, 's'])
     truth = {'coulomb_torque': 2.0, 'viscous_torque': 3.0}

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings made elsewhere: real machines, and a simulator that is not this project's."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.interpolate import make_interp_spline
 
 from ros2_ident.recording import align, check, read_bag, Topics
 
@@ -15,7 +13,6 @@ DATA, PRACTICE = SHARED / 'data', SHARED / 'blind' / 'practice'
 CYCLES = {'emps': 1e-3, 'kr300': 4e-3, 'ur10': 8e-3, 'so101': 5e-3, 'bam': 1e-3} | {
     'dp': 1e-3, 'odrive': 1e-3,
 }
-DRIVES = ('drive_1', 'drive_2', 'drive_3')
 
 real = pytest.mark.skipif(not DATA.is_dir(), reason='../shared/data is not there')
 practice = pytest.mark.skipif(not PRACTICE.is_dir(), reason='../shared/blind is not there')
@@ -23,15 +20,6 @@ practice = pytest.mark.skipif(not PRACTICE.is_dir(), reason='../shared/blind is 
 
 def bags():
     return sorted(x.parent.name for x in DATA.glob('*/metadata.yaml'))
-
-
-def cases(effect=None):
-    found = sorted(PRACTICE.glob('case_*'))
-    if effect is not None:
-        found = [
-            x for x in found if json.loads((x / 'label.json').read_text())['effect'] == effect
-        ]
-    return found
 
 
 @real
@@ -93,30 +81,3 @@ def test_the_check_says_what_is_known_of_the_machines():
     # its velocities lag by one sample of 4 ms and a little
     assert len(kr300.of('velocity_lag')) == 6
     assert check(read_bag(DATA / 'ur10_exciting')).of('no_command')
-
-
-@practice
-@pytest.mark.parametrize('case', cases('none'), ids=lambda x: x.name)
-def test_the_set_point_reproduces_the_controller_to_the_noise(case):
-    """The controller ran at 2 kHz, the bag holds its set-point at 1 kHz with drops."""
-    cycle, noise = 5e-4, 0.01
-    (recording,) = read_bag(case / 'fit')
-    data = align(recording, DRIVES, cycle)
-    delay = json.loads((case / 'label.json').read_text())['theta'][0]['dT']
-    time = data.time
-    for drive in range(3):
-        there = np.isfinite(data.position[drive])
-        position = make_interp_spline(time[there], data.position[drive, there], k=5)(time)
-        velocity = make_interp_spline(time[there], data.velocity[drive, there], k=5)(time)
-
-        def left(shift, drive=drive, position=position, velocity=velocity):
-            wanted = np.interp(time - shift * cycle, time, data.command_position[drive])
-            feed = np.interp(time - shift * cycle, time, data.command_velocity[drive])
-            error = 60.0 * (wanted - position) + feed - velocity
-            torque = 4.5 * error + 250.0 * cycle * np.cumsum(error)
-            late = np.interp(time - delay, time, torque)
-            rest = (data.effort[drive] - late)[time > delay + 0.05]
-            return np.nanstd(rest)
-
-        assert left(0) < 1.05 * noise
-        assert left(0) < 0.1 * min(left(-1), left(1))

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import read_bag, Stream, Topics, write_bag
+from ros2_ident.recording import read_bag, Topics, write_bag
 from ros2_ident.recording.cdr import decode, encode
 from ros2_ident.recording.streams import FIELDS
 
@@ -123,20 +123,6 @@ def test_compressed_bags_with_and_without_metadata(tmp_path, storage, mode):
         np.testing.assert_array_equal(read_bag(path)[0].state.position, values)
     (tmp_path / 'log' / 'metadata.yaml').unlink()
     np.testing.assert_array_equal(read_bag(tmp_path / 'log')[0].state.position, values)
-
-
-def test_one_damaged_file_of_a_split_bag(bag, tmp_path):
-    data = (bag / 'log.mcap').read_bytes()
-    later = write_bag(
-        tmp_path / 'log_1',
-        {'/joint_states': Stream(('drive_1',), START + 10**10 + np.arange(9), np.ones((9, 1)))},
-    )
-    (tmp_path / 'split').mkdir()
-    (tmp_path / 'split' / 'log_0.mcap').write_bytes(data[: len(data) // 2])
-    (later / 'log_1.mcap').rename(tmp_path / 'split' / 'log_1.mcap')
-    (read,) = read_bag(tmp_path / 'split')
-    assert read.state.stamp[-1] == START + 10**10 + 8
-    assert [('log_0.mcap: is damaged' in x) for x in read.warnings] == [True]
 
 
 def test_without_metadata(bag, recording, tmp_path):

@@ -57,23 +57,6 @@ def test_noetic_s_controller_state_is_read_too(tmp_path):
         read_bag(tmp_path / 'log', Topics('', CONTROLLER, ''))
 
 
-def test_one_controller_can_give_everything(tmp_path):
-    recording = make_recording()
-    maker = Maker()
-    messages = as_ros2_control_records(maker, recording, efforts='output')
-    path = maker.write(tmp_path / 'log', [x for x in messages if x[1] == CONTROLLER])
-    for topics in (None, Topics(CONTROLLER, CONTROLLER, CONTROLLER)):
-        (read,) = read_bag(path, topics)
-        same(read.state, recording.state, 'velocity')
-        same(read.effort, recording.effort, 'effort')
-        same(read.command, recording.command, 'position')
-    (read,) = read_bag(path, Topics(command=''))
-    assert read.command is None, 'a role that is left out stays so'
-    path = maker.write(tmp_path / 'both', as_ros2_control_records(maker, recording))
-    with pytest.raises(IdentError, match='which holds no command; give another topic as command'):
-        read_bag(path, Topics(command='/dynamic_joint_states'))
-
-
 def test_two_controllers_are_not_guessed_between(tmp_path):
     recording = make_recording()
     maker = Maker()

@@ -53,20 +53,3 @@ def test_one_way_an_unknown_load_leaves_the_sign_open(change):
     for seed in range(5):
         log = constant_speeds(seed, both=False)
         assert sign_of(replace(log, effort=change(log.effort))) == 'open', seed
-
-
-def test_a_joint_that_others_load_is_judged_where_it_moves_alone():
-    log = constant_speeds(3)
-    driven = replace(log, effort=log.effort - 8.0 * log.velocity / np.abs(log.velocity).max())
-    later = np.arange(log.position.size) > 0.8 * log.position.size
-    driven.effort[later] = log.effort[later]
-    away = np.abs(log.velocity).max() * log.period * np.arange(later.size)
-    moves = replace(driven, beside=np.where(later, 0.0, away)[None])
-    assert (sign_of(moves), sign_of(moves, alone=True)) == ('reversed', 'right')
-    # Nor do passes in two postures of what loads it.
-    forth = (log.velocity > 0.0).astype(float)[None]
-    assert sign_of(replace(driven, beside=forth), alone=True) == 'open'
-    always = replace(moves, beside=away[None])
-    assert sign_of(always, alone=True) == 'open'
-    hung = replace(always, effort=log.effort - log.effort.min() + 0.3 * np.ptp(log.effort))
-    assert sign_of(hung, alone=True) == 'open'

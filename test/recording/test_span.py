@@ -61,13 +61,3 @@ def test_memory_of_the_grid_is_bounded(monkeypatch):
     with pytest.raises(IdentError, match=f'a grid of {most + 1} controller cycles') as caught:
         align(recording, NAMES, CYCLE)
     assert caught.value.code is ErrorCode.BAD_VALUES
-
-
-def test_stamps_come_back_from_cycles():
-    state = sampled(np.arange(0, 1000, 2))
-    stamp = np.round(state.stamp * 1.0002).astype(np.int64) + 7 * MS + 300_000
-    drifted = Stream(NAMES, stamp, state.position, None, state.effort)
-    found = align(Recording(drifted), NAMES, CYCLE)
-    assert abs(found.start - stamp[0]) < 2_000
-    np.testing.assert_array_equal(found.effort[0, ::2], state.effort[:, 0])
-    assert any('is 1.0002 ms on the clock of the stamps' in x for x in found.warnings)

@@ -41,14 +41,3 @@ def test_an_empty_recording_is_refused():
     assert caught.value.message.startswith('x: ')
     with pytest.raises(IdentError, match='^recording: holds no stream'):
         Recording()
-
-
-def test_a_part_of_a_recording():
-    stream = Stream(('a', 'b'), STAMP, VALUES)
-    recording = Recording(stream, source='x', sha256='1', warnings=['w'])
-    part = recording.between(1_000_000, 3_000_000)
-    np.testing.assert_array_equal(part.state.stamp, STAMP[1:3])
-    assert (part.source, part.sha256, part.warnings) == ('x', '1', ('w',))
-    assert part.duration == pytest.approx(1e-3)
-    with pytest.raises(IdentError, match='no sample between 9 and 10 ns; it spans 0 to 3000000'):
-        recording.between(9, 10)

@@ -112,17 +112,6 @@ def test_the_wheel_scrolls_the_page_and_zooms_with_control(page: Any) -> None:
     assert 1000 < after['points'] <= 2002
 
 
-def test_a_frame_drawn_with_the_mouse_zooms_into_it(page: Any) -> None:
-    from selenium.webdriver import ActionChains
-
-    before = page.execute_script(RANGE)
-    drag = ActionChains(page).move_to_element_with_offset(effort(page), -100, -40)
-    drag.click_and_hold().move_by_offset(120, 50).release().perform()
-    until(page, ranges(f'seen.end - seen.start < {0.5 * (before["end"] - before["start"])}'))
-    after = page.execute_script(RANGE)
-    assert before['start'] < after['start'] < after['end'] < before['end']
-
-
 def press(page: Any, plot: str, text: str) -> Any:
     return page.execute_script(
         'const b = [...document.querySelectorAll(`button[data-plot=${arguments[0]}]`)]'
@@ -138,19 +127,6 @@ def test_a_button_shows_the_worst_moment_and_all_again(page: Any) -> None:
     assert seen['most'] == pytest.approx(4.0, abs=0.01)
     press(page, 'effort-plot', 'whole')
     assert page.execute_script(RANGE)['end'] > 99.0
-
-
-def test_a_switch_shows_one_simulation_or_both(page: Any) -> None:
-    visible = (
-        "return identPage.models('gap-effort-plot', 'GlyphRenderer')"
-        ".filter((r) => r.name?.startsWith('model-') && r.visible).map((r) => r.name)"
-    )
-    both = page.execute_script(visible)
-    assert set(both) == {'model-0', 'model-1'}
-    assert press(page, 'gap-effort-plot', 'nominal') == 'true'
-    assert set(page.execute_script(visible)) == {'model-0'}
-    press(page, 'gap-effort-plot', 'both')
-    assert page.execute_script(visible) == both
 
 
 def phone_width(page: Any) -> int:

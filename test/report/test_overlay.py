@@ -13,7 +13,6 @@ from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.identify.run import read_data
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.recording import read_bag
 from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.overlay import overlay_streams, write_overlay
 from ros2_ident.report.scene import (
@@ -62,19 +61,6 @@ def messages(path, topic):
         ]
 
 
-def test_the_original_streams_come_back_bit_for_bit(overlay):
-    (log,), (again,) = read_bag(BAG), read_bag(overlay)
-    assert set(log.streams) == {'state', 'effort', 'command'}
-    for role, stream in log.streams.items():
-        copy = again.streams[role]
-        assert copy.names == stream.names
-        assert copy.stamp.tobytes() == stream.stamp.tobytes()
-        for field in ('position', 'velocity', 'effort'):
-            one, two = stream.values(field), copy.values(field)
-            assert (one is None) == (two is None)
-            assert one is None or one.tobytes() == two.tobytes()
-
-
 def test_the_verdict_is_in_the_bag_and_latched(overlay):
     found = diagnosed()
     ((_, array),) = messages(overlay, '/diagnostics')
@@ -105,15 +91,6 @@ def test_foxglove_finds_what_it_needs(overlay):
     assert all(x.data for x in summary.schemas.values())
     assert all(x.message_encoding == 'cdr' for x in summary.channels.values())
     assert (overlay / 'metadata.yaml').is_file()
-
-
-def test_the_simulated_platform_follows_the_measured_one(scene):
-    off = np.linalg.norm(scene.simulated - scene.figure.tool, axis=1)
-    stroke = np.ptp(scene.figure.tool, axis=0).max()
-    assert 0.0 < off.max() < 0.2 * stroke
-    drawn = scene.magnification * off.max()
-    assert 0.02 * scene.figure.size < drawn <= 0.25 * scene.figure.size
-    assert np.log10(scene.magnification) == round(np.log10(scene.magnification))
 
 
 def test_what_is_drawn_is_the_scene(scene):

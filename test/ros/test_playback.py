@@ -33,18 +33,6 @@ def test_stop_ends_it() -> None:
     assert len(came) == 2
 
 
-def test_a_bag_is_read_as_it_was_recorded() -> None:
-    from ros2_ident.recording import cdr, read_bag
-
-    bag = Bag(BAG)
-    found = list(bag.messages())
-    bag.reader.close()
-    assert len(found) == bag.count and bag.topics == {topic for topic, _, _ in found}
-    assert all(a[1] <= b[1] for a, b in zip(found, found[1:], strict=False))
-    states = cdr.decode([data for topic, _, data in found if topic == '/joint_states'])
-    assert states[0].stamp.tolist() == read_bag(BAG)[0].state.stamp.tolist()
-
-
 @pytest.mark.parametrize(
     ('path', 'topics', 'code'),
     [

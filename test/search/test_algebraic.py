@@ -15,7 +15,6 @@ from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, make_model
 from ros2_ident.recording import Dataset, read_bag
 from ros2_ident.search.algebraic import solve
-from ros2_ident.search.genetic import StopReason
 
 ROOT = Path(__file__).parents[2]
 EMPS = load_machine(ROOT / 'config/emps.yaml')
@@ -86,13 +85,6 @@ def test_what_does_not_act_linearly_is_named() -> None:
     assert found.parameters[0].name != 'measurement_delay'
 
 
-def test_settings_are_checked() -> None:
-    with pytest.raises(IdentError, match='choose from genetic, algebraic'):
-        IdentifySettings(method='guess')  # type: ignore[arg-type]
-    with pytest.raises(IdentError, match='decimation is 0'):
-        IdentifySettings(decimation=0)
-
-
 def test_the_command_says_what_solved_it(tmp_path: Path, capsys) -> None:
     bag, machine = str(ROOT / 'bags/axis_reversals'), str(ROOT / 'config/emps.yaml')
     out = str(tmp_path / 'out')
@@ -152,20 +144,6 @@ class Rows:
 
     def cost_of(self, residual):
         return float(np.sqrt(np.mean(residual**2)))
-
-
-def test_without_noise_the_truth_is_found_wherever_the_box_is():
-    problem = Rows([300, 200])
-    problem.low, problem.high = np.array([50.0, -8.0]), np.array([51.0, 8.0])
-    found = solve(problem, decimation=1)
-    np.testing.assert_allclose(found.theta, STRAIGHT, rtol=1e-9)
-    assert np.abs(found.residual).max() < 1e-9
-    assert found.evaluations == 5
-    assert problem.asked == 6  # one more tells whether they multiply each other
-    assert found.ga.stop is StopReason.SOLVED
-    assert (found.ga.evaluations, found.ga.generations, found.refined) == (0, 0, None)
-    assert not (found.cancelled or found.left_out)
-    assert 0.0 <= found.seconds < 60.0
 
 
 def test_what_cannot_be_below_zero_is_not_and_the_others_make_the_best_of_it():

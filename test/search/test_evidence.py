@@ -51,16 +51,6 @@ def test_what_a_column_predicts_is_no_noise(rho):
     assert seen.floor[0] == pytest.approx(drawn.std(), rel=0.03)
 
 
-def test_noise_that_columns_could_follow_is_not_taken_for_less():
-    told = []
-    for seed in range(24):
-        rng = np.random.default_rng(seed)
-        missing, drawn = waves(rng, 60), noise(rng, 0.01, 0.9)
-        seen = weigh(drawn + 0.01 * missing[:, 7], waves(rng, 5), missing, RUNS, BLOCKS)
-        told.append(seen.floor[0] / drawn.std())
-    assert np.sqrt(np.mean((np.array(told) - 1.0) ** 2)) < 0.015
-
-
 def test_what_no_column_predicts_on_other_blocks_is_noise():
     # Of its own in every block: a fit would follow it, a prediction cannot.
     rng = np.random.default_rng(4)

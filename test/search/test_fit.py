@@ -3,7 +3,6 @@
 
 from dataclasses import replace
 import math
-import threading
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from ros2_ident.search.driver import Budget
 from ros2_ident.search.evaluators import Threads
 from ros2_ident.search.fit import fit, FitSettings
 from ros2_ident.search.genetic import GeneticSettings
-from ros2_ident.search.refine import RefineStatus
 
 TIME = np.linspace(0.0, 1.0, 80)
 TRUTH = np.array([3.0, 2000.0])
@@ -101,40 +99,6 @@ def test_a_budget_of_candidates_is_shared_and_kept(whole, search):
         budget=Budget(evaluations=100), genetic=replace(GENETIC, generations=40), refine=False
     )
     assert alone.ga.evaluations == 95 and alone.evaluations == 100
-
-
-def test_a_cancel_of_the_refinement_keeps_its_best_with_intervals():
-    event = threading.Event()
-
-    class Cancels(Oscillation):
-        def residuals(self, theta):
-            if self.simulated > PLANNED + 10:
-                event.set()
-            return super().residuals(theta)
-
-    problem = Cancels()
-    found = run(problem, cancel=event)
-    assert found.refined.status is RefineStatus.CANCELLED
-    assert found.cancelled and not found.left_out
-    np.testing.assert_array_equal(found.theta, found.refined.theta)
-    assert found.refined.cost < found.ga.cost
-    assert np.isfinite(found.intervals.half_width).all()
-    assert found.evaluations == problem.simulated < PLANNED + 40
-
-
-def test_where_everything_diverges_nothing_is_said():
-    class Lost(Oscillation):
-        def model(self, theta):
-            return np.full((len(theta), TIME.size), math.inf)
-
-        def __init__(self):
-            self.measured = np.zeros(TIME.size)
-            self.simulated, self.asked = 0, []
-
-    found = run(Lost())
-    assert np.isnan(found.theta).all() and not found.residual.size
-    assert found.intervals is None and found.evaluations == PLANNED
-    assert np.isinf(found.costs).all()
 
 
 # ---------------------------------------------------------------------- limits

@@ -29,18 +29,6 @@ def test_a_bent_valley_is_followed_to_its_end():
     assert found.evaluations == sum(map(len, valley.asked))
 
 
-@pytest.mark.parametrize('iterations', [0, 1, 3])
-def test_iterations_and_a_stop_end_it_with_the_best_so_far(iterations):
-    start = np.array([-1.2, 1.0])
-    found = local_fit(Valley(), start, LOW, HIGH, iterations=iterations)
-    left = iter([False] * iterations + [True])
-    same = local_fit(Valley(), start, LOW, HIGH, stopped=lambda: next(left))
-    np.testing.assert_array_equal(same.theta, found.theta)
-    assert (found.loss < 12.0) is (iterations > 0)
-    if not iterations:
-        np.testing.assert_allclose(found.theta, start)
-
-
 @pytest.mark.parametrize(('truth', 'ends'), [([5.0, 1.0], [2.0, 1.0]), ([-7.0, 9.0], [-2.0, 6.0])])
 def test_a_bound_that_the_fit_leans_on_is_kept_and_the_rest_goes_on(truth, ends):
     seen = []

@@ -145,20 +145,6 @@ def test_differences_agree_with_the_derivative(central, corner):
     assert (np.abs(found - exact * box.width) / scale).max() < tolerance
 
 
-@pytest.mark.parametrize('behind', [False, True])
-def test_where_one_side_diverges_the_other_gives_the_slope(behind):
-    def cliff(theta):
-        told = np.tile(theta**2, (1, 3))
-        lost = (theta[:, 0] < 0.5) if behind else (theta[:, 0] > 0.5)
-        told[lost, 1:] = math.inf  # it diverges on the way
-        return told
-
-    box = Box.of([0.0], [2.0])
-    for central in (False, True):
-        found = finite_differences(cliff, np.array([0.25]), np.full(3, 0.25), box, central=central)
-        np.testing.assert_allclose(found, 2.0, rtol=1e-4)
-
-
 @pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('size', [1e200, np.inf, np.nan])
 def test_a_fit_beside_a_cliff_ends_without_a_word_of_numpy(size):

@@ -107,13 +107,6 @@ def test_a_deaf_parameter_is_not_identifiable():
     assert np.isinf(nothing.half_width).all() and nothing.rank == 0
 
 
-def test_bounds_are_named():
-    theta = np.array([-10.0, 10.0, 0.0])
-    noise = 0.01 * np.random.default_rng(0).normal(size=COUNT)
-    found = intervals(JACOBIAN, noise, theta, LOW, HIGH)
-    assert found.at_bound == ('lower', 'upper', '')
-
-
 @pytest.mark.parametrize(
     ('arguments', 'code', 'text'),
     [
