@@ -182,7 +182,8 @@ def _cost(task, kept, lane):
     """Return a lane's cost, eq. 2 of the paper, as far as errors have been summed.
 
     Squares only add to it, and every operation on them rises with them: it never exceeds, not in
-    its last digit, what it becomes later. NaN or inf where no cost will be finite any more.
+    its last digit, what it becomes later. NaN or inf where no cost will be finite any more, or
+    nothing is measured.
     """
     total = 0.0
     outputs = 0
@@ -192,7 +193,7 @@ def _cost(task, kept, lane):
                 square = kept[(d * KEPT + SQUARES + q) * W + lane]
                 total += task.weights[q] * np.sqrt(square / task.samples[q, d])
                 outputs += 1
-    return total / max(outputs, 1)
+    return total / outputs if outputs else np.inf
 
 
 @called
@@ -242,7 +243,7 @@ def conclude(par, finite, task, rows, kept):
             good &= np.isfinite(delay) and delay >= 0.0
         if task.measured.size:
             cost = _cost(task, kept, lane)
-            good &= np.isfinite(cost) and task.samples.any()
+            good &= np.isfinite(cost)
             task.out[rows[lane], 0] = cost if good else np.inf
         elif not good:
             task.out[rows[lane]] = np.inf

@@ -7,7 +7,6 @@ eqs. 4, 6 and 7.
 """
 
 from collections.abc import Callable
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,6 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from ros2_ident.arrays import Array as Array
-from ros2_ident.compiled import cached
 
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
@@ -189,8 +187,17 @@ def select(points: Array, costs: Array, count: int, distance: float) -> Index:
     Returns:
         (P,) indices by rising cost, P <= count.
     """
-    order = np.argsort(costs, kind='stable')
-    return _apart(np.ascontiguousarray(points), costs, order, count, distance * distance)
+    free = costs < np.inf
+    taken: list[int] = []
+    for index in np.argsort(costs, kind='stable'):
+        if len(taken) == count:
+            break
+        if free[index]:
+            taken.append(index)
+            # "Exceeds", eq. 7: at distance 0 a copy is still too near.
+            apart = points.T - points[index][:, np.newaxis]
+            free &= (apart * apart).sum(axis=0) > distance * distance
+    return np.array(taken, dtype=np.intp)
 
 
 def survive(
@@ -217,26 +224,3 @@ def survive(
     both, pool = np.concatenate((parents, points)), np.concatenate((parent_costs, costs))
     chosen = select(both, pool, count, distance)
     return both[chosen], pool[chosen]
-
-
-@cached
-def _apart(points: Array, costs: Array, order: Index, count: int, squared: float) -> Index:
-    """Take points in an order of rising cost, each farther than `squared` from those taken."""
-    taken = np.empty(count, dtype=np.intp)
-    size = 0
-    for index in order:
-        if size == count or costs[index] == math.inf:
-            break
-        free = True
-        for k in range(size):
-            apart = 0.0
-            for i in range(points.shape[1]):
-                apart += (points[index, i] - points[taken[k], i]) ** 2
-            # "Exceeds", eq. 7: at distance 0 a copy is still too near.
-            if not apart > squared:
-                free = False
-                break
-        if free:
-            taken[size] = index
-            size += 1
-    return taken[:size]
