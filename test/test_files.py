@@ -277,23 +277,3 @@ def test_a_kill_leaves_nothing_old_beside_something_new(tmp_path, command, monke
         assert not new or not left, (looked, left)
         looked += 1
     assert looked > 4
-
-
-@pytest.mark.parametrize(
-    ('content', 'said'),
-    [
-        (b'[' * 5000, 'is no YAML (it is nested without end)'),
-        (b'a: [', 'is no YAML (while parsing a flow node'),
-        (b'\xff', 'is no YAML ('),
-        (b'a' * 300, 'cannot be read (it has 300 bytes and may have 256)'),
-        (None, 'cannot be read (No such file or directory)'),
-    ],
-)
-def test_yaml_of_a_stranger_is_read_within_bounds(
-    tmp_path: Path, content: bytes | None, said: str
-) -> None:
-    path = tmp_path / 'list.yaml'
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(ValueError, match='^' + re.escape(said)):
-        files.read_yaml(path, 256 if content == b'a' * 300 else 1 << 18)

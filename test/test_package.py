@@ -44,13 +44,6 @@ def test_the_message_holds_the_same_error_codes_as_the_library() -> None:
     }
 
 
-def test_every_interface_is_built() -> None:
-    listed = (ROOT / 'msg_defs/CMakeLists.txt').read_text(encoding='utf-8')
-    assert interfaces()
-    for path in interfaces():
-        assert f'  {path.parent.name}/{path.name}\n' in listed
-
-
 @pytest.mark.parametrize('path', interfaces(), ids=lambda path: path.name)
 def test_an_interface_says_the_unit_of_every_number(path: Path) -> None:
     """In brackets, or by naming the field that holds it, beside the float or above its block."""
@@ -165,17 +158,6 @@ def test_both_packages_and_their_programs_are_in_the_ament_index() -> None:
     assert (share / 'config/tripod.yaml').exists()
     messages = Path(get_package_share_directory('ros2_ident_msgs'))
     assert (messages / 'action/Identify.action').exists()
-
-
-@pytest.mark.ros
-def test_the_installed_package_is_the_source_tree() -> None:
-    if not (ROOT / 'install/.stamp').exists():
-        pytest.skip('not set up by `make setup`, which links instead of copying')
-    script = 'import ros2_ident; print(ros2_ident.__file__)'
-    found = subprocess.run(
-        [sys.executable, '-c', script], cwd='/', capture_output=True, text=True, check=True
-    ).stdout.strip()
-    assert Path(found).resolve() == ROOT / 'ros2_ident/__init__.py'
 
 
 @pytest.mark.parametrize('workspace', [False, True])

@@ -7,12 +7,10 @@ from pathlib import Path
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.kernel import rows
-from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.models.registry import KINDS
 
 PACKAGE = Path(__file__).parents[1] / 'ros2_ident'
 WITHOUT_IDS = ('gap', 'models', 'kernel', 'identify', 'report', 'cli', 'ros', 'search')
-WITHOUT_PARAMETERS = ('gap', 'identify', 'report', 'ros', 'search', 'effects')
 
 
 def words(rooms: tuple[str, ...]) -> Iterator[tuple[str, str]]:
@@ -36,16 +34,6 @@ def test_no_effect_is_named_outside_its_file() -> None:
 
 def test_a_row_of_the_kernel_is_not_named_like_an_effect() -> None:
     assert not {*rows.MACHINE_ROWS, *rows.DRIVE_ROWS} & set(CATALOGUE)
-
-
-def test_nominal_parameters_are_named_by_models_and_machines_only() -> None:
-    # A row of the kernel may be called like the parameter that fills it; effects name rows. What
-    # can be a constant is asked of the machine by its name.
-    constants = {key.name for kind in KINDS.values() for key in kind.constants}
-    names = set(SLOTS) - {*rows.MACHINE_ROWS, *rows.DRIVE_ROWS} - set(CATALOGUE) - constants
-    assert {'coulomb_torque', 'moving_mass', 'measurement_delay'} <= names
-    named = [f'{place} {word}' for word, place in words(WITHOUT_PARAMETERS) if word in names]
-    assert not named, named
 
 
 def test_no_kind_of_machine_is_named_outside_its_own_folder_and_its_reference() -> None:

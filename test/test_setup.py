@@ -89,12 +89,6 @@ def test_a_missing_tool_is_named_with_its_remedy(
     assert not (tree / 'build').exists()
 
 
-def test_absent_messages_are_named(run: Run, tree: Path) -> None:
-    shutil.rmtree(tree / 'msg_defs')
-    result = run('tools/setup.sh', python3=PYTHON, **TOOLS)
-    assert_one_sentence(result, 'msg_defs/ is missing', 'git checkout')
-
-
 @pytest.mark.parametrize(
     ('distribution', 'python', 'parts'),
     [
@@ -108,13 +102,6 @@ def test_a_sourced_ros_has_to_be_whole(
 ) -> None:
     result = run('tools/setup.sh', env={'ROS_DISTRO': distribution}, python3=python, **TOOLS)
     assert_one_sentence(result, *parts)
-
-
-def test_check_changes_nothing(run: Run, tree: Path) -> None:
-    result = run('tools/setup.sh', '--check', python3=PYTHON, **TOOLS)
-    assert_one_sentence(result, 'not up to date', 'make setup')
-    assert not (tree / '.venv').exists()
-    assert not (tree / 'build').exists()
 
 
 @pytest.mark.parametrize('shell', ['bash', 'sh', 'zsh'])

@@ -84,9 +84,7 @@ def test_what_is_said_and_with_which_code_it_ends(words, code, text, capsys):
 @pytest.mark.parametrize(
     ('line', 'expected'),
     [
-        ('ident dia', ['diagnose']),
         ('ident identify bag --bou', ['--bounds']),
-        ('ident check bags/axis_r', ['bags/axis_reversals/']),
         ('ident check --machine config/em', ['config/emps.yaml']),
         ('ident new-machine --kind t', ['tripod']),
     ],

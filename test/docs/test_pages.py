@@ -8,9 +8,6 @@ import effects_page
 import pytest
 import reference_pages
 
-from ros2_ident.effects import CATALOGUE
-from ros2_ident.models.drives.candidates import SLOTS
-
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), ROOT / 'bags/README.md'])
 LINK = re.compile(r'\]\(([^)#\s]*)(?:#([^)\s]*))?\)')
@@ -41,12 +38,6 @@ def test_the_index_lists_every_page() -> None:
         )
 
 
-def test_the_page_on_the_models_names_every_parameter() -> None:
-    text = (ROOT / 'docs/models.md').read_text(encoding='utf-8')
-    for name in SLOTS:
-        assert f'`{name}`' in text
-
-
 def test_the_architecture_names_every_folder_and_module() -> None:
     text = (ROOT / 'docs/architecture.md').read_text(encoding='utf-8')
     for path in (ROOT / 'ros2_ident').iterdir():
@@ -64,12 +55,3 @@ def test_pages_are_made_from_the_code(tool) -> None:
         assert path.read_text(encoding='utf-8') == text, (
             f'{path.name} is out of date; run python tools/{tool.__name__}.py'
         )
-
-
-@pytest.mark.parametrize('effect', CATALOGUE.values(), ids=lambda e: e.id)
-def test_the_symbols_of_an_effect_stand_in_its_equation(effect) -> None:
-    for parameter in effect.parameters:
-        if parameter.symbol:
-            assert re.search(rf'(?<![A-Za-z]){parameter.symbol}(?![A-Za-z])', effect.equation)
-    symbols = [p.symbol for p in effect.parameters if p.symbol]
-    assert len(set(symbols)) == len(symbols)

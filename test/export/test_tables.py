@@ -13,7 +13,6 @@ from ros2_ident.recording.streams import FIELDS
 from ros2_ident.recording.table import write_table
 from ros2_ident.report.files import load_result
 from ros2_ident.report.signals import load_signals
-from ros2_ident.report.tables import write_tables
 
 ROOT = Path(__file__).parents[2]
 
@@ -88,10 +87,3 @@ def test_results_are_tables_with_names_and_units(tmp_path, capsys) -> None:
     last = [float(x) for x in rows[-1][1:5]]
     kept = [curves.time[-1], curves.measured[0, -1], *curves.simulated[:, 0, -1]]
     assert last == pytest.approx(kept, rel=1e-7)
-
-
-def test_a_folder_without_results_says_so(tmp_path, capsys) -> None:
-    with pytest.raises(Exception, match='holds neither result.json nor diagnosis.json'):
-        write_tables(tmp_path, tmp_path / 'tables')
-    assert main(['export', str(tmp_path / 'none'), '--to', 'csv', '--out', str(tmp_path)]) == 2
-    assert 'NO_DATA' in capsys.readouterr().err

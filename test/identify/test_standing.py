@@ -75,13 +75,6 @@ def test_of_one_joint_that_moves_the_answer_is_about_that_joint():
     assert np.isfinite([[p.value, p.low, p.high] for p in result.parameters]).all()
 
 
-def test_joints_that_move_in_turn_are_all_in_it():
-    turns = [np.where(abs(TIME - 5.0 * k - 2.0) < 2.0, WAVE, WAVE[0]) for k in (0, 1)]
-    machine, moving = at_rest(ARM, [logged(turns[0], turns[1], 0.2)])
-    assert moving == ('column', 'shoulder')
-    assert dict(machine.stands) == {'elbow': pytest.approx(0.2)}
-
-
 def test_a_drive_that_is_named_is_compared_and_nothing_stands_where_nothing_moves():
     data = logged(0.7, WAVE, -0.4)
     machine, chosen = at_rest(ARM, [data], ['shoulder', 'elbow'])

@@ -91,22 +91,6 @@ def test_friction_moves_with_what_it_is_correlated_with(model) -> None:
     assert consistent(found.inertials).all()
 
 
-def test_a_held_parameter_stays(tmp_path: Path) -> None:
-    machine = described(tmp_path, **ROTORS)
-    free = make_model(machine, moving(machine))
-    name = 'elbow.link_moment_x'
-    value = dict(zip([p.name for p in free.parameters], middle(free), strict=True))[name] + 0.2
-    model = make_model(machine, moving(machine), fixed={name: value})
-    theta = middle(model)
-    found = links_of(model, theta, np.eye(len(theta)), 0.3)
-    asked = effort_of(model, found) + rotors(model, found.theta)
-    np.testing.assert_allclose(asked, links_alone(model, found.theta), rtol=0, atol=1e-4)
-    told, _ = model.inertials.changes
-    names, middles = model.inertials.names, model.inertials.middles
-    now = middles + told @ (found.inertials - [b.inertials for b in found.bodies]).ravel()
-    assert now[names.index(name)] == pytest.approx(value, abs=1e-4)
-
-
 def test_a_table_says_nothing_of_links() -> None:
     machine = tabled()
     model = make_model(machine, moving(machine))

@@ -283,7 +283,6 @@ def test_a_candidate_that_is_unstable_has_no_output(folder, monkeypatch, tmp_pat
     assert capfd.readouterr() == ('', '') and not list(tmp_path.iterdir())
 
 
-GEAR = 78.53981633974483  # rad/m, of config/tripod.yaml
 TOOL = {'tool_mass': 1.4, 'drive_inertia': 9e-5, 'coulomb_torque': 0.05, 'viscous_torque': 0.05}
 
 
@@ -325,19 +324,3 @@ def test_a_tripod_as_mjcf_follows_the_reference_from_where_it_is(looped) -> None
     assert np.ptp(log.position[0]) > 0.05 and error < 1e-4
     # Of a kilogram more on the platform a third hangs on this drive's P law: 0.15 mm.
     assert np.sqrt(np.mean((told[1, 0] - log.position[0]) ** 2)) > 1.4e-4
-
-
-def test_joints_that_slide_are_in_metres_and_their_actuators_in_newtons(looped, folder) -> None:
-    machine, data, log = looped
-    model = Mujoco(machine, data)
-    assert {(o.quantity, o.unit) for o in model.outputs} == {('position', 'm')}
-    assert (model.effort_unit, model.travel) == ('N', ('m', 1.0))
-    (friction,) = model.extended([EffectAt('viscous_friction', 'drive_2')]).parameters[-1:]
-    assert friction.unit == 'N s/m'
-    turning = Mujoco(machine_of(folder), data_with(machine_of(folder), COMMAND))
-    assert {o.unit for o in turning.outputs} == {'rad'} and turning.effort_unit == 'N m'
-    # What a diagnosis calls effort is one, though positions are compared.
-    tool, rail = TOOL['tool_mass'], 1.2
-    effort = model.simulated_effort(np.array([tool, rail, rail]))
-    force = GEAR * log.effort
-    assert np.sqrt(np.mean((effort - force)[:, 200:] ** 2)) < 0.05 * np.abs(force).max()

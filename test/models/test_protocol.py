@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any model that meets the protocol is identified and diagnosed, on one recording or several."""
 
-import math
 
 import numpy as np
 import pytest
@@ -125,22 +124,6 @@ def test_held_and_bounded_parameters_and_the_protocol_s_refusals():
         identify(model=Wrong(), settings=SMALL)
 
 
-def test_three_recordings_make_intervals_narrower_by_the_root_of_three():
-    bags = [Pendulum(TRUTH, seed) for seed in (1, 1, 1)]
-    rng = np.random.default_rng(0)
-    for bag in bags:  # the same motion thrice, each with noise of its own
-        clean = bag.simulate(TRUTH[None])[0]
-        bag.measured = np.where(
-            np.isnan(bag.measured), np.nan, clean + bag.noise * rng.standard_normal(clean.shape)
-        )
-    alone = [identify(model=b, settings=SMALL, seed=1) for b in bags]
-    together = identify(model=bags, settings=SMALL, seed=1)
-    for number, estimate in enumerate(together.parameters):
-        widths = [x.parameters[number].high - x.parameters[number].low for x in alone]
-        gain = np.mean(widths) / (estimate.high - estimate.low)
-        assert gain == pytest.approx(math.sqrt(3.0), rel=0.15)
-
-
 def test_a_parameter_can_have_a_value_of_its_own_in_every_recording():
     bags = [Pendulum(TRUTH, 1), Pendulum(TRUTH, 2, load=0.8)]
     shared = identify(model=bags, settings=SMALL, seed=1)
@@ -180,11 +163,3 @@ def test_conditions_that_make_no_sense_are_refused(tmp_path):
             read_conditions((), path)
     path.write_text('with_load: {tool_mass: 0.5}\n')
     assert read_conditions(('a',), path) == Conditions(('a',), {'with_load': {'tool_mass': 0.5}})
-
-
-def test_the_progress_of_a_diagnosis_never_goes_back():
-    seen = []
-    diagnose(model=Pendulum(TRUTH, 1, cubic=2e-3), seed=1, on_progress=seen.append)
-    shares = [p.fraction for p in seen]
-    assert shares == sorted(shares)
-    assert shares[-1] >= 0.95

@@ -205,30 +205,3 @@ def test_a_servo_without_a_set_point_is_refused() -> None:
     with pytest.raises(IdentError, match='simulated from its set-points') as caught:
         make_model(one, _data(one, command_position=None, command_velocity=None))
     assert caught.value.code == ErrorCode.MISSING_STREAM
-
-
-def held(width, boxes=FRICTION, effects=(), values=()):
-    """Return positions of a servo that comes to rest above where its load hangs."""
-    time = np.arange(3000) * 1e-3
-    points = np.minimum(1.5 * time, 1.2)[None]
-    one = machine(boxes).with_constants(coulomb_regularisation=width, velocity_gain=0.0)
-    data = Dataset(one.drives, 1e-3, 0, points, np.gradient(points, 1e-3, axis=1), points, None,
-                   None)  # fmt: skip
-    model = make_model(one, data, effects=effects, quantities=('position',))
-    truth = [{**TRUTH, 'coulomb_torque': 0.08}[name] for name in boxes]
-    return model.simulate(np.array([[*truth, *values]]))[0, 0]
-
-
-@pytest.mark.parametrize(
-    ('boxes', 'effects', 'values'),
-    [
-        (FRICTION, (), ()),
-        ({**FRICTION, **GEAR}, (), ()),
-        (FRICTION, (EffectAt('load_dependent_friction', 'joint'),), (0.2,)),
-    ],
-)
-def test_friction_without_a_width_holds_with_one_it_creeps(boxes, effects, values) -> None:
-    sticking, creeping = (held(width, boxes, effects, values)[-1500:] for width in (0.0, 1e-2))
-    # A load behind an elastic gear still swings a little.
-    assert np.ptp(sticking) < (1e-5 if boxes is not FRICTION else 1e-12)
-    assert np.ptp(creeping) > 1e-3

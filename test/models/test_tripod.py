@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from checks.reference.tripod import simulate_tripod, TABLE_5
-from ros2_ident.effects import CATALOGUE, get_effect, Hook
+from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.errors import IdentError
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.tripod.model import Tripod
@@ -161,14 +161,3 @@ def test_a_flexible_gear_belongs_to_a_rigid_axis(model: Tripod) -> None:
     change = np.sqrt(np.mean((soft - rigid) ** 2, axis=1))
     # The stiffer the gear, the more it is one mass again.
     assert change[0] > 3.0 * change[1] > 0.0
-
-
-def test_every_effect_is_complete() -> None:
-    for effect in CATALOGUE.values():
-        assert effect.equation and effect.source and effect.title
-        assert (effect.kernel is None) == (effect.hook is Hook.PARAMETER)
-        assert set(effect.confusable) <= set(CATALOGUE) - {effect.id}, effect.id
-        for p in effect.parameters:
-            assert p.low <= p.neutral <= p.high, (effect.id, p.name)
-            assert all(p.low <= s <= p.high for s in p.starts), (effect.id, p.name)
-            assert p.target or effect.hook is not Hook.PARAMETER, (effect.id, p.name)

@@ -4,10 +4,9 @@
 from identify_cases import ROOT
 import numpy as np
 import pytest
-from reader_cases import make_recording, START
+from reader_cases import make_recording
 
 from ros2_ident.recording import check, read_bag, RecordingBuilder
-from ros2_ident.recording.outliers import find_lasting, find_lone, rule_of
 
 BAGS = ('axis_reversals', 'tripod_pick_and_place')
 
@@ -80,22 +79,3 @@ def test_a_position_that_jumps_and_stays_is_said_and_kept():
     (said,) = read.warnings
     assert 'position of drive_2 jumps by' in said and 'at 1.5000 s and stays there' in said
     assert size_in(said) == pytest.approx(0.5, rel=0.03)
-
-
-def test_steps_blows_and_rare_samples_are_no_outliers():
-    stamp = START + np.arange(4000) * 1_000_000
-    rng = np.random.default_rng(0)
-    steps = np.repeat(rng.normal(size=40), 100)
-    assert find_lone(stamp, steps, rule_of('command', 'position')) is None
-    blow = rng.normal(size=4000) * 0.01
-    blow[2000:2200] += 3.0 * np.exp(-np.arange(200) / 8.0) * np.cos(np.arange(200))
-    assert find_lone(stamp, blow, rule_of('state', 'effort')) is None
-    noise = rng.standard_normal(4000)
-    assert find_lone(stamp, noise, rule_of('state', 'effort')) is None
-    assert find_lasting(stamp, np.cumsum(noise)) is None
-    encoder = np.round(rng.random(4000) * 0.6) * 1e-4
-    assert find_lone(stamp, encoder, rule_of('state', 'position')) is None
-    slow = np.zeros(200)
-    slow[100] = 1.0
-    found = find_lone(START + np.arange(200) * 20_000_000, slow, rule_of('command', 'position'))
-    assert found is not None and not found.short  # at 50 Hz it may have been so

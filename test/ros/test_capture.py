@@ -141,18 +141,6 @@ def test_missing_samples_are_counted(ear) -> None:
     assert 0.0 < meter.latency(99) < 5.0
 
 
-def test_malformed_messages_are_counted_and_the_others_kept(ear) -> None:
-    mouth = Mouth(listening := ear())
-    mouth.say(1.0, ['a', 'b'], position=[1.0, 2.0])
-    mouth.say(1.1, ['a', 'b'], position=[1.0])
-    mouth.say(1.2, ['a', 'a'], position=[1.0, 2.0])
-    mouth.say(1.3, ['a', 'b'], position=[3.0, 4.0])
-    (recording,) = listening.capture.snapshot().build()
-    assert recording.state.position.tolist() == [[1.0, 2.0], [3.0, 4.0]]
-    assert listening.capture.meters['state'].malformed == 2
-    assert any('no proper sensor_msgs/msg/JointState' in x for x in recording.warnings)
-
-
 def test_a_full_buffer_counts_and_says_so(ear) -> None:
     mouth = Mouth(listening := ear(limit=5))
     for k in range(8):

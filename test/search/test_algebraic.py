@@ -14,7 +14,6 @@ from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, make_model
 from ros2_ident.recording import Dataset, read_bag
-from ros2_ident.search.algebraic import solve
 
 ROOT = Path(__file__).parents[2]
 EMPS = load_machine(ROOT / 'config/emps.yaml')
@@ -108,81 +107,3 @@ def test_the_published_values_of_the_emps() -> None:
     assert values['constant_force'] == pytest.approx(-3.165, rel=0.03)
     # Below the band that the log tells; theirs is 0.041, of all of it.
     assert found.residuals[0].share == pytest.approx(0.036, abs=0.003)
-
-
-# ---------------------------------------------------------------------- rows made of numbers
-
-
-STRAIGHT = np.array([2.0, -30.0])
-
-
-class Rows:
-    """Residuals that are straight in two parameters, of several series; counts what is asked.
-
-    Args:
-        lengths: Of the series.
-        noises: Of each series.
-        bend: What an argument does beyond a straight line.
-    """
-
-    low, high = np.array([0.0, -100.0]), np.array([4.0, 100.0])
-    names = ('a', 'b')
-
-    def __init__(self, lengths, noises=None, bend=lambda theta: 0.0):
-        rng = np.random.default_rng(0)
-        self.series = tuple(lengths)
-        time = np.concatenate([1e-2 * np.arange(n) for n in lengths])
-        self.slopes = np.stack([1.0 + np.sin(2.0 * time), np.cos(time)], axis=1)
-        sizes = [0.0] * len(lengths) if noises is None else noises
-        drawn = [s * rng.normal(size=n) for s, n in zip(sizes, lengths, strict=True)]
-        self.measured = self.slopes @ STRAIGHT + np.concatenate(drawn)
-        self.bend, self.asked = bend, 0
-
-    def residuals(self, theta):
-        self.asked += len(theta)
-        return theta @ self.slopes.T - self.measured + self.bend(theta)
-
-    def cost_of(self, residual):
-        return float(np.sqrt(np.mean(residual**2)))
-
-
-def test_what_cannot_be_below_zero_is_not_and_the_others_make_the_best_of_it():
-    problem = Rows([300], [0.1])
-    problem.low = np.array([-4.0, 0.0])
-    found = solve(problem, decimation=1)
-    own = problem.slopes[:, 0]
-    assert found.theta[1] == pytest.approx(0.0, abs=1e-12)
-    assert found.theta[0] == pytest.approx(own @ problem.measured / (own @ own), rel=1e-9)
-
-
-def test_what_the_data_do_not_show_stays_in_the_middle_of_its_box():
-    problem = Rows([200])
-    problem.slopes[:, 1] = 0.0
-    problem.measured = problem.slopes @ STRAIGHT
-    found = solve(problem, decimation=1)
-    np.testing.assert_allclose(found.theta, [2.0, 0.0])
-    assert np.isinf(found.intervals.half_width[1])
-
-
-@pytest.mark.parametrize(
-    ('bend', 'said'),
-    [
-        (lambda theta: 1e-3 * theta[:, 1:] ** 2, '^b does not act linearly'),
-        (lambda theta: 1e-3 * (theta**2).sum(axis=1)[:, None], '^a, b do not act linearly'),
-        (
-            lambda theta: 1e-3 * theta[:, :1] * theta[:, 1:],
-            '^some of the parameters multiply each other and do not act linearly',
-        ),
-    ],
-)
-def test_what_bends_is_named(bend, said):
-    with pytest.raises(IdentError, match=said) as caught:
-        solve(Rows([100], bend=bend))
-    assert caught.value.code is ErrorCode.INVALID_GOAL
-
-
-def test_a_middle_that_diverges_is_refused():
-    problem = Rows([100], bend=lambda theta: np.where(theta[:, :1] > 2.5, np.inf, 0.0))
-    with pytest.raises(IdentError, match='in the middle of the bounds diverges') as caught:
-        solve(problem)
-    assert caught.value.code is ErrorCode.DIVERGED
