@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 import random
 import struct
-import time
 import zlib
 
 import lz4.frame
@@ -34,8 +33,6 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 TOPICS = ('/joint_states', '/effort', '/joint_command')
 MAGIC = b'\x89MCAP0\r\n'
 STORE = get_typestore(Stores.ROS2_JAZZY)
-# Formats in which every byte is covered by a checksum: no damage may pass without a word.
-CHECKED = ('mcap', 'mcap_plain', 'mcap_lz4')
 
 
 def make_recording(size=120, seed=0):
@@ -346,8 +343,3 @@ def equal(one: Sequence[Recording], two: Sequence[Recording]) -> bool:
     return len(one) == len(two) and all(
         x.keys() == y.keys() and all(alike(x[role], y[role]) for role in x) for x, y in pairs
     )
-
-
-def timed(path: Path, truth: list[Recording], judged: bool = True) -> tuple[str, float]:
-    begin = time.perf_counter()
-    return outcome(path, truth, judged), time.perf_counter() - begin

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 from gap_signals import needs_practice, NOISE, practice_case
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from ros2_ident.gates.controller import check_law
 from ros2_ident.gates.examine import examine_models
 from ros2_ident.gates.law import fit_law
+from ros2_ident.gates.log import check_streams
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
+from ros2_ident.recording import StreamQuality
 from ros2_ident.recording.dataset import Dataset
 
 ROOT = Path(__file__).parents[2]
@@ -75,3 +78,9 @@ def test_a_null_passes_all_gates():
     assert report.level == 'ok'
     assert {g.gate for g in report.gates} >= {'missing', 'jitter', 'sign', 'limit', 'law', 'step'}
     assert max(g.number for g in report.of('step')) < 0.1
+
+
+@pytest.mark.parametrize(('missing', 'level'), [(0, 'ok'), (50, 'warn'), (500, 'fail')])
+def test_missing_samples(missing, level):
+    stream = StreamQuality(1000, missing, 1000.0, 1e-5, 2)
+    assert check_streams(SimpleNamespace(streams={'effort': stream}))[0].level == level

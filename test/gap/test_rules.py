@@ -1,38 +1,85 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rules of the diagnosis, one by one, on fits made of numbers: nothing is simulated here."""
 
+from dataclasses import replace
 import math
 from pathlib import Path
 import re
 from types import SimpleNamespace
 
-from gap_fits import (
-    Attribution,
-    DRAG,
-    DRIVES,
-    explainer_of,
-    floor_of,
-    found,
-    made,
-    of_round,
-    STRIBECK,
-)
 from identify_cases import tripod
 import numpy as np
 import pytest
 
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.attribute import Round
 from ros2_ident.gap.criteria import Rules
+from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.screen import Start
-from ros2_ident.gap.verdict import (
-    judge,
-    NONE,
-    Temperatures,
-    UNKNOWN,
-)
+from ros2_ident.gap.verdict import judge, NONE, Temperatures, UNKNOWN
 from ros2_ident.models import EffectAt
 
 ROOT = Path(__file__).parents[2]
+DRIVES = ('one', 'two')
+SAMPLES = 1000
+RULES = Rules(
+    material=0.5, unknown=0.8, step=0.4, share=0.1, closed=0.6, rival=0.1, alike=0.02, most=3
+)
+STRIBECK, DRAG = EffectAt('stribeck', 'one'), EffectAt('quadratic_drag', 'two')
+
+
+class Attribution:
+    """Fits by number: what `refit` returns is told beforehand."""
+
+    def __init__(self):
+        part = SimpleNamespace(drive=np.repeat([0, 1], SAMPLES), models=[self])
+        self.case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
+        self.floor = np.ones(2)
+        self.refits = {}
+        self.errors = np.inf
+        self.limits = {}
+        self.machine, self.noise, self.thinned = None, 0.1, False
+
+    def standing(self, before, after):
+        return self.errors
+
+    def scaled(self, at):
+        """Return an effect's parameters, all in shares of one."""
+        return [
+            replace(p, low=-1.0, high=1.0, neutral=0.0) for p in get_effect(at.effect).parameters
+        ]
+
+    def stopped(self):
+        return False
+
+    def refit(self, effects, theta):
+        return self.refits[tuple(effects)]
+
+
+def made(gap, effects=()):
+    """Return a fit that leaves a mean square beyond the noise's on each of two drives."""
+    fit = SAMPLES * (1.0 + np.array(gap, dtype=float))
+    own = sum(len(get_effect(at.effect).parameters) for at in effects)
+    theta = np.array([1.0, 2.0] + [0.5] * own)
+    empty = np.empty(0)
+    return Explanation(tuple(effects), theta, fit, fit, *([empty] * 4))
+
+
+def floor_of(variance, restless=()):
+    """Return a floor whose noise has a variance that many times its innovation's."""
+    noise = SimpleNamespace(variance=0.1 * variance, innovation=0.1)
+    return SimpleNamespace(
+        noise=(noise, noise),
+        per_drive=np.ones(2),
+        high=np.ones(2),
+        restless=lambda drives, stated: {d: 10.0 * stated for d in drives if d in restless},
+    )
+
+
+def found(chain, rounds=(), rivals=(), rests=(), remaining=0.0, complete=True):
+    return Explained(tuple(chain), tuple(rounds), tuple(rivals), tuple(rests), remaining, complete)
 
 
 @pytest.fixture
@@ -42,10 +89,10 @@ def attribution():
 
 @pytest.fixture
 def explainer(attribution):
-    return explainer_of(attribution)
-
-
-# ---------------------------------------------------------------------- sizes
+    """Return the rules on fits by number, under a noise that stays what it is."""
+    rules = Explainer(attribution, floor_of(1.0), RULES)
+    rules.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
+    return rules
 
 
 def test_the_rules_are_those_that_the_docs_state():
@@ -57,9 +104,6 @@ def test_the_rules_are_those_that_the_docs_state():
         stated |= dict(zip(re.findall(r'\w+', names), numbers, strict=True))
     rules = vars(Rules())
     assert {k: v for k, v in stated.items() if k in rules} == rules
-
-
-# ---------------------------------------------------------------------- limits
 
 
 def test_an_effect_on_a_drive_is_looked_for_on_those_of_its_make(explainer, attribution):
@@ -88,7 +132,7 @@ SHARP = Temperatures(size=1e-3, closed=1e-3)
 
 
 def answered(explainer, chain, fitted=(), rivals=None, rests=None, **more):
-    rounds = [of_round(chain[0], *fitted)] if fitted else []
+    rounds = [Round(chain[0], {}, {}, tuple(fitted))] if fitted else []
     rivals = tuple(fitted) if rivals is None else rivals
     got = found(chain, rounds, rivals, [chain[0]] if rests is None else rests, **more)
     return judge(explainer, got, temperatures=SHARP)

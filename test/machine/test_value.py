@@ -17,6 +17,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.controller import check_law
 from ros2_ident.gates.law import fit_law
+from ros2_ident.machine.units import effort_factors
 from ros2_ident.models import machine_from_mapping, make_model
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Dataset
@@ -103,6 +104,14 @@ def test_a_drives_constant_is_one_value_or_one_for_each():
     with pytest.raises(IdentError, match='gear_factor differs from drive to drive'):
         machine.number('gear_factor')
     assert machine.number('rail_mass') == machine.number('rail_mass', 'drive_3') == 1.2
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'factor'),
+    [(('N m',), 1.0), (('A', 0.25), 0.25), (('percent', None, 6.0), 0.06)],
+)
+def test_an_effort_in_amperes_or_percent_becomes_a_torque(arguments, factor):
+    assert effort_factors(*arguments) == pytest.approx((factor,))
 
 
 @pytest.mark.parametrize(
