@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Key of a machine file, and the keys that every kind of machine has.
 
-A kind lists its keys; the loader and `ident check` judge by that list, `ident new-machine` and the
-reference page are written from it.
+A kind lists its keys, this package's in `keys.yaml`; the loader and `ident check` judge by that
+list, `ident new-machine` and the reference page are written from it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+import functools
 import math
-from typing import Literal
+from pathlib import Path
+from typing import Any
 
-Section = Literal['', 'geometry', 'drive', 'controller', 'parameters']
+import yaml
+
 Value = float | str
-# What an absent key means, made from the drive's constants before it in the table.
-Derived = Callable[[Mapping[str, Value]], Value]
 
 # What a machine behaves like whose kind has no such key, and what an absent one means by default.
 NEUTRAL: Mapping[str, Value] = {
@@ -32,6 +32,10 @@ NEUTRAL: Mapping[str, Value] = {
 }
 
 
+# The default that follows from another constant, the travel per turn of the motor.
+TURN_OF_GEAR = '2 pi / gear_factor'
+# Sections of what belongs to a drive each, where a key does not say otherwise.
+_OF_DRIVES = ('drive', 'controller', 'parameters')
 # In the place of a description's file: the topic on which the node hears it.
 DESCRIPTION_TOPIC = '/robot_description'
 
@@ -62,13 +66,13 @@ class Key:
             what the node hears.
     """
 
-    section: Section
+    section: str
     name: str
     unit: str
     meaning: str
     example: object
     absent: str = ''
-    default: Value | Derived | None = None
+    default: Value | None = None
     low: float = -math.inf
     high: float = math.inf
     force_unit: str = ''
@@ -99,77 +103,76 @@ class Key:
         Args:
             before: The same drive's constants before it in the table.
         """
-        if callable(self.default):
-            return self.default(before)
+        if self.default == TURN_OF_GEAR:
+            return 2.0 * math.pi / float(before['gear_factor'])
         return NEUTRAL.get(self.name, math.nan) if self.default is None else self.default
 
-    def searched(
-        self, low: float | None = None, high: float | None = None, shown: bool = False
-    ) -> 'Key':
-        """Return a constant as something to be identified.
-
-        Args:
-            low: Lower bound of the example; three quarters of the constant's by default. Where
-                each drive has its own, less than that by how much.
-            high: Upper bound of the example; five quarters of the constant's by default. Where
-                each drive has its own, more than that by how much.
-            shown: As the attribute.
-        """
+    def searched(self, example: Sequence[float] | None = None, shown: bool = False) -> 'Key':
+        """Return a constant as something to be identified, see `keys_of`."""
         ends: tuple[object, ...]
         if isinstance(self.example, tuple):
-            ends = tuple((x + (low or 0.0), x + (high or 0.0)) for x in self.example)
+            low, high = example or (0.0, 0.0)
+            ends = tuple((x + low, x + high) for x in self.example)
         else:
             assert isinstance(self.example, float)
-            ends = (
-                0.75 * self.example if low is None else low,
-                1.25 * self.example if high is None else high,
-            )
+            ends = tuple(example or (0.75 * self.example, 1.25 * self.example))
         absent = 'the constant above holds'
         return replace(self, section='parameters', example=ends, shown=shown, absent=absent)
 
 
-# Keys of a section; what is not of the geometry belongs to a drive.
-of_geometry = partial(Key, 'geometry')
-of_drive = partial(Key, 'drive', each=True)
-of_controller = partial(Key, 'controller', each=True)
-sought = partial(Key, 'parameters', each=True)
-
-# Of machines whose effort is logged by a drive, in its own unit.
-EFFORT = (
-    Key('', 'effort_unit', '', 'of the logged effort: N m, N, A or percent', 'N m',
-        absent='N m by default'),
-    Key('', 'torque_constant', 'N m/A', 'torque per current, or a list of each drive', 0.5,
-        absent='needed where effort_unit is A', low=-1e3, high=1e3, force_unit='N/A', shown=False,
-        each=True),
-    Key('', 'rated_torque', 'N m', 'torque at 100 %, or a list of each drive', 2.4,
-        absent='needed where effort_unit is percent', low=-1e5, high=1e5, force_unit='N',
-        shown=False, each=True),
-)
+@functools.cache
+def _table() -> Mapping[str, Any]:
+    """Return `keys.yaml`."""
+    text = Path(__file__).with_name('keys.yaml').read_text(encoding='utf-8')
+    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+    found: Mapping[str, Any] = yaml.load(text, loader)  # noqa: S506 - both are safe
+    return found
 
 
-def head(
-    kind: str,
-    drives: tuple[str, ...],
-    meaning: str = 'joint names in the bag',
-    noise: float = 0.01,
-    effort: tuple[Key, ...] = EFFORT,
-) -> tuple[Key, ...]:
-    """Return the keys that a machine file begins with.
+def keys_of(kind: str, rows: Sequence[Any] | None = None) -> tuple[Key, ...]:
+    """Return the keys of a kind of machine, in the order of a new machine file.
 
     Args:
-        kind: Name of the kind.
-        drives: Joint names of the example.
-        meaning: What the joint names are.
-        noise: Example of the effort's noise.
-        effort: Keys that say what the logged effort is.
+        kind: Its name.
+        rows: Paths of shared keys, names of groups of them, lists of these, and
+            `{path: attributes}`, which change a shared key where there is one; `range` is its
+            plausible values. A parameter that is named as a constant before it is that one, to be
+            identified: its example is three to five quarters of the constant's, or, where each
+            drive has another one, these and how far bounds lie from them. What `keys.yaml` has of
+            the kind where None.
     """
-    return (
-        Key('', 'machine', '', 'kind of machine', kind),
-        Key('', 'drives', '', meaning, drives),
-        *effort,
-        Key('', 'effort_noise', 'N m', 'standard deviation of the logged effort at rest', noise,
-            absent='0.01 by default', low=0.0, high=1e4, force_unit='N'),
-    )
+    shared = _table()['shared']
+    known = {path: row for group in shared.values() for path, row in group.items()}
+    found: dict[str, Key] = {}
+    for path, own in _listed(['machine', *(_table()[kind] if rows is None else rows)], shared):
+        section, _, name = path.rpartition('.')
+        constant = next((k for k in found.values() if k.constant and k.name == name), None)
+        if section == 'parameters' and constant is not None:
+            found[path] = constant.searched(**own)
+            continue
+        row = {**known.get(path, {}), **own}
+        least, most = row.pop('range', (-math.inf, math.inf))
+        row = {'unit': '', 'low': least, 'high': most, 'each': section in _OF_DRIVES, **row}
+        row['aliases'] = tuple(row.get('aliases', {}).items())
+        found[path] = Key(section, name, **{n: _plain(value) for n, value in row.items()})
+    found['machine'] = found['machine'].at(kind)
+    return tuple(found.values())
+
+
+def _listed(rows: Sequence[Any], shared: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield paths with the attributes that they change."""
+    for row in rows:
+        if isinstance(row, dict):
+            yield from row.items()
+        elif isinstance(row, list):
+            yield from _listed(row, shared)
+        else:
+            yield from ((path, {}) for path in shared.get(row, [row]))
+
+
+def _plain(value: Any) -> Any:
+    """Return lists as tuples."""
+    return tuple(map(_plain, value)) if isinstance(value, list) else value
 
 
 def literal(key: Key) -> str:

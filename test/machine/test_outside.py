@@ -29,9 +29,8 @@ import numpy as np
 from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel import rows
 from ros2_ident.machine.draft import Remark
-from ros2_ident.machine.keys import head, Key
+from ros2_ident.machine.keys import keys_of
 from ros2_ident.machine.kind import Kind
-from ros2_ident.models.drives import keys
 from ros2_ident.models.drives.model import DriveModel
 
 STEPS = 4
@@ -106,12 +105,26 @@ def judge(draft):
 KIND = Kind(
     name='two_mass',
     title='two masses and a spring',
-    keys=(
-        *head('two_mass', ('slide',)),
-        Key('drive', 'motor_mass', 'kg', 'of the motor', 2.0, low=0.1, high=1e3, each=True),
-        *keys.controller_keys(2.0e-3),
-        keys.GEAR[0].at((500.0, 5000.0)),
-        Key('parameters', 'moving_mass', 'kg', 'of the load', (1.0, 10.0), low=0.0, high=1e3),
+    keys=keys_of(
+        'two_mass',
+        [
+            'head',
+            {
+                'drives': {'example': ['slide']},
+                'drive.motor_mass': {
+                    'unit': 'kg', 'meaning': 'of the motor', 'example': 2.0, 'range': [0.1, 1e3],
+                },
+            },
+            'controller',
+            {
+                'controller.cycle': {'example': 2.0e-3},
+                'parameters.gear_stiffness': {'example': [500.0, 5000.0]},
+                'parameters.moving_mass': {
+                    'unit': 'kg', 'meaning': 'of the load', 'example': [1.0, 10.0],
+                    'range': [0.0, 1e3], 'each': False,
+                },
+            },
+        ],
     ),
     model=TwoMass,
     judge=judge,
