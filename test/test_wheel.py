@@ -14,8 +14,7 @@ import zipfile
 from effects.test_files import bag, MACHINE, SOURCE
 import pytest
 
-from ros2_ident.effects import CATALOGUE
-from ros2_ident.effects.loading import VARIABLE
+from ros2_ident.effects import CATALOGUE, VARIABLE
 
 ROOT = Path(__file__).parents[1]
 UV = Path(sys.prefix, 'bin/uv')

@@ -13,14 +13,14 @@ import re
 from ros2_ident.cli.main import COMMANDS, make_parser
 from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.keys import Key
-from ros2_ident.models.registry import own_kinds
+from ros2_ident.models.registry import OWN_KINDS
 
 _MADE = 'Made by `python tools/reference_pages.py`; a test compares it with the code.'
 
 
 def machine_file() -> str:
     """Return docs/machine_file.md: every key of a machine file."""
-    kinds = own_kinds()
+    kinds = OWN_KINDS
     users: dict[tuple[str, ...], list[str]] = {}
     for kind in kinds.values():
         for cells in _rows(kind.keys):

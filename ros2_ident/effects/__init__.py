@@ -1,44 +1,154 @@
 # SPDX-License-Identifier: Apache-2.0
 """The catalogue: every module of this folder that defines EFFECT is one effect.
 
-Other packages add theirs by entry points, users by files of their own; see `loading`.
+Other packages add theirs by entry points, users by files of their own. The kernels are composed of
+all effects once, so these have to be known before; an environment variable tells the files to
+processes that simulate for this one.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+import hashlib
+import importlib
+from importlib.metadata import entry_points
+import importlib.util
+import os
 from pathlib import Path
-from types import MappingProxyType
+import pkgutil
+import sys
+from types import MappingProxyType, ModuleType
+from typing import Any
 
-from ros2_ident.effects.effect import Context, Detector, DriveState, Effect, EffectParameter, Hook
-from ros2_ident.effects.loading import Catalogue
+from ros2_ident.effects.effect import Context as Context
+from ros2_ident.effects.effect import Detector
+from ros2_ident.effects.effect import DriveState as DriveState
+from ros2_ident.effects.effect import Effect as Effect
+from ros2_ident.effects.effect import EffectParameter as EffectParameter
+from ros2_ident.effects.effect import Hook as Hook
 from ros2_ident.errors import ErrorCode, IdentError
+
+# Paths of files with effects, separated as in PATH.
+VARIABLE = 'ROS2_IDENT_EFFECTS'
+# Entry points of other packages: a module with EFFECT, or an `Effect`.
+GROUP = 'ros2_ident.effects'
+# Parameters that a kernel takes at most.
+_MOST = 3
+
+
+class Catalogue:
+    """All effects by id.
+
+    Attributes:
+        effects: The effects.
+        sources: Files outside this package that they were read from, each with its module's name.
+        closed: Whether the kernels are composed, so that no other effect can come.
+    """
+
+    def __init__(self, package: str, folders: Sequence[str]) -> None:
+        self.effects: dict[str, Effect] = {}
+        self.sources: dict[Path, str] = {}
+        self.closed = False
+        for name in sorted(name for _, name, _ in pkgutil.iter_modules(folders)):
+            own = getattr(importlib.import_module(f'{package}.{name}'), 'EFFECT', None)
+            if own is not None:
+                self._add(own, name)
+        for effect, source, module in _of_packages():
+            self._add(effect, source)
+            self.sources[Path(str(module.__file__)).resolve()] = module.__name__
+        self.add_files(filter(None, os.environ.get(VARIABLE, '').split(os.pathsep)))
+
+    def add_files(self, paths: Iterable[str]) -> None:
+        """Make effects known that lie in files of their own, one each.
+
+        Processes that simulate for this one learn of them by an environment variable.
+
+        Args:
+            paths: Python files that define EFFECT.
+
+        Raises:
+            IdentError: INVALID_GOAL where a file holds no effect, its id is taken, or the
+                simulations are composed already: effects come before anything else of the package
+                is imported.
+        """
+        for path in (Path(given).expanduser().resolve() for given in paths):
+            if path in self.sources:
+                continue
+            if self.closed:
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{path.name}: the simulations are compiled without it already; name the file '
+                    f'in the environment variable {VARIABLE}, or call add_effect_files before '
+                    'anything else of ros2_ident is imported',
+                )
+            found = _imported(path)
+            self._add(getattr(found, 'EFFECT', None), path.name)
+            self.sources[path] = found.__name__
+            told = [*filter(None, os.environ.get(VARIABLE, '').split(os.pathsep)), str(path)]
+            os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys(told))
+
+    def close(self) -> tuple[Effect, ...]:
+        """Return all effects for good: for those who compose the simulations of them."""
+        self.closed = True
+        return tuple(self.effects.values())
+
+    def _add(self, effect: Any, source: str) -> None:
+        wrong = _wrong(effect)
+        if not wrong and effect.id in self.effects:
+            wrong = f'the catalogue has an effect {effect.id} already; give it another id'
+        if wrong:
+            raise IdentError(ErrorCode.INVALID_GOAL, f'{source}: {wrong}')
+        self.effects[effect.id] = effect
+
+
+def _wrong(effect: Any) -> str:
+    """Return what is wrong with what should be an effect; empty for nothing."""
+    if not isinstance(effect, Effect):
+        return 'it defines no EFFECT; write EFFECT = Effect(...), see docs/extend.md'
+    if not effect.id.isidentifier() or not effect.id.islower():
+        return f'{effect.id!r} is no id; write it like rubber_buffer'
+    if effect.kernel is not None and not 1 <= len(effect.parameters) <= _MOST:
+        return f'{effect.id} has {len(effect.parameters)} parameters; give it one to {_MOST}'
+    return ''
+
+
+def _imported(path: Path) -> ModuleType:
+    """Import a file under a name that its content gives it, wherever it lies.
+
+    What numba keeps of a kernel says where its parts came from by the names of their modules.
+    """
+    if not path.is_file():
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'there is no file {path}; name the file that defines EFFECT'
+        )
+    name = f'ros2_ident_effect_{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}'
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL, f'{path.name} is no Python file; name one that ends with .py'
+        )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path.name} cannot be imported, {type(error).__name__}: {error}; correct the file',
+        ) from error
+    return module
+
+
+def _of_packages() -> Iterator[tuple[Any, str, ModuleType]]:
+    """Yield effects of other packages, each with its name and its module."""
+    for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
+        found = point.load()
+        yield getattr(found, 'EFFECT', found), point.value, sys.modules[point.module]
+
 
 _KNOWN = Catalogue(__name__, __path__)
 CATALOGUE: Mapping[str, Effect] = MappingProxyType(_KNOWN.effects)
-
-
-def add_effect_files(paths: Sequence[str]) -> None:
-    """Make effects known that lie in files of their own, one each.
-
-    Processes that simulate for this one learn of them by an environment variable.
-
-    Args:
-        paths: Python files that define EFFECT.
-
-    Raises:
-        IdentError: INVALID_GOAL where a file holds no effect, its id is taken, or the simulations
-            are composed already: effects come before anything else of the package is imported.
-    """
-    _KNOWN.add_files(paths)
-
-
-def composed() -> tuple[Effect, ...]:
-    """Return all effects for good: for those who compose the simulations of them."""
-    return _KNOWN.close()
-
-
-def sources() -> Mapping[Path, str]:
-    """Return files outside this package that effects were read from, and their modules' names."""
-    return MappingProxyType(_KNOWN.sources)
+SOURCES: Mapping[Path, str] = MappingProxyType(_KNOWN.sources)
+add_effect_files, composed = _KNOWN.add_files, _KNOWN.close
 
 
 def title_at(effect_id: str, where: Iterable[str] = ()) -> str:
@@ -72,18 +182,3 @@ def get_effect(name: str) -> Effect:
 def shown_by(detector: Detector) -> Effect | None:
     """Return the effect that something of a log shows by itself; None where there is none."""
     return next((e for e in CATALOGUE.values() if e.shown_by == detector), None)
-
-
-__all__ = [
-    'CATALOGUE',
-    'Context',
-    'DriveState',
-    'Effect',
-    'EffectParameter',
-    'Hook',
-    'add_effect_files',
-    'composed',
-    'get_effect',
-    'shown_by',
-    'sources',
-]

@@ -10,7 +10,7 @@ import functools
 import hashlib
 from pathlib import Path
 
-from ros2_ident.effects import DriveState, Hook, sources
+from ros2_ident.effects import DriveState, Hook, SOURCES
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.rows import bit, effect_row, KEEPING_EFFECTS, KERNEL_EFFECTS, memory_row
 from ros2_ident.lanes import inlined, load, store, where, WIDTH
@@ -209,7 +209,7 @@ def sources_digest():
     for path in sorted(files):
         digest.update(path.read_bytes())
     # Files of users come in the order in which their effects lie in the rows.
-    for path, module in sources().items():
+    for path, module in SOURCES.items():
         digest.update(module.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

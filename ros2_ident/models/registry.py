@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every kind of machine there is: a folder of this package with `KIND`, or another package's.
+"""Every kind of machine there is, of this package or another.
 
 Another package adds one by an entry point of the group `ros2_ident.machines`: its name is the
 kind's, its object a `Kind`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-import functools
-import importlib
 from importlib.metadata import entry_points
 import math
 from pathlib import Path
-import pkgutil
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -20,6 +17,7 @@ from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.space import Space
+from ros2_ident.models.kinds import OWN
 
 if TYPE_CHECKING:
     from ros2_ident.arrays import Array
@@ -28,18 +26,7 @@ if TYPE_CHECKING:
     from ros2_ident.recording import Dataset
 
 ENTRY_POINTS = 'ros2_ident.machines'
-
-
-@functools.cache
-def own_kinds() -> Mapping[str, Kind]:
-    """Return the kinds of this package by name."""
-    package = importlib.import_module('ros2_ident.models')
-    found = [
-        getattr(importlib.import_module(f'{package.__name__}.{folder}'), 'KIND', None)
-        for _, folder, is_package in pkgutil.iter_modules(package.__path__)
-        if is_package
-    ]
-    return {kind.name: kind for kind in found if isinstance(kind, Kind)}
+OWN_KINDS: Mapping[str, Kind] = {kind.name: kind for kind in OWN}
 
 
 class Kinds(Mapping[str, Kind]):
@@ -47,9 +34,8 @@ class Kinds(Mapping[str, Kind]):
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names: this package's, then the others'."""
-        own = own_kinds()
-        yield from own
-        yield from sorted({p.name for p in entry_points(group=ENTRY_POINTS)} - set(own))
+        yield from OWN_KINDS
+        yield from sorted({p.name for p in entry_points(group=ENTRY_POINTS)} - set(OWN_KINDS))
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -66,8 +52,8 @@ class Kinds(Mapping[str, Kind]):
             KeyError: Where there is none of that name.
             IdentError: UNKNOWN_MODEL where the package that offers it does not give it.
         """
-        if name in own_kinds():
-            return own_kinds()[name]
+        if name in OWN_KINDS:
+            return OWN_KINDS[name]
         for point in entry_points(group=ENTRY_POINTS, name=name):
             try:
                 kind = point.load()

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from ros2_ident.effects import Effect, EffectParameter, get_effect, sources
+from ros2_ident.effects import Effect, EffectParameter, get_effect, SOURCES
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.protocol import EffectAt
@@ -98,7 +98,7 @@ def read_effect(text: str) -> Added:
             'stribeck@drive_2:torque=0.05,velocity=0.03',
         ) from None
     if name.endswith('.py'):
-        effect: Effect = sys.modules[sources()[Path(name).expanduser().resolve()]].EFFECT
+        effect: Effect = sys.modules[SOURCES[Path(name).expanduser().resolve()]].EFFECT
     else:
         effect = get_effect(name)
     known = [p.name for p in effect.parameters]

@@ -11,8 +11,14 @@ import sys
 import numpy as np
 import pytest
 
-from ros2_ident.effects import add_effect_files, CATALOGUE, get_effect, Hook
-from ros2_ident.effects.loading import Catalogue, VARIABLE
+from ros2_ident.effects import (
+    add_effect_files,
+    CATALOGUE,
+    Catalogue,
+    get_effect,
+    Hook,
+    VARIABLE,
+)
 from ros2_ident.errors import IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.hooks import check_memories
@@ -102,8 +108,8 @@ def test_another_package_brings_an_effect(value: str, tmp_path: Path) -> None:
     about.mkdir()
     about.joinpath('METADATA').write_text('Metadata-Version: 2.1\nName: other_effects\n')
     about.joinpath('entry_points.txt').write_text(f'[ros2_ident.effects]\nbuffer = {value}\n')
-    code = 'from ros2_ident.effects import CATALOGUE, sources; '
-    code += "print(CATALOGUE['rubber_buffer'].title, [p.name for p in sources()])"
+    code = 'from ros2_ident.effects import CATALOGUE, SOURCES; '
+    code += "print(CATALOGUE['rubber_buffer'].title, [p.name for p in SOURCES])"
     assert run(tmp_path, '-c', code, path=str(tmp_path)) == "rubber buffer ['other_effects.py']\n"
 
 

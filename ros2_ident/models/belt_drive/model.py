@@ -17,8 +17,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.parameter import Parameter
 from ros2_ident.models.belt_drive import kernels as belt_kernels
-from ros2_ident.models.belt_drive import KIND
 from ros2_ident.models.drives.outputs import MachineModel
+from ros2_ident.models.kinds import BELT_DRIVE as KIND
 from ros2_ident.models.protocol import Output, Stop
 from ros2_ident.recording import Dataset
 

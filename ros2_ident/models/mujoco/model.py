@@ -20,7 +20,7 @@ from ros2_ident.machine.space import Space
 from ros2_ident.machine.units import per_metre
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
-from ros2_ident.models.mujoco import KIND
+from ros2_ident.models.kinds import MUJOCO as KIND
 from ros2_ident.models.mujoco.plant import OWN, Plant
 from ros2_ident.models.protocol import EffectAt, Output
 from ros2_ident.models.recorded import effort_range

@@ -18,8 +18,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.separate import SeparateDrives
+from ros2_ident.models.kinds import CURRENT, DUTY, VOLTAGE
 from ros2_ident.models.protocol import Output
-from ros2_ident.models.servo import CURRENT, DUTY, VOLTAGE
 
 # Share of the stall torque that presses a gear where steps are chosen; with their margin,
 # Runge-Kutta stays stable up to nine tenths of it.
