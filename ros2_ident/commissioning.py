@@ -15,8 +15,8 @@ from ros2_ident.identify.outputs import noise_of
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import compared_of, kind_of
-from ros2_ident.recording import check, Dataset, Finding, Recording, Report
-from ros2_ident.recording.quality import Level
+from ros2_ident.recording import check, Dataset, Finding, Recording, Report, scale_effort
+from ros2_ident.recording.quality import DriveSummary, Level
 
 # What a finding on the bag may owe to the machine file.
 _KEY_OF = {
@@ -30,6 +30,9 @@ _KEY_OF = {
 _STREAMS = {'missing', 'jitter', 'command'}
 # An axis that goes farther is measured in millimetres or in radians of its motor, m.
 _LONG = 30.0
+# Efforts at rest so many times off the machine's weight are worth a warning, and no torques.
+# Static friction alone may take or give a good part of the weight.
+_WEIGHT_WARN, _WEIGHT_ERROR = 1.6, 3.0
 # Where the noise differs from what it should be by more, something is wrong, not inexact.
 _NOISE = 3.0
 
@@ -56,8 +59,6 @@ def check_both(
     """Judge recordings, the machine file, and whether they fit each other.
 
     Args:
-        recordings: What a bag holds.
-        file: The machine file.
         drives: Drives that are to be identified; all where None.
 
     Returns:
@@ -67,27 +68,31 @@ def check_both(
     aside = machine is not None and not kind_of(machine).follows
     if aside:
         recordings = [replace(recording, command=None) for recording in recordings]
-    report = check(recordings, machine, ('effort',) if machine is None else compared_of(machine))
-    findings = [
-        _with_line(finding, file, recordings)
-        for finding in report.findings
-        if not (aside and finding.code == 'no_command')
-    ]
     own = check_machine(file)
-    findings += own
-    usable = all(finding.level != 'error' for finding in own)
-    if machine is not None and usable:
-        try:
-            data = gather(recordings, machine, drives)
-            judged = [*_fit(report, machine, file), *_gates(data, machine, file, drives)]
-            # The machine file shows which drives load each other.
-            findings = [x for x in findings if x.code != 'effort_sign'] + judged
-        except IdentError as error:
-            if all(error.message != finding.sentence for finding in findings):
-                findings.append(Finding('error', 'unusable', '', error.message))
-        else:
-            for dataset in data.datasets:
-                findings += _noise(dataset, machine, file)
+    if machine is None:
+        report = check(recordings)
+        return replace(report, findings=(*report.findings, *own))
+    need = compared_of(machine)
+    scaled = [scale_effort(recording, machine.effort_scales) for recording in recordings]
+    report = check(scaled, machine.drives, need, machine.number('gravity'))
+    found = [x for x in report.findings if not (aside and x.code == 'no_command')]
+    for number in range(len(recordings)) if 'effort' in need else ():
+        found += _weight([x for x in report.drives if x.recording == number], machine)
+    data: Data | None = None
+    try:
+        data = gather(recordings, machine, drives)
+    except IdentError as error:
+        found.append(Finding('error', error.code.name.lower(), '', error.message))
+    for text in data.quality(0).warnings if data is not None else ():
+        if all(text != x.sentence for x in found):
+            found.append(Finding('warn', 'align', '', text))
+    findings = [_with_line(x, file, recordings) for x in found] + [*own]
+    if data is not None and all(x.level != 'error' for x in own):
+        judged = [*_fit(report, machine, file), *_gates(data, machine, file, drives)]
+        # The machine file shows which drives load each other.
+        findings = [x for x in findings if x.code != 'effort_sign'] + judged
+        for dataset in data.datasets:
+            findings += _noise(dataset, machine, file)
     return replace(report, findings=tuple(findings))
 
 
@@ -172,3 +177,35 @@ def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Fi
             f'{machine.model_unit}, the log looks like {found:.2g}; write its standard '
             'deviation at rest',
         )
+
+
+def _weight(drives: Sequence[DriveSummary], machine: Machine) -> Iterator[Finding]:
+    """Compare what the drives hold at rest with the weight of the machine.
+
+    All drives raised by the same height raise the whole machine by it, so their forces at rest add
+    up to its weight in every pose.
+    """
+    gravity = machine.number('gravity')
+    held = [x for x in drives if x.drive in machine.drives]
+    resting = bool(np.isfinite([x.effort_rest for x in held]).all())
+    if not gravity or len(held) < len(machine.drives) or not resting:
+        return
+    carriages = sum(machine.number('rail_mass', name) for name in machine.drives)
+    loads = [machine.bounds[x] for x in ('tool_mass', 'moving_mass') if x in machine.bounds]
+    low = abs(gravity) * (carriages + sum(x[0] for x in loads))
+    high = abs(gravity) * (carriages + sum(x[1] for x in loads))
+    force = sum(x.effort_rest * machine.number('gear_factor', x.drive) for x in held)
+    force = math.copysign(1.0, gravity) * force
+    # nothing held or a reversed sign is said drive by drive
+    if low <= 0.0 or force < 0.05 * low:
+        return
+    off = force / high if force > high else min(1.0, force / low)
+    if 1.0 / _WEIGHT_WARN < off < _WEIGHT_WARN:
+        return
+    level: Level = 'warn' if 1.0 / _WEIGHT_ERROR < off < _WEIGHT_ERROR else 'error'
+    text = (
+        f'the efforts at rest hold {force:.3g} N, the machine weighs {low:.3g} to {high:.3g} N: '
+        f'the effort is {off:.2g} times a torque; state effort_unit with torque_constant or '
+        'rated_torque in the machine file, or correct its gear_factor and masses'
+    )
+    yield Finding(level, 'effort_weight', '', text)

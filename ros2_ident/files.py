@@ -109,10 +109,6 @@ def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
 
     Two runs at once would leave files of both side by side.
 
-    Args:
-        path: The directory.
-        names: Files that the run will write.
-
     Raises:
         IdentError: INVALID_GOAL where it cannot be made, `require_ours` refuses one of the files,
             or another run writes there.
@@ -261,7 +257,6 @@ def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
     """Return the content of a file that people write, as a configuration.
 
     Args:
-        path: The file.
         most: Most bytes of it.
 
     Raises:

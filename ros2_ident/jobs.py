@@ -192,10 +192,6 @@ class Diagnosed(Ended[Diagnosis]):
 def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     """Read the logs of a request.
 
-    Args:
-        request: Names the bags.
-        received: What was received, for a request that names none.
-
     Raises:
         IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES and what else a log can lack.
     """
@@ -281,12 +277,8 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
     """Write what a run found, and forget its checkpoint where it came to its end.
 
     Args:
-        done: The run.
         folder: Where to write; it exists.
         overlay: Whether to write the overlay bags, too.
-
-    Returns:
-        The files.
 
     Raises:
         IdentError: INVALID_GOAL where something cannot be written.

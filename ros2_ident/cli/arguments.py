@@ -93,7 +93,6 @@ def add_arguments(
     """Add the arguments of a command.
 
     Args:
-        parser: The command's.
         own: What `commands.yaml` says of the command.
         table: The whole of `commands.yaml`.
     """

@@ -84,9 +84,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Args:
         argv: The words after `ident`; those of the process where None.
-
-    Returns:
-        The exit code.
     """
     begun = time.monotonic()
     one_thread_for_linear_algebra()

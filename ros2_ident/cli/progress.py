@@ -43,7 +43,6 @@ class Meter:
     """Progress of a run: drawn where the stream can be drawn on, else a line now and then.
 
     Args:
-        quiet: Show nothing.
         stream: Where to; standard error by default.
     """
 

@@ -68,9 +68,7 @@ def carry_out(
 
     Args:
         args: `begun`, `out`, `resume`, `live`, `quiet`, `no_overlay` and `no_report`.
-        request: What was asked for.
         find: `jobs.identify` or `jobs.diagnose`.
-        show: Prints a result.
 
     Returns:
         What `find` returned.
@@ -152,7 +150,6 @@ def page_line(directory: Path, *, wanted: bool) -> str:
     """Write the page at the end of a run; a run is not lost where that fails.
 
     Args:
-        directory: Where the run has written its files.
         wanted: False only takes away the page on an earlier run.
 
     Returns:

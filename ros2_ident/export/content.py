@@ -133,8 +133,6 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     """Return what is exported of an estimate, judged along the first recording.
 
     Args:
-        problem: What was solved, effects included.
-        estimate: Its solution.
         spread: How far links are believed to be from their description, as a share of their mass.
 
     Raises:
@@ -266,7 +264,6 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     with the base parameters to where the log wants it then.
 
     Args:
-        model: The arm.
         theta: (N,) the fit.
         information: (N, N) the inverse of its covariance, positive definite.
         spread: Share of a link's mass.

@@ -87,7 +87,6 @@ def write(
     Args:
         directory: Is made where it does not exist.
         names: Of `TARGETS`.
-        content: What is exported.
         description: URDF or MJCF to write into; empty where there is none.
 
     Returns:

@@ -28,10 +28,6 @@ _ROS2_CONTROL = (
 def urdf(text: str, content: Content) -> str:
     """Return a URDF with identified inertials, damping and friction; everything else as it was.
 
-    Args:
-        text: The URDF.
-        content: What is exported.
-
     Raises:
         IdentError: BAD_MACHINE_FILE where a joint or link is not in it.
     """
@@ -60,10 +56,6 @@ def _urdf_inertial(link: ET.Element, mass: float, centre: Array, inertia: Array)
 
 def mjcf(text: str, content: Content) -> str:
     """Return an MJCF with identified inertials, joint attributes and position actuators.
-
-    Args:
-        text: The MJCF.
-        content: What is exported.
 
     Raises:
         IdentError: BAD_MACHINE_FILE where a joint or body is not in it.

@@ -147,8 +147,6 @@ def run_entry(entry: Entry, wish: Wish, asked: str = '', known: Row | None = Non
     """Identify and diagnose one bag; an error is part of the row.
 
     Args:
-        entry: What to run.
-        wish: How.
         asked: What `identify.problem.sources` has to return here; empty for anything.
         known: A row whose parameters alone are fitted anew, beside those of its `common` effects.
     """

@@ -67,7 +67,6 @@ def align(
     """Put a recording on the grid of controller cycles.
 
     Args:
-        recording: The recording.
         drives: The D joints wanted, in the model's order.
         cycle: Controller cycle, s.
         need: Fields without which the data is of no use: of `position`, `velocity`, `effort`,

@@ -126,11 +126,6 @@ def read_bags(
 ) -> list[Recording]:
     """Read logs one after the other.
 
-    Args:
-        paths: As for `read_bag`.
-        topics: As for `read_bag`.
-        travel: As for `read_bag`.
-
     Raises:
         IdentError: As `read_bag`; INVALID_GOAL where two hold the same, which would count twice
             and make every interval too narrow.
@@ -187,10 +182,6 @@ def _read(path: Path, topics: Topics) -> list[Recording]:
 
 def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, ...]]:
     """Give the roles whose default topics a log does not have to what ros2_control publishes.
-
-    Args:
-        topics: Those asked for.
-        content: What is in the log.
 
     Returns:
         The topics to read, and a sentence on each that was chosen or could be.

@@ -440,7 +440,6 @@ def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
 
     Args:
         stamp: Stamps (T,), ns, in the order of arrival.
-        where: The stream's name, for the error.
 
     Returns:
         Rows of each segment in the order of their stamps, and how many messages were overtaken.

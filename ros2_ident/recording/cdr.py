@@ -168,9 +168,6 @@ def parse_layout(data: bytes) -> Layout:
     Args:
         data: The message with its four bytes of encapsulation.
 
-    Returns:
-        The layout.
-
     Raises:
         ValueError: The bytes are no JointState; TooManyNamesError where they exceed the limits.
     """

@@ -194,10 +194,6 @@ class Content:
     def open(self, topic: str, kind: str) -> Sink | None:
         """Note a topic and its type; return where its messages go, None where they are unwanted.
 
-        Args:
-            topic: The topic.
-            kind: Its message type.
-
         Raises:
             Damage: There are more topics than any machine has.
         """

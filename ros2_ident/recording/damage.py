@@ -126,7 +126,6 @@ def inflate(method: str, packed: bytes, most: int) -> tuple[bytes, bool]:
 
     Args:
         method: '', 'zstd', 'lz4' or 'bz2'.
-        packed: The block, or its beginning.
         most: Bytes to which it may decompress.
 
     Returns:

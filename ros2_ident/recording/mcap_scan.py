@@ -42,10 +42,6 @@ _SHAPES, _ENDS = 64, 16
 def scan(path: Path, content: Content) -> Losses:
     """Read the whole messages of an MCAP file into a bag's content.
 
-    Args:
-        path: The file.
-        content: What to fill.
-
     Returns:
         What is lost of the file; its text is empty where nothing is.
 

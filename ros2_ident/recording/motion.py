@@ -58,26 +58,15 @@ class Motion:
         return low_pass(rows, self.period, min(CUTOFF, ROOM / self.period))
 
 
-def motion_of(recording: Recording, name: str, scale: float = 1.0) -> Motion:
+def motion_of(recording: Recording, name: str) -> Motion:
     """Return one drive's smoothed motion at about its own sampling rate.
 
-    Args:
-        recording: A recording whose state holds the drive's position.
-        name: The drive.
-        scale: Factor from the logged effort to N m or N.
-
     Raises:
-        IdentError: Where the drive has too few samples.
+        IdentError: Where the drive has too few samples, or no position.
     """
     period = sample_period(recording.state.stamp) if recording.state else 0.0
-    data = align(
-        replace(recording, command=None),
-        [name],
-        period or 1e-3,
-        need=('position',),
-        effort_scale=scale,
-    )
-    return motion_in(data, name)
+    alone = replace(recording, command=None)
+    return motion_in(align(alone, [name], period or 1e-3, need=('position',)), name)
 
 
 def motion_in(data: Dataset, name: str) -> Motion:

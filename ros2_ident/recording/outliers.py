@@ -82,7 +82,6 @@ def find_lone(stamp: IntArray, values: FloatArray, rule: Rule) -> Jumps | None:
     Args:
         stamp: Stamps (T,), ns, increasing.
         values: The signal (T,), NaN where not measured.
-        rule: What counts as a jump.
 
     Returns:
         The samples, or None where there are none, or so many that the signal is like that.

@@ -7,12 +7,11 @@ Did the streams arrive whole, is there enough motion, and can the effort be a to
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
 from ros2_ident.errors import IdentError
-from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.motion import (
     best_lag,
@@ -27,9 +26,6 @@ from ros2_ident.recording.streams import FloatArray, Recording, Stream, with_pos
 
 # Shares of missing samples from which a warning, and an error, is due.
 _MISSING_WARN, _MISSING_ERROR = 0.01, 0.2
-# Efforts at rest so many times off the machine's weight are worth a warning, and no torques.
-# Static friction alone may take or give a good part of the weight.
-_WEIGHT_WARN, _WEIGHT_ERROR = 1.6, 3.0
 # Shorter recordings hardly hold an acceleration, a cruise and a reversal, s.
 _SHORT = 2.0
 # A drive whose stroke is less than this part of the longest one stands: gears and their control
@@ -169,41 +165,20 @@ class Report:
         """Return the findings of a code."""
         return tuple(x for x in self.findings if x.code == code)
 
-class MachineFacts(Protocol):
-    """Part of a machine file that the check reads."""
-
-    @property
-    def drives(self) -> tuple[str, ...]:
-        """Joint names of the drives."""
-
-    @property
-    def bounds(self) -> Mapping[str, tuple[float, float, str]]:
-        """Bounds of what is to be identified, by name: low, high, unit."""
-
-    @property
-    def effort_scales(self) -> Mapping[str, float]:
-        """Factor from the logged effort to N m or N of each drive."""
-
-    def number(self, name: str, drive: str | None = None) -> float:
-        """Return a constant of the machine, or of a drive.
-
-        Of the machine: `gravity` along the drives [m/s^2], `cycle` [s]. Of a drive: `gear_factor`
-        [rad/m], `rail_mass` [kg].
-        """
-
 
 def check(
     recordings: Sequence[Recording],
-    machine: MachineFacts | None = None,
+    wanted: Sequence[str] | None = None,
     need: Sequence[str] = ('effort',),
+    gravity: float = 0.0,
 ) -> Report:
     """Judge recordings: streams, excitation, plausibility of the effort.
 
     Args:
-        recordings: What a bag holds, in the order of the log.
-        machine: The machine they are of; without it every joint of the state is looked at, in the
-            log's unit.
+        recordings: In the order of the log, efforts in N m or N where their unit is known.
+        wanted: Drives to be identified; every joint of the state is looked at where None.
         need: What will be compared; where no effort is, nothing is said of it.
+        gravity: Gravity along the drives, m/s^2; 0 where it does not act or is not known.
 
     Returns:
         The report; its findings carry sentences with the remedy.
@@ -227,12 +202,10 @@ def check(
         for role, stream in recording.streams.items():
             streams.append(summarise(number, role, stream))
             findings += about(role, _of_stream(streams[-1]))
-        findings += _judge_recording(recording, machine, need)
-        found, said = _judge_drives(number, recording, machine)
+        findings += _judge_recording(recording)
+        found, said = _judge_drives(number, recording, wanted, gravity)
         drives += found
         findings += said
-        if machine is not None:
-            findings += _judge_weight(found, machine)
     if 'effort' not in need:
         findings = [f for f in findings if not f.code.startswith('effort_')]
     return Report(recordings[0].source, tuple(streams), tuple(drives), tuple(findings))
@@ -306,9 +279,7 @@ def _of(name: str) -> str:
     return name.replace(' ', ' of ', 1)
 
 
-def _judge_recording(
-    recording: Recording, machine: MachineFacts | None, need: Sequence[str]
-) -> Iterator[Finding]:
+def _judge_recording(recording: Recording) -> Iterator[Finding]:
     """Judge what a recording holds as a whole."""
     if recording.duration < _SHORT:
         text = (
@@ -322,26 +293,10 @@ def _judge_recording(
             'the controller untested; record the set-point too where there is one'
         )
         yield Finding('warn', 'no_command', 'command', text)
-    if machine is None:
-        return
-    try:
-        data = align(
-            recording,
-            machine.drives,
-            machine.number('cycle'),
-            need=need,
-            effort_scale=machine.effort_scales,
-        )
-    except IdentError as exc:
-        yield Finding('error', exc.code.name.lower(), '', exc.message)
-        return
-    for text in data.warnings:
-        if text not in recording.warnings:
-            yield Finding('warn', 'align', '', text)
 
 
 def _judge_drives(
-    number: int, recording: Recording, machine: MachineFacts | None
+    number: int, recording: Recording, wanted: Sequence[str] | None, gravity: float
 ) -> tuple[list[DriveSummary], list[Finding]]:
     """Judge motion and effort of every drive."""
     names = recording.state.names if recording.state else ()
@@ -352,14 +307,10 @@ def _judge_drives(
         return [], [Finding('warn', 'no_position', 'state', f'{text}joint states')]
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
-    names, gravity, scales = state.names, 0.0, dict[str, float]()
-    if machine is not None:
-        names = tuple(x for x in machine.drives if x in state.names)
-        gravity, scales = machine.number('gravity'), dict(machine.effort_scales)
-    for name in names:
-        summary, said = _judge_drive(
-            number, recording, name, gravity, scales.get(name, 1.0), machine is not None
-        )
+    for name in state.names if wanted is None else wanted:
+        if name not in state.names:
+            continue
+        summary, said = _judge_drive(number, recording, name, gravity, wanted is not None)
         # An integrated speed says nothing of the speed.
         vacuous = name in integrated
         findings += [f for f in said if not (vacuous and f.code.startswith('velocity'))]
@@ -380,23 +331,19 @@ def standing(strokes: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def _judge_drive(
-    number: int, recording: Recording, name: str, gravity: float, scale: float, wanted: bool
+    number: int, recording: Recording, name: str, gravity: float, wanted: bool
 ) -> tuple[DriveSummary | None, list[Finding]]:
     """Judge one drive's excitation and effort.
 
     Args:
-        number: Number of the recording.
-        recording: A recording whose state holds positions.
-        name: The drive.
         gravity: Gravity along the drive, m/s^2; 0 where it does not act or is not known.
-        scale: Factor from the logged effort to N m or N.
         wanted: Whether the drive is to be identified, so that standing still is an error.
 
     Returns:
         The drive's summary, None where there are too few samples, and the findings.
     """
     try:
-        motion = motion_of(recording, name, scale)
+        motion = motion_of(recording, name)
     except IdentError as exc:
         return None, [Finding('error', exc.code.name.lower(), name, exc.message)]
     stroke = float(np.ptp(motion.position))
@@ -557,38 +504,6 @@ def _of_gravity(at_rest: float, spread: float, gravity: float) -> Said:
         )
         return 'warn', 'effort_gravity', text
     return 'ok', 'effort_gravity', f'holds {at_rest:.3g} at rest against gravity'
-
-
-def _judge_weight(drives: Sequence[DriveSummary], machine: MachineFacts) -> list[Finding]:
-    """Compare what the drives hold at rest with the weight of the machine.
-
-    All drives raised by the same height raise the whole machine by it, so their forces at rest add
-    up to its weight in every pose.
-    """
-    gravity = machine.number('gravity')
-    held = [x for x in drives if x.drive in machine.drives]
-    resting = bool(np.isfinite([x.effort_rest for x in held]).all())
-    if not gravity or len(held) < len(machine.drives) or not resting:
-        return []
-    carriages = sum(machine.number('rail_mass', name) for name in machine.drives)
-    loads = [machine.bounds[x] for x in ('tool_mass', 'moving_mass') if x in machine.bounds]
-    low = abs(gravity) * (carriages + sum(x[0] for x in loads))
-    high = abs(gravity) * (carriages + sum(x[1] for x in loads))
-    force = sum(x.effort_rest * machine.number('gear_factor', x.drive) for x in held)
-    force = math.copysign(1.0, gravity) * force
-    # nothing held or a reversed sign is said drive by drive
-    if low <= 0.0 or force < 0.05 * low:
-        return []
-    off = force / high if force > high else min(1.0, force / low)
-    if 1.0 / _WEIGHT_WARN < off < _WEIGHT_WARN:
-        return []
-    level: Level = 'warn' if 1.0 / _WEIGHT_ERROR < off < _WEIGHT_ERROR else 'error'
-    text = (
-        f'the efforts at rest hold {force:.3g} N, the machine weighs {low:.3g} to {high:.3g} N: '
-        f'the effort is {off:.2g} times a torque; state effort_unit with torque_constant or '
-        'rated_torque in the machine file, or correct its gear_factor and masses'
-    )
-    return [Finding(level, 'effort_weight', '', text)]
 
 
 def render(report: Report) -> list[str]:

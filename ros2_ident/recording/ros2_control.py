@@ -38,7 +38,6 @@ def parser(kind: str, role: str, names: Sequence[str] = ()) -> Parse:
 
     Args:
         kind: One of `ROLES_OF`, but for trajectories, which are no samples.
-        role: One of the kind's roles.
         names: What the numbers of an array are: joints, or `joint/velocity` as ros2_control has
             it. By itself a joint is its position, in an array of efforts its effort.
     """
@@ -57,7 +56,6 @@ def offers(kind: str, data: bytes) -> tuple[str, ...]:
 
     Args:
         kind: One of `ROLES_OF`.
-        data: A message.
     """
     if kind == TRAJECTORY:
         return ROLES_OF[kind]

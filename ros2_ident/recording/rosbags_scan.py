@@ -42,10 +42,6 @@ _METHODS = {unpack: '' if name == 'none' else name for name, unpack in decompres
 def scan_ros1(path: Path, content: Content) -> Losses:
     """Read the messages of a ROS 1 bag into a bag's content, chunk by chunk.
 
-    Args:
-        path: The file.
-        content: What to fill.
-
     Returns:
         What is lost of the file; its text is empty where nothing is.
 
@@ -152,10 +148,6 @@ _SOUND_STEPS, _STEPS_PER_BYTE, _EVERY = 2_000_000, 20, 10_000
 
 def scan_db3(path: Path, content: Content) -> Losses:
     """Read the messages of a db3 file into a bag's content.
-
-    Args:
-        path: The file.
-        content: What to fill.
 
     Returns:
         What is lost of the file; its text is empty where nothing is.

@@ -20,7 +20,6 @@ def listed(texts: Iterable[str], most: int = 12) -> str:
     """Return texts as a list for a sentence, with the number of those left out.
 
     Args:
-        texts: What to list.
         most: Entries shown.
     """
     return enumerated([printable(x, 80) for x in texts], most)

@@ -49,7 +49,6 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
     """Judge the sign of a drive's effort.
 
     Args:
-        motion: Motion and effort of the drive.
         alone: Whether other joints load this one, so that power is judged only while they rest
             where they rest on the way back, too.
 

@@ -71,8 +71,6 @@ class Spool:
         """Write messages of a topic, as far as there is room; a full disk or file is told once.
 
         Args:
-            topic: Their topic.
-            kind: Their type.
             times: When they came, ns.
             messages: Their bytes.
         """

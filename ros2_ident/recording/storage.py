@@ -79,9 +79,6 @@ def damaged(path: Path, text: str) -> IdentError:
 def unpacked(files: list[Path]) -> Iterator[list[tuple[Path, bool]]]:
     """Give the files with those that are compressed as a whole (`.zstd`) unpacked for the while.
 
-    Args:
-        files: Storage files.
-
     Yields:
         The files to read, and whether each is whole; a damaged one as far as it can be unpacked.
 

@@ -135,7 +135,6 @@ class Stream:
 
         Args:
             field: `position`, `velocity` or `effort`.
-            name: The joint.
 
         Returns:
             Samples (T,), or None where the joint or the field was never measured.
@@ -270,7 +269,6 @@ def with_positions(
     Args:
         recording: The recording. Beside a set-point nothing is integrated: where the motion began
             is not known.
-        names: The joints wanted.
 
     Returns:
         The recording with positions, and the joints whose positions are integrals.

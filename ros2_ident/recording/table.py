@@ -148,9 +148,6 @@ def load_columns(path: str | Path) -> ColumnMap:
     Args:
         path: A YAML file as in docs/logs.md.
 
-    Returns:
-        The map.
-
     Raises:
         IdentError: INVALID_GOAL where the file cannot be read or makes no sense.
     """
@@ -246,9 +243,6 @@ def _cell(path: object, what: str, cell: Any, header: bool) -> Cell:
 
 def drafted_columns(path: str | Path) -> str:
     """Return a column map, as YAML, by what the names in a table's header stand for.
-
-    Args:
-        path: The table.
 
     Raises:
         IdentError: INVALID_GOAL where there is no line of names above the numbers, no time among

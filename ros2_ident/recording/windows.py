@@ -57,8 +57,6 @@ def choose_windows(
     """Choose what to fit on.
 
     Args:
-        recordings: The log.
-        drives: The drives that are identified.
         samples: Effort samples to fit on, all drives together; at least one window is taken.
 
     Returns:

@@ -119,7 +119,6 @@ def write_bag(
     It is an MCAP file, zstd compressed, with every checksum of the format.
 
     Args:
-        path: The directory to make.
         streams: A recording, whose roles get their topics' names, or streams by topic name. A
             joint that has no value in a sample (NaN in every field) is still named there, with
             NaN.
@@ -127,9 +126,6 @@ def write_bag(
             bag there that has the same mark is replaced, anything else there is never touched.
         custom: Texts for the custom data of metadata.yaml.
         others: Topics of other types, recorded as latched.
-
-    Returns:
-        The directory.
 
     Raises:
         IdentError: INVALID_GOAL where something is in the way or there is nothing to write.
@@ -184,7 +180,6 @@ def require_room(path: str | Path, mark: str = '') -> None:
     """Refuse to write a bag where something is that is not ours to replace.
 
     Args:
-        path: The directory to make.
         mark: As for `write_bag`.
 
     Raises:

@@ -65,11 +65,8 @@ def write_diagnosis(
 
     Args:
         directory: Exists.
-        found: The diagnosis.
-        machine: The machine it is of.
         fit: The recordings fitted to.
         check: The recordings it was judged on; None where those are blocks of the others.
-        settings: What was asked for besides.
 
     Returns:
         `diagnosis.json`, and `diagnosis.npz` with measured and simulated effort.
@@ -143,7 +140,6 @@ def write_result(
 
     Args:
         directory: Is made where it does not exist; older results in it are replaced.
-        result: The result.
         problem: What it solves, to write measured and simulated effort as well.
         check: The same problem on recordings that were held out.
 
@@ -226,10 +222,6 @@ def _history(path: Path) -> History:
 
 def machine_lines(found: Diagnosis, machine: Machine) -> tuple[str, ...]:
     """Return YAML for the machine file.
-
-    Args:
-        found: The diagnosis.
-        machine: The machine it is of.
 
     Returns:
         Lines by section; none where no effect was found or the machine file has no key for it. A

@@ -48,7 +48,6 @@ def diagnosed_problem(problem: Problem, found: Diagnosis) -> tuple[Problem, Arra
 
     Args:
         problem: The nominal problem, on the data that the diagnosis was fitted on.
-        found: The diagnosis.
 
     Returns:
         The extended problem and its (N,) parameters, physical units.
@@ -276,7 +275,6 @@ class Preview:
     """Simulated and residual effort of the best candidate so far, now and then during a run.
 
     Args:
-        problem: The problem that is searched.
         show: Gets the simulated and the residual effort, one stream a segment, thinned out.
         period: Least time from one to the next, s.
     """

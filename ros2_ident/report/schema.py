@@ -107,7 +107,6 @@ def from_mapping(data: Any, path: Path) -> Identification:
 
     Args:
         data: What `to_mapping` returned.
-        path: The file, for the errors.
 
     Returns:
         The result; its history holds the best costs and no candidates.

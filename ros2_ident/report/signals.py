@@ -87,7 +87,6 @@ def signals_of_problem(problem: Problem, theta: Array, check: Problem | None = N
     Only the first quantity compared of every drive is kept.
 
     Args:
-        problem: The problem.
         theta: (N,) parameters, physical units, finite.
         check: The same problem on recordings that were held out.
     """
@@ -130,11 +129,7 @@ def signals_of_diagnosis(found: Diagnosis) -> Signals:
 
 
 def write_signals(path: Path, signals: Signals) -> Path:
-    """Write signals as NPZ without pickle; a reader finds the old file or the new one.
-
-    Returns:
-        The path.
-    """
+    """Write signals as NPZ without pickle; a reader finds the old file or the new one."""
     arrays: dict[str, Any] = {name: np.array(getattr(signals, name)) for name in _OF_RUN}
     arrays |= {'schema': np.array(SCHEMA), 'version': np.array(VERSION)}
     arrays['titles'] = np.array([r.title for r in signals.recordings])

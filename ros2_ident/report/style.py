@@ -48,7 +48,6 @@ def picture(found: Prediction, stages: Sequence[tuple[str, Sequence[Run]]]) -> '
     """Draw the quantity that tells most on the first recording, drive by drive.
 
     Args:
-        found: Free runs.
         stages: The models behind them, as `prediction.predicted` took them.
     """
     from matplotlib.figure import Figure

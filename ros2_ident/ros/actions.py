@@ -90,7 +90,6 @@ class GoalServer:
 
     Args:
         node: The node, with the board, outlet, pages and worker that its runs share.
-        kind: Which action.
 
     Attributes:
         pending: Whether a goal has been accepted that has not begun yet.
@@ -205,11 +204,6 @@ class GoalServer:
         self, goal: Any, tell: Says = lambda feedback: None, done: Says = lambda message: None
     ) -> None:
         """Start a run.
-
-        Args:
-            goal: Of the action's type.
-            tell: Gets each feedback.
-            done: Gets the result's message.
 
         Raises:
             IdentError: Where the goal is unusable; nothing has been started then.

@@ -71,7 +71,6 @@ class Capture:
     """Subscriptions that fill a buffer.
 
     Args:
-        node: Whose topics.
         limit: Messages kept of each stream.
         keep_streams: Whether a new stream is added to the ended one instead of replacing it.
         names: What the numbers of a Float64MultiArray are: joints, or `joint/velocity`.

@@ -52,7 +52,6 @@ class Diagnostics:
 
         Args:
             stamp: Of the message, node clock.
-            capture: What is heard.
             silence: Why nothing arrives; empty where something does.
         """
         array = DiagnosticArray()

@@ -46,10 +46,8 @@ def wanted_of(
 
     Args:
         goal: An `Identify.Goal` or a `Diagnose.Goal`.
-        parameters: The node's.
         receiving: Whether messages arrive that must not wait for the simulation.
         heard: URDF or MJCF that was heard, for where no file says what the robot is.
-        states: Returns its motion.
 
     Raises:
         IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER, also for a strange effect, or what is

@@ -82,9 +82,6 @@ class Stop:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until a signal.
 
-    Args:
-        args: As on the command line.
-
     Returns:
         Exit code: 0 after a signal, 1 where something is missing, 2 for unusable parameters.
     """

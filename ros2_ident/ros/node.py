@@ -40,10 +40,6 @@ EXPLAIN = 5.0
 class Identifier(Node):
     """Identifies drives and diagnoses gaps from what it hears or from bags, one run at a time.
 
-    Args:
-        node_name: Its name.
-        options: As of rclpy's nodes.
-
     Raises:
         IdentError: Where a parameter has a value it cannot have.
     """
@@ -204,7 +200,6 @@ class Identifier(Node):
         """Let one callback run; what it raises is logged, and the node goes on.
 
         Args:
-            executor: The node's.
             seconds: Longest wait for one; without end where None.
         """
         try:

@@ -34,7 +34,6 @@ class Outlet:
     """The publishers of a node, and long series in pieces that keep it responsive.
 
     Args:
-        node: The node.
         clock: The pace of the series.
     """
 

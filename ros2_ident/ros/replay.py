@@ -151,14 +151,7 @@ def _options(words: Sequence[str]) -> argparse.Namespace:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Play a bag.
-
-    Args:
-        args: As on the command line, without the program's name.
-
-    Returns:
-        The exit code.
-    """
+    """Play a bag."""
     stop = Stop().install()
     given = list(sys.argv[1:] if args is None else args)
     at = given.index('--ros-args') if '--ros-args' in given else len(given)

@@ -79,8 +79,6 @@ def carry_out(
     """Identify or diagnose.
 
     Args:
-        what: Which of the two.
-        wanted: What to do.
         received: What the node has received; needed where the request names no bag.
         cancel: The best so far is kept.
         on_progress: Called from this thread.
@@ -121,7 +119,6 @@ def save(done: Identified | Diagnosed, directory: str | None = None) -> str:
     """Write a result and the configuration it was found with, in a new folder.
 
     Args:
-        done: The run.
         directory: Where to make its folder; that of the goal where None.
 
     Returns:
@@ -159,7 +156,6 @@ def compare(
     """Set the simulated effort beside the measured one, and write both as a bag beside the result.
 
     Args:
-        done: The run.
         result_file: Its result file; empty to write nothing.
 
     Returns:

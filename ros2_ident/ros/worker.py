@@ -29,11 +29,7 @@ Done = Callable[[Any, BaseException | None], None]
 
 
 class Worker:
-    """Runs one job at a time, and chores between them.
-
-    Args:
-        node: Whose executor is woken.
-    """
+    """Runs one job at a time, and chores between them."""
 
     def __init__(self, node: Node) -> None:
         self._events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()

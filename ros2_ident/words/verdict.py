@@ -114,8 +114,6 @@ def separating(rival: str, where: str, travel: Sequence[Any]) -> str:
     """Return the motion that tells an effect from another one.
 
     Args:
-        rival: Id of the other one.
-        where: Its place.
         travel: Unit of the drives' positions, and how many of them are a metre.
     """
     return in_travel(get_effect(rival).separated_by.format(drive=_place(where)), *travel)

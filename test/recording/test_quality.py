@@ -1,37 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The check: what it finds in recordings that are fine, and in those that are not."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
+from pathlib import Path
 import re
 
 import numpy as np
 import pytest
 
-from ros2_ident.recording import check, Recording, Stream
+from ros2_ident.commissioning import check_both
+from ros2_ident.models.registry import read_machine_file
+from ros2_ident.recording import check, read_bag, Recording, Stream
+
+REPO = Path(__file__).parents[2]
 
 MS = 1_000_000
 TIME = np.arange(8000) * 1e-3
 RNG = np.random.default_rng(0)
-
-
-@dataclass(frozen=True)
-class Machine:
-    """The part of a machine file that the check reads."""
-
-    drives: tuple = ('a',)
-    effort_scales: Mapping[str, float] = field(default_factory=dict)
-    # 0.2 N m at rest at 10 rad/m: 2 N, the weight of 0.2 kg
-    constants: dict = field(
-        default_factory=lambda: {
-            'gravity': 9.81, 'cycle': 1e-3, 'gear_factor': 10.0,
-            'rail_mass': 0.05,
-        }
-    )  # fmt: skip
-    bounds: dict = field(default_factory=lambda: {'tool_mass': (0.12, 0.17, 'kg')})
-
-    def number(self, name, drive=None):
-        return self.constants[name]
 
 
 def motion():
@@ -63,7 +48,7 @@ def codes(report, *levels):
 
 
 def test_a_good_recording_is_ok():
-    report = check([recording()], Machine())
+    report = check([recording()], ('a',), gravity=9.81)
     assert report.level == 'ok'
     assert codes(report, 'ok') == {
         'rate',
@@ -92,12 +77,10 @@ def test_a_good_recording_is_ok():
         (np.round(2000.0 * EFFORT), 'effort_unit', None, 'looks like milliamperes or counts'),
         (EFFORT - 0.2, 'effort_gravity', 'warn', 'gravity acts along this drive but the effort'),
         (RNG.normal(size=TIME.size), 'effort_unexplained', 'warn', ''),
-        (EFFORT * 9.0, 'effort_weight', 'error', 'the effort is 8.3.* times a torque'),
-        (EFFORT + 3.0, 'effort_weight', 'error', 'state effort_unit with torque_constant'),
     ],
 )
 def test_an_effort_that_is_no_torque_is_said_with_the_remedy(effort, code, level, text):
-    finding, *_ = check([recording(effort=effort)], Machine()).of(code)
+    finding, *_ = check([recording(effort=effort)], ('a',), gravity=9.81).of(code)
     assert level in (None, finding.level) and re.search(text, finding.sentence)
 
 
@@ -124,7 +107,7 @@ def test_wrong_velocities_are_seen(velocity, text):
 
 
 def test_excitation():
-    still = check([recording(position=np.zeros(TIME.size), velocity=None)], Machine())
+    still = check([recording(position=np.zeros(TIME.size), velocity=None)], ('a',))
     assert 'no_motion' in codes(still, 'error')
     one_way = check([recording(position=0.1 * TIME**2, velocity=None)])
     assert 'one_way' in codes(one_way, 'warn')
@@ -148,16 +131,30 @@ def test_nan_is_counted():
     found, *_ = report.of('nan')
     assert '10 % of the values of the effort of a are missing or NaN' in found.sentence
     assert report.streams[0].nan == (('effort a', 800),)
-    report = check([recording(effort=EFFORT * np.nan)], Machine())
+    report = check([recording(effort=EFFORT * np.nan)])
     assert 'every value of the effort of a is NaN; name the topic' in report.of('nan')[0].sentence
-    assert 'bad_values' in codes(report, 'error')
 
 
-def test_what_does_not_fit_the_machine():
-    report = check([recording()], Machine(drives=('a', 'b')))
-    (finding,) = report.of('missing_stream')
+@pytest.mark.parametrize(
+    ('factor', 'code', 'text'),
+    [
+        (9.0, 'effort_weight', r'the effort is 8\.\d+ times a torque; state effort_unit'),
+        (np.nan, 'bad_values', 'every effort of the drives is NaN; switch the measurement on'),
+    ],
+)
+def test_an_effort_is_held_against_the_machine(factor, code, text):
+    read = read_bag(REPO / 'bags' / 'tripod_mixed')
+    wrong = [replace(x, effort=replace(x.effort, effort=factor * x.effort.effort)) for x in read]
+    report = check_both(wrong, read_machine_file(REPO / 'config' / 'tripod.yaml'))
+    finding, *_ = report.of(code)
     assert finding.level == report.level == 'error'
-    assert 'state has no joint b, it holds a' in finding.sentence
+    assert re.search(text, finding.sentence)
+
+
+def test_joints_of_the_bag_are_held_against_the_machine():
+    file = read_machine_file(REPO / 'config' / 'tripod.yaml')
+    (finding,) = check_both([recording()], file).of('missing_stream')
+    assert re.search('drives names .*drive_1.*, the bag holds a', finding.sentence)
 
 
 def test_segments_short_ones_and_no_command():

@@ -108,12 +108,7 @@ class Answer:
 
 
 def of_diagnosis(w: Written, out: str) -> Answer:
-    """Return the first screen of a diagnosis.
-
-    Args:
-        w: The diagnosis as it was written.
-        out: The directory it lies in.
-    """
+    """Return the first screen of a diagnosis."""
     d, careful = w.found, tuple(_careful(w.found))
     first: tuple[str, ...] = ()
     if d.effect not in REFUSED:
@@ -277,12 +272,7 @@ def _careful(d: Diagnosis) -> Iterator[str]:
 
 
 def of_identification(result: Identification, out: str) -> Answer:
-    """Return the first screen of an identification without a diagnosis.
-
-    Args:
-        result: The identification.
-        out: The directory it lies in.
-    """
+    """Return the first screen of an identification without a diagnosis."""
     # Where nothing is identified there is nothing to doubt one by one.
     named = () if result.outcome is Outcome.CONTRADICTED else _doubts(result)
     doubts = [*named, *map(_warned, result.quality.warnings)]

@@ -53,9 +53,6 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
         directory: Holds a result, a diagnosis, or both; or what `ident fleet` wrote.
         page: The file to write; `report.html` in the directory where None.
 
-    Returns:
-        The page.
-
     Raises:
         IdentError: NO_DATA where the directory holds neither, BAD_VALUES where a file in it cannot
             be read, INVALID_GOAL where the page cannot be written.

@@ -49,7 +49,6 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
     """Draw a map of the residual.
 
     Args:
-        found: The map.
         effects: Name of the law; empty draws none.
 
     Returns:
@@ -162,7 +161,6 @@ def all_of(w: Written, effects: str) -> tuple[Picture | None, list[Picture]]:
     """Return the picture of the first screen, and all others.
 
     Args:
-        w: The diagnosis as it was written.
         effects: What was found, for the text; empty where no effect was named.
 
     Returns:

@@ -57,12 +57,8 @@ def effort_plot(
     """Draw each drive's measured and simulated effort, below it residual and following error.
 
     Args:
-        signals: What a run keeps.
         floor: Noise floor of each drive, where it is known.
         most: Array that the plot may hold, of two bytes each.
-
-    Returns:
-        The picture.
     """
     floor = floor or {}
     share = most // (len(signals.drives) * (2 + len(signals.models)) + 2)

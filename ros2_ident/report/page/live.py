@@ -36,7 +36,6 @@ class LivePage:
 
     Args:
         directory: That of the results; exists.
-        title: Command and recordings.
         lead: Drives and duration.
         problem: Of an identification: its parameters and efforts are shown, too.
     """

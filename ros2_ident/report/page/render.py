@@ -22,7 +22,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
     """Return a page.
 
     Args:
-        template: Its template, of this folder.
         context: What the template takes; `title` and `lead` for all.
         plots: Whether it holds plots that need the library.
     """

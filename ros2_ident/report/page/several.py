@@ -81,7 +81,6 @@ def strips(runs: Sequence[tuple[str, Parameters]], told: Told) -> list[Strip]:
     Args:
         runs: Label and parameters of each run; a parameter has value, low, high (None where not
             known) and unit.
-        told: Which values differ.
     """
     made = [_strip(name, known, told) for name, known in _by_name(runs) if known]
     return sorted(made, key=lambda s: not s.differs)
@@ -178,11 +177,7 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     """Write a page that holds several result directories against each other.
 
     Args:
-        directories: Two or more; the others are compared with the first.
         page: The file to write; `comparison.html` in the first directory where None.
-
-    Returns:
-        The page.
 
     Raises:
         IdentError: NO_DATA where a directory holds nothing, BAD_VALUES where a file in one cannot
@@ -273,9 +268,6 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     Args:
         directory: Where `ident fleet` wrote.
         page: The file to write; `report.html` in the directory where None.
-
-    Returns:
-        The page.
 
     Raises:
         IdentError: NO_DATA or BAD_VALUES where `fleet.json` cannot be read, INVALID_GOAL where

@@ -71,12 +71,7 @@ class Step:
 
 
 def law_of(at: EffectAt, parameters: Mapping[str, Value]) -> Law | None:
-    """Return an effect as an equation with its numbers; None where the catalogue has it no more.
-
-    Args:
-        at: The effect and its place.
-        parameters: All parameters of the model that holds it.
-    """
+    """Return an effect as an equation with its numbers; None where no catalogue has it."""
     effect = CATALOGUE.get(at.effect)
     if effect is None:
         return None
@@ -103,12 +98,7 @@ def undetermined(v: Value) -> bool:
 
 
 def of_diagnosis(w: Written, out: str) -> Iterator[Step]:
-    """Yield what to do after a diagnosis.
-
-    Args:
-        w: The diagnosis as it was written.
-        out: The directory it lies in.
-    """
+    """Yield what to do after a diagnosis."""
     d, following = w.found, f'{out}_next'
     if words.named(d):
         yield from _steps_of_effects(w, out)
@@ -183,7 +173,6 @@ def moved_names(d: Diagnosis, *, together: bool = False) -> list[str]:
     """Return the nominal parameters that had made up for the effects.
 
     Args:
-        d: The diagnosis.
         together: Whether to return all that moved, for they are determined together only.
     """
     if not words.named(d):
@@ -234,10 +223,8 @@ def _ident(
     """Return a command.
 
     Args:
-        verb: Its name.
         of: Whose recordings and machine it is for.
         out: The directory for its results; empty for none.
-        bag: Another recording.
         check: Whether to judge on a new recording.
     """
     settings: Mapping[str, Any] = of.settings
@@ -257,7 +244,6 @@ def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
 
     Args:
         data: The content of `fleet.json`.
-        out: The directory it lies in.
     """
     rows = {row['name']: row for row in data['rows']}
     told = [*data['drifts'], *data['machines']]
