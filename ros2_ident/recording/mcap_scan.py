@@ -35,8 +35,8 @@ _MESSAGE = struct.Struct('<HIQQ')
 _CHUNK_START = rb'\x06.{36}(?:\x00{4}|\x04\x00{3}zstd|\x03\x00{3}lz4)'
 _END_START = b'\x0f\x04' + bytes(7)
 _DAMAGED = (EndOfFile, OverflowError, struct.error, ValueError)
-# Sizes of messages outside of chunks that are remembered; ends of the data that are tried.
-_SHAPES, _ENDS = 64, 16
+# Sizes of messages outside of chunks that are remembered.
+_SHAPES = 64
 
 
 def scan(path: Path, content: Content) -> Losses:
@@ -224,32 +224,25 @@ class _Walk:
 
     def _summary(self) -> Summary | None:
         """Return what stands between the end of the data and the footer, None for no such."""
-        footer = self.size - FOOTER_SIZE
-        tail = self._bytes(footer, FOOTER_SIZE) if footer > len(MAGIC) else b''
-        if not tail.endswith(MAGIC):
+        tail = self._bytes(max(0, self.size - FOOTER_SIZE), FOOTER_SIZE)
+        if not tail.endswith(MAGIC) or len(tail) < FOOTER_SIZE:
             return None
         stated = _parsed(Footer, tail[HEAD.size :])
-        end = footer
-        for _ in range(_ENDS):
-            with mmap.mmap(self.file, 0, access=mmap.ACCESS_READ) as data:
-                end = data.rfind(_END_START, len(MAGIC), end)
-            begin = end + len(_END_START) + 4
-            if end < 0 or footer - begin > self.budget.limits.chunk:
+        length = self.size - FOOTER_SIZE - stated.summary_start
+        found, at = Summary(), 0
+        if not stated.summary_start or not 0 <= length <= self.budget.limits.chunk:
+            length = 0
+        records = self._bytes(stated.summary_start, length)
+        while at + HEAD.size <= length:
+            opcode, size = HEAD.unpack_from(records, at)
+            first, at = at + HEAD.size, at + HEAD.size + size
+            if opcode not in _KNOWN or not _note(found, opcode, records[first:at]):
                 break
-            records = self._bytes(begin, footer - begin)
-            found, at = Summary(), 0
-            while at + HEAD.size <= len(records):
-                opcode, length = HEAD.unpack_from(records, at)
-                first, at = at + HEAD.size, at + HEAD.size + length
-                if opcode not in _KNOWN or not _note(found, opcode, records[first:at]):
-                    break
-            if at == len(records):
-                crc = zlib.crc32(tail[: HEAD.size + 16], zlib.crc32(records))
-                if stated.summary_crc not in (0, crc):
-                    self.losses.say('the checksum of its summary does not fit')
-                    found.statistics = None
-                return found
-        return None
+        crc = zlib.crc32(tail[: HEAD.size + 16], zlib.crc32(records))
+        if stated.summary_crc not in (0, crc):
+            self.losses.say('the checksum of its summary does not fit')
+            found.statistics = None
+        return found if at == length else None
 
     def _way(self, number: int) -> tuple[str, Sink | None] | None:
         """Return the way of a channel, as described before it or else in the summary."""
