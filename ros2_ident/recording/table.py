@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import partial
 import io
 from itertools import compress, islice
 import math
@@ -62,6 +63,11 @@ _ASKED = {'%': 'percent and rated_torque', **dict.fromkeys(('a', 'ma'), 'A and t
 _UNITS = {*_TIME_UNITS, 'm', 'rad', 'n', 'nm', *_ASKED, *_TO_SI}
 # Rows converted at once: bounds the memory that texts take.
 _BLOCK = 1 << 14
+_NO_TIME = (
+    'write it as a number in the unit that the column map states, or leave lines of units below '
+    'the names out by `skip_below: 1`'
+)
+_NO_VALUE = 'leave a cell empty where nothing was measured'
 # A step between rows outside of this is a wrong unit of the time, ns.
 _FINEST, _COARSEST = 1_000, 2_000_000_000
 # ns are nine decimals of a second.
@@ -395,14 +401,22 @@ def _parse(
     stamps: list[NDArray[np.int64]] = []
     parts: list[list[FloatArray]] = [[] for _ in layout.columns]
     warnings: list[str] = []
+
+    def nanoseconds(text: str) -> np.int64:
+        # a double has not enough digits
+        return np.int64(round(Decimal(text).scaleb(layout.digits)))
+
     for rows, numbers in _blocks(path, reader, width, layout.skip, warnings):
         if asked:
             met = [all(_equal(row[at], x) for at, x in asked.items()) for row in rows]
             rows, numbers = list(compress(rows, met)), list(compress(numbers, met))
         table = list(zip(*rows, strict=False)) or [()] * width
-        stamps.append(_stamps(path, table[where[0]], numbers, layout))
+        read = partial(_converted, path, numbers, layout.decimal)
+        stamps.append(np.array(read(table[where[0]], ': the time', _NO_TIME, nanoseconds)))
         for part, column, at in zip(parts, layout.columns, where[1:], strict=True):
-            part.append(_floats(path, table[at], numbers, column, layout.decimal))
+            name = f', column {printable(str(column.cell))}:'
+            with np.errstate(over='ignore'):
+                part.append(column.scale * np.array(read(table[at], name, _NO_VALUE, _value)))
     stamp = np.concatenate(stamps or [np.empty(0, np.int64)])
     if not stamp.size:
         where_ = ' with what `where` asks for' if layout.where else ''
@@ -474,47 +488,29 @@ def _blocks(
         warnings.append(f'{path}: its last line {cut} breaks off and is left out')
 
 
-def _stamps(
-    path: Path, cells: tuple[str, ...], numbers: list[int], layout: ColumnMap
-) -> NDArray[np.int64]:
-    """Return stamps, ns: decimal arithmetic, since a double has not enough digits for ns."""
-    stamps = np.empty(len(cells), dtype=np.int64)
-    for k, cell in enumerate(cells):
-        text = cell if layout.decimal == '.' else cell.replace(',', '.')
+def _converted(
+    path: Path,
+    numbers: list[int],
+    decimal: str,
+    cells: Sequence[str],
+    where: str,
+    remedy: str,
+    convert: Callable[[str], Any],
+) -> list[Any]:
+    """Return the cells of a column, in lines of these numbers, as numbers."""
+    out = []
+    for cell, number in zip(cells, numbers, strict=True):
+        text = cell if decimal == '.' else cell.replace(',', '.')
         try:
-            if '_' in text:
-                raise ValueError
-            stamps[k] = int(Decimal(text).scaleb(layout.digits).to_integral_value())
+            out.append(convert(text.strip().replace('_', 'x')))  # Python reads 1_000
         except (ArithmeticError, ValueError):
-            raise _bad(
-                path,
-                f'line {numbers[k]}: the time {short(cell)} is no number; write it as a '
-                'number in the unit that the column map states, or leave lines of units below the '
-                'names out by `skip_below: 1`',
-            ) from None
-    return stamps
+            text = f'line {number}{where} {short(cell)} is no number; {remedy}'
+            raise _bad(path, text) from None
+    return out
 
 
-def _floats(
-    path: Path, cells: tuple[str, ...], numbers: list[int], column: Column, decimal: str
-) -> FloatArray:
-    """Return values (T,), NaN where a cell is empty."""
-    values = np.full(len(cells), np.nan)
-    for k, cell in enumerate(cells):
-        text = (cell if decimal == '.' else cell.replace(',', '.')).strip()
-        try:
-            if text:
-                values[k] = float(text.replace('_', 'x'))
-        except ValueError:
-            where = f'line {numbers[k]}, column {printable(str(column.cell))}'
-            raise _bad(
-                path,
-                f'{where}: {short(cell)} is no number; leave a cell empty where nothing was '
-                'measured',
-            ) from None
-    with np.errstate(over='ignore'):
-        scaled: FloatArray = values if column.scale == 1.0 else values * column.scale
-    return scaled
+def _value(text: str) -> float:
+    return float(text) if text else math.nan
 
 
 def _check_steps(path: Path, stamp: IntArray) -> None:
