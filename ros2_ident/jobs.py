@@ -6,13 +6,11 @@ Each of them is a `Request`; `read` its logs, `identify` or `diagnose` them, `sa
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
 import hashlib
 from pathlib import Path
 import time
 from typing import Any, Generic, TypeVar
 
-from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import remove_file
 from ros2_ident.gap.diagnose import diagnose as find_gap
@@ -27,7 +25,7 @@ from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.identify.run import solve
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
 from ros2_ident.identify.setup import problem_of
-from ros2_ident.models import EffectAt, Machine, make_model, Parameter
+from ros2_ident.models import EffectAt, Machine
 from ros2_ident.models.registry import compared_of, travel_of
 from ros2_ident.recording import read_bags, Recording, RecordingBuilder, SAMPLES, Topics
 from ros2_ident.search import Threads
@@ -166,22 +164,6 @@ class Diagnosed(Ended[Diagnosis]):
     """
 
     cancelled: bool = False
-
-    @cached_property
-    def declared(self) -> dict[str, Parameter]:
-        """Units and bounds the fits worked with, by name; an effort's depend on the drive."""
-        found, request = self.result, self.request
-        effects: list[EffectAt] = [ranked.at for ranked in found.ranking]
-        if found.where and found.effect in CATALOGUE:
-            effects += [EffectAt(found.effect, found.where[0]), *found.also]
-        model = make_model(
-            request.machine,
-            self.logs.fit.datasets[0],
-            drives=request.drives,
-            effects=list(dict.fromkeys(effects)),
-            quantities=tuple(request.outputs) if request.outputs else None,
-        )
-        return {parameter.name: parameter for parameter in model.parameters}
 
     @property
     def complete(self) -> bool:

@@ -258,11 +258,14 @@ def _values(
         at_bound(p, float(v)) for p, v in zip(sizes, e.theta[first:], strict=True)
     ]
     return {
-        p.name: Value(float(v), p.unit, float(lo), float(hi), end, float(less), float(more))
+        p.name: Value(
+            float(v), p.unit, float(lo), float(hi), end, float(less), float(more),
+            p.low, p.high, p.kind,
+        )
         for p, v, lo, hi, end, less, more in zip(
             joint.parameters, e.theta, low, high, ends, *noise, strict=True
         )
-    }
+    }  # fmt: skip
 
 
 def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
@@ -272,7 +275,10 @@ def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
         at = effect_of(r)
         (step,) = get_effect(at.effect).parameters
         name = f'{at.where}.{at.effect}.{step.name}'
-        out[name] = Value(r.step, r.unit, r.step - r.error, r.step + r.error)
+        out[name] = Value(
+            r.step, r.unit, r.step - r.error, r.step + r.error,
+            lower_bound=step.low, upper_bound=step.high,
+        )  # fmt: skip
     return out
 
 

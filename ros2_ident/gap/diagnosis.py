@@ -31,6 +31,9 @@ class Value:
         at_bound: Whether it is the size of an effect and ended at a bound of its search.
         noise_low: Lower end of the interval if the model lacked nothing: noise alone.
         noise_high: Upper end likewise.
+        lower_bound: Lower end of its search, NaN where it was not searched.
+        upper_bound: Upper end likewise.
+        kind: As of a `models.Parameter`.
     """
 
     value: float
@@ -40,6 +43,9 @@ class Value:
     at_bound: bool = False
     noise_low: float = math.nan
     noise_high: float = math.nan
+    lower_bound: float = math.nan
+    upper_bound: float = math.nan
+    kind: str = 'physical'
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from ros2_ident.identify.outcome import NOT_IDENTIFIABLE, package_version, state
 from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.jobs import Diagnosed, Identified
-from ros2_ident.models import EffectAt, Machine, Parameter
+from ros2_ident.models import EffectAt, Machine
 from ros2_ident.ros import run
 from ros2_ident.words.finding import where
 from ros2_ident.words.identification import message as outcome_sentence
@@ -211,7 +211,7 @@ def gap_sentence(message: Gap) -> str:
 
 
 def _diagnosed(done: Diagnosed) -> Gap:
-    found, declared = done.result, done.declared
+    found = done.result
     steps = list(advice(found))
     if not found.complete and not done.cancelled:
         steps.insert(
@@ -232,9 +232,9 @@ def _diagnosed(done: Diagnosed) -> Gap:
         },
         sentence=sentence(found),
         warnings=_warnings_of(done),
-        also=[_also(found, declared, at) for at in found.also],
-        confusable=[_candidate(found, declared, r) for r in found.confusable],
-        ranking=[_candidate(found, declared, r) for r in found.ranking],
+        also=[_also(found, at) for at in found.also],
+        confusable=[_candidate(found, r) for r in found.confusable],
+        ranking=[_candidate(found, r) for r in found.ranking],
         drives=list(found.per_drive),
         localisation=[where(x) for x in found.localisation],
         advice=steps,
@@ -256,7 +256,7 @@ def _warnings_of(done: Diagnosed) -> list[str]:
     return list(dict.fromkeys([*gates, *said]))
 
 
-def _candidate(found: Diagnosis, declared: Mapping[str, Parameter], ranked: Ranked) -> Any:
+def _candidate(found: Diagnosis, ranked: Ranked) -> Any:
     """Return a candidate; the verdict's own effect with the extended model's estimates."""
     values: Mapping[str, Value] = ranked.parameters
     if ranked.at.effect == found.effect and (ranked.at.where,) == found.where:
@@ -270,11 +270,11 @@ def _candidate(found: Diagnosis, declared: Mapping[str, Parameter], ranked: Rank
         where=[ranked.at.where],
         gap_after_low=math.nan,
         gap_after_high=math.nan,
-        parameters=[_of_gap(name, value, declared.get(name)) for name, value in values.items()],
+        parameters=[_of_gap(name, value) for name, value in values.items()],
     )
 
 
-def _also(found: Diagnosis, declared: Mapping[str, Parameter], at: EffectAt) -> Any:
+def _also(found: Diagnosis, at: EffectAt) -> Any:
     """Return a further effect: what it came to in the extended model, and the gap left with it."""
     prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
     step = 1 + (EffectAt(found.effect, *found.where[:1]), *found.also).index(at)
@@ -284,21 +284,20 @@ def _also(found: Diagnosis, declared: Mapping[str, Parameter], at: EffectAt) -> 
         probability=math.nan,
         **_interval('gap_after', found.steps[step : step + 1]),
         parameters=[
-            _of_gap(name, value, declared.get(name))
+            _of_gap(name, value)
             for name, value in found.parameters.items()
             if name.startswith(prefix)
         ],
     )
 
 
-def _of_gap(name: str, value: Value, declared: Parameter | None) -> ParameterEstimate:
-    low, high = (declared.low, declared.high) if declared else (math.nan, math.nan)
+def _of_gap(name: str, value: Value) -> ParameterEstimate:
+    low, high = value.lower_bound, value.upper_bound
     edge = AT_BOUND * (high - low)
     below, above = value.value <= low + edge, value.value >= high - edge
     unknown = math.isnan(value.low) or math.isnan(value.high)
-    state = state_of(value.value, value.low, value.high, low, high)
     # without an interval nothing speaks against it
-    loose = not unknown and state != 'identified'
+    loose = not unknown and state_of(value.value, value.low, value.high, low, high) != 'identified'
     bound = bound_of(value.low, value.high, low, high, value.unit)
     notes = [bound or NOT_IDENTIFIABLE] if loose else []
     if below or above:
@@ -309,11 +308,9 @@ def _of_gap(name: str, value: Value, declared: Parameter | None) -> ParameterEst
         ParameterEstimate,
         value,
         name=name,
-        lower_bound=low,
-        upper_bound=high,
         genetic_value=math.nan,
         at_bound=bool(below or above),
         identifiable=not loose,
-        kind=_KINDS[declared.kind if declared else 'physical'],
+        kind=_KINDS[value.kind],
         note='; '.join(notes),
     )

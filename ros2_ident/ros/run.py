@@ -107,9 +107,7 @@ def carry_out(
     asked = wanted.machine.digest, wanted.configuration, repr(wanted.settings)
     place = checkpoint_of(wanted.output_directory, what, *asked, logs.sha256, check)
     find: Callable[..., Any] = jobs.identify if identifying else jobs.diagnose
-    done = find(wanted, logs, cancel=cancel, on_progress=report, checkpoint=place)
-    assert identifying or done.declared  # worked out here, not in the executor's thread
-    return done
+    return find(wanted, logs, cancel=cancel, on_progress=report, checkpoint=place)
 
 
 # ---------------------------------------------------------------------- files and series
