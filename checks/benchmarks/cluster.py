@@ -23,7 +23,7 @@ from ros2_ident.identify.run import identify, read_data
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.search import Budget, Threads, Workers
-from ros2_ident.search.cluster import Cluster
+from ros2_ident.search.evaluators import Cluster
 from ros2_ident.threads import processors
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -26,7 +26,7 @@ from ros2_ident.excite.files import write_excitation
 from ros2_ident.excite.information import Sensitivity
 from ros2_ident.excite.limits import KEYS, limits_of
 from ros2_ident.excite.plan import excite, largest, SEARCH, Wish
-from ros2_ident.machine.space import Space
+from ros2_ident.machine.kind import Space
 from ros2_ident.models import load_machine
 from ros2_ident.models.registry import kind_of, set_points_of, space_of
 from ros2_ident.simulate import motions

@@ -7,7 +7,7 @@ from typing import Any
 
 from checks.blind.faults import Fault
 from checks.blind.rough import Rough
-from ros2_ident.machine.space import Space
+from ros2_ident.machine.kind import Space
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import space_of
 from ros2_ident.simulate.motions import draw_motion, Motion

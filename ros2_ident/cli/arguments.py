@@ -172,7 +172,7 @@ def asked(args: argparse.Namespace) -> dict[str, Any]:
     """
     from ros2_ident.models import load_machine
     from ros2_ident.search import Threads
-    from ros2_ident.search.cluster import Cluster
+    from ros2_ident.search.evaluators import Cluster
 
     return {
         'machine': with_effort(load_machine(args.machine), args),

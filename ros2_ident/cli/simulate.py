@@ -29,8 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.models import load_machine
     from ros2_ident.models.registry import kind_of
     from ros2_ident.recording.write import require_room, write_bag
-    from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate_bag
-    from ros2_ident.simulate.effects import read_effect
+    from ros2_ident.simulate.bag import CLEAN, nuisance_of, read_effect, simulate_bag
     from ros2_ident.simulate.motions import draw_motion
 
     require_room(args.bag)

@@ -12,8 +12,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.excite.course import derived, tool_of
 from ros2_ident.excite.limits import carries, Moved, transmission
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.planned import drives_moved, planned_model
 from ros2_ident.models.protocol import FullModel
 from ros2_ident.models.registry import compared_of

@@ -14,7 +14,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.excite.course import Courses
 from ros2_ident.excite.information import Sensitivity, Shown
 from ros2_ident.excite.limits import Limits, Moved
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Parameter
 from ros2_ident.search import Budget, GeneticSearch, GeneticSettings, minimise, SearchResult
 from ros2_ident.search.driver import Progress
 

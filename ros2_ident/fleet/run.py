@@ -105,7 +105,7 @@ def _worked(
             yield run_entry(entry, wish, '', known)
         return
     from ros2_ident.identify.problem import sources
-    from ros2_ident.search.cluster import connect
+    from ros2_ident.search.evaluators import connect
 
     if not tasks:
         return

@@ -16,10 +16,9 @@ from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.hidden import settled
 from ros2_ident.identify.layout import Conditions, held_of, Layout
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
-from ros2_ident.models.recorded import RecordedMotion
+from ros2_ident.models.protocol import RecordedMotion
 from ros2_ident.models.registry import efforts_of
 from ros2_ident.recording import Dataset
 

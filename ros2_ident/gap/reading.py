@@ -18,7 +18,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Case
 from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.models import FullModel
-from ros2_ident.models.recorded import recorded_motion, RecordedMotion
+from ros2_ident.models.protocol import recorded_motion, RecordedMotion
 
 # Steps looked for, m (see `FullModel.travel` for joints that turn); a smaller one drowns in the
 # resolution of the log's own position.

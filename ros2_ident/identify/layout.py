@@ -12,8 +12,7 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_yaml
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.models.protocol import FullModel, Model
 

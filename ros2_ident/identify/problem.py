@@ -18,8 +18,7 @@ from ros2_ident.identify.outputs import Outputs, weights_of
 from ros2_ident.identify.result import DriveResidual, Quality
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models import EffectAt, make_model
 from ros2_ident.models.protocol import complete, FullModel, Model
 from ros2_ident.models.registry import efforts_of

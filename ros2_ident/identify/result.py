@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ros2_ident.arrays import Above, Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gates import Gate
-from ros2_ident.machine.parameter import Kind
+from ros2_ident.machine.machine import Kind
 from ros2_ident.prediction import Prediction
 
 # An interval that reaches so many times as far to one side as to the other is lopsided.

@@ -8,7 +8,7 @@ import importlib
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.machine.machine import Machine as Machine
-from ros2_ident.machine.parameter import Parameter as Parameter
+from ros2_ident.machine.machine import Parameter as Parameter
 from ros2_ident.models.registry import load_machine as load_machine
 from ros2_ident.models.registry import machine_from_mapping as machine_from_mapping
 from ros2_ident.models.registry import make_model as make_model

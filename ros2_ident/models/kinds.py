@@ -12,9 +12,8 @@ import numpy as np
 from ros2_ident.machine.description import joints_in
 from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.keys import keys_of
-from ros2_ident.machine.kind import Kind, later
+from ros2_ident.machine.kind import Kind, later, Space
 from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.space import Space
 
 
 def _space_of_belt_drive(machine: Machine) -> Space:

@@ -14,9 +14,8 @@ from typing import Any, TYPE_CHECKING
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine import file as machine_file
 from ros2_ident.machine.file import MachineFile
-from ros2_ident.machine.kind import Kind
+from ros2_ident.machine.kind import Kind, Space
 from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.space import Space
 from ros2_ident.models.kinds import OWN
 
 if TYPE_CHECKING:
@@ -176,8 +175,8 @@ def compared_of(machine: Machine) -> tuple[str, ...]:
 
 
 def efforts_of(machine: Machine, data: 'Sequence[Dataset]') -> 'Array':
-    """Return (D,) the size of the drives' efforts, see `recorded.effort_range`."""
-    from ros2_ident.models.recorded import effort_range
+    """Return (D,) the size of the drives' efforts, see `protocol.effort_range`."""
+    from ros2_ident.models.protocol import effort_range
 
     stated = kind_of(machine).efforts
     return effort_range(machine, data) if stated is None else stated(machine)

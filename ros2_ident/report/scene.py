@@ -18,7 +18,7 @@ from rosbags.typesys import get_typestore, Stores
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.problem import Problem
-from ros2_ident.machine.space import Figure
+from ros2_ident.machine.kind import Figure
 from ros2_ident.models.registry import kind_of, make_model
 from ros2_ident.recording import Stream
 from ros2_ident.recording.streams import FloatArray, IntArray

@@ -12,8 +12,8 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.kind import Space
 from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.space import Space
 from ros2_ident.models.registry import set_points_of, space_of
 
 # Largest speed and acceleration of the unit quintic 10 u^3 - 15 u^4 + 6 u^5.

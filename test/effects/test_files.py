@@ -81,7 +81,7 @@ def bag(folder: Path) -> str:
 
 def test_a_log_is_made_with_it(file: Path, tmp_path: Path) -> None:
     code = 'from ros2_ident.effects import add_effect_files; '
-    code += 'from ros2_ident.simulate.effects import read_effect; '
+    code += 'from ros2_ident.simulate.bag import read_effect; '
     code += f'add_effect_files(["{file.name}"]); '
     code += f'print(read_effect("{file.name}:stiffness=3e4,place=0.15"))'
     assert 'rubber_buffer' in run(tmp_path, '-c', code)

@@ -8,7 +8,7 @@ import pytest
 from ros2_ident.gap.bursts import bursts
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Parameter
 from ros2_ident.models.protocol import FullModel, Output
 from ros2_ident.words.finding import where
 

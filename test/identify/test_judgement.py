@@ -18,7 +18,7 @@ from ros2_ident.identify.outcome import state_of
 from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.run import FLOORS, identify, LARGE, NOTE
 from ros2_ident.identify.settings import IdentifySettings
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Parameter
 from ros2_ident.models.protocol import Output
 from ros2_ident.report.schema import from_mapping, to_mapping
 from ros2_ident.words.identification import message

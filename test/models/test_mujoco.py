@@ -17,8 +17,7 @@ from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.recording import Dataset
-from ros2_ident.simulate.bag import simulate
-from ros2_ident.simulate.effects import read_effect
+from ros2_ident.simulate.bag import read_effect, simulate
 from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ from ros2_ident.identify.layout import Conditions, read_conditions
 from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Parameter
 from ros2_ident.models.protocol import complete, Model, Output
 from ros2_ident.search import GeneticSettings
 

@@ -24,7 +24,7 @@ from ros2_ident.search import (
     StopReason,
     Threads,
 )
-from ros2_ident.search.cluster import Cluster
+from ros2_ident.search.evaluators import Cluster
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = GeneticSettings(initial_population=64, survivors=4, children=8, generations=4)
@@ -144,7 +144,7 @@ def test_work_is_done_here_when_every_dask_worker_is_gone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     distributed = pytest.importorskip('distributed')
-    monkeypatch.setattr('ros2_ident.search.cluster.PATIENCE', 1.0)
+    monkeypatch.setattr('ros2_ident.search.evaluators.PATIENCE', 1.0)
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
@@ -159,7 +159,7 @@ def test_work_is_done_here_when_every_dask_worker_is_gone(
 
 def test_no_scheduler_is_said_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('distributed')
-    monkeypatch.setattr('ros2_ident.search.cluster.PATIENCE', 1.0)
+    monkeypatch.setattr('ros2_ident.search.evaluators.PATIENCE', 1.0)
     machine = load_machine(ROOT / 'config/emps.yaml')
     data = read_data(ROOT / 'bags/axis_reversals', machine)
     with pytest.raises(IdentError, match='dask scheduler') as caught:

@@ -10,8 +10,7 @@ import pytest
 from ros2_ident.models import load_machine
 from ros2_ident.models.registry import space_of
 from ros2_ident.recording import read_bag
-from ros2_ident.simulate.bag import CLEAN, nuisance_of, simulate, simulate_bag, START
-from ros2_ident.simulate.effects import read_effect
+from ros2_ident.simulate.bag import CLEAN, nuisance_of, read_effect, simulate, simulate_bag, START
 from ros2_ident.simulate.motions import draw_motion, KINDS
 
 ROOT = Path(__file__).parents[2]

@@ -14,8 +14,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.belt_drive import kernels as belt_kernels
 from ros2_ident.models.drives.outputs import MachineModel
 from ros2_ident.models.kinds import BELT_DRIVE as KIND

@@ -12,8 +12,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Kind, Parameter
+from ros2_ident.machine.machine import Kind, Machine, Parameter
 from ros2_ident.machine.units import angular, angular_factor, per_metre
 from ros2_ident.models.protocol import EffectAt
 

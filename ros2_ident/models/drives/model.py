@@ -21,13 +21,17 @@ from ros2_ident.kernel import law as law_kernel
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
 from ros2_ident.machine.keys import NEUTRAL
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.band import Band
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
-from ros2_ident.models.protocol import EffectAt, Output
-from ros2_ident.models.recorded import effort_range, recorded_motion, RecordedMotion
+from ros2_ident.models.protocol import (
+    EffectAt,
+    effort_range,
+    Output,
+    recorded_motion,
+    RecordedMotion,
+)
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.band import speed_error, standing, told_band
 from ros2_ident.recording.motion import low_pass, settling, smooth_motion

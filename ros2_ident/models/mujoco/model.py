@@ -14,16 +14,14 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import CATALOGUE, Context, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
-from ros2_ident.machine.space import Space
+from ros2_ident.machine.kind import Space
+from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.machine.units import per_metre
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
 from ros2_ident.models.kinds import MUJOCO as KIND
 from ros2_ident.models.mujoco.plant import OWN, Plant
-from ros2_ident.models.protocol import EffectAt, Output
-from ros2_ident.models.recorded import effort_range
+from ros2_ident.models.protocol import EffectAt, effort_range, Output
 from ros2_ident.recording import Dataset
 
 # Rows of the kernels' whose change MuJoCo can express, and what they are at their neutral value.

@@ -13,8 +13,7 @@ from ros2_ident.effects import Context
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.serial.arm import Arm, arm_of

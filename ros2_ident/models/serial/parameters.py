@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.machine.machine import Box, Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Box, Machine, Parameter
 from ros2_ident.models.serial.arm import Arm, INERTIALS
 
 # Names of a link's inertial parameters in pinocchio's order, and the machine file's for their box.

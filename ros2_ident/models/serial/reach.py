@@ -8,8 +8,8 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.machine.draft import Remark
+from ros2_ident.machine.kind import Figure, Space
 from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.space import Figure, Space
 from ros2_ident.models.serial.arm import arm_of, base_turn
 
 # Speeds are means over so long, s: no larger than the largest, and free of an encoder's steps.

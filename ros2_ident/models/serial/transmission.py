@@ -8,8 +8,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.parameter import Parameter
+from ros2_ident.machine.machine import Machine, Parameter
 
 BALANCE = ('balance_force', 'balance_rate')
 _SOURCE = 'a cylinder or spring between two links, by virtual work'
