@@ -18,7 +18,7 @@ W = WIDTH
 def room(drives: int) -> int:
     """Return how many numbers of room the replay of so many drives needs."""
     each = MEMORY_COUNT + measurement.PIECE + measurement.KEPT
-    return int((drives * each + 1 + measurement.ROOM) * W)
+    return int((drives * each + measurement.ROOM) * W)
 
 
 def _build(digest):
@@ -57,8 +57,6 @@ def _build(digest):
         mem, rest = parted(room, drives * MEMORY_COUNT)
         torques, rest = parted(rest, drives * measurement.PIECE)
         kept, rest = parted(rest, drives * measurement.KEPT)
-        finite, rest = parted(rest, 1)
-        finite[:] = 1.0
         for g in range(blocks.shape[0]):
             par = blocks[g]
             mem[:] = 0.0
@@ -85,7 +83,7 @@ def _build(digest):
                         par, torques, torques, k - piece, piece + 1, cycle, task, rows[g], kept,
                         rest,
                     )  # fmt: skip
-            measurement.conclude(par, finite, task, rows[g], kept)
+            measurement.conclude(par, mem[:0], task, rows[g], kept)
 
     return replay
 

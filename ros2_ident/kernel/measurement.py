@@ -223,12 +223,12 @@ def give_up(task, rows, kept):
 
 
 @called
-def conclude(par, finite, task, rows, kept):
+def conclude(par, moved, task, rows, kept):
     """Write the costs (S, 1), eq. 2 of the paper, and inf for diverged candidates.
 
     Args:
         par: (R * W,) rows of the candidates.
-        finite: (W,) other than zero where a candidate stayed finite.
+        moved: (N * W,) where candidates came to, and how fast: all finite but of diverged ones.
         task: As for `hand_on`; a cost is weight times RMS error, averaged over the quantities of
             drives that count.
         rows: As for `hand_on`.
@@ -237,7 +237,9 @@ def conclude(par, finite, task, rows, kept):
     for lane in range(W):
         if rows[lane] < 0:
             continue
-        good = finite[lane] != 0.0
+        good = True
+        for r in range(moved.shape[0] // W):
+            good &= np.isfinite(moved[r * W + lane])
         for d in range(task.samples.shape[1]):
             delay = par[(MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.log_delay) * W + lane]
             good &= np.isfinite(delay) and delay >= 0.0

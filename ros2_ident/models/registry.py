@@ -21,7 +21,6 @@ from ros2_ident.models.kinds import OWN
 if TYPE_CHECKING:
     from ros2_ident.arrays import Array
     from ros2_ident.models.drives.model import DriveModel
-    from ros2_ident.models.protocol import EffectAt
     from ros2_ident.recording import Dataset
 
 ENTRY_POINTS = 'ros2_ident.machines'
@@ -183,16 +182,7 @@ def efforts_of(machine: Machine, data: 'Sequence[Dataset]') -> 'Array':
 
 
 def make_model(
-    machine: Machine,
-    data: 'Dataset',
-    *,
-    drives: Sequence[str] | None = None,
-    effects: 'Sequence[EffectAt]' = (),
-    fixed: Mapping[str, float] | None = None,
-    cutoff: float = 100.0,
-    efforts: 'Array | None' = None,
-    quantities: Sequence[str] | None = None,
-    weights: Sequence[float] | None = None,
+    machine: Machine, data: 'Dataset', *, quantities: Sequence[str] | None = None, **asked: Any
 ) -> 'DriveModel':
     """Return the model of a machine on a recording; the arguments are `MachineModel`'s.
 
@@ -203,17 +193,9 @@ def make_model(
     """
     # What not every model can do is asked for only where it is wanted.
     kind = kind_of(machine)
-    wanted: dict[str, Any] = {'efforts': efforts, 'weights': weights}
     compared = tuple(quantities or kind.compares)
     if {compared, kind.compares} != {('effort',)}:
-        wanted['quantities'] = compared
-    model: DriveModel = kind.model(
-        machine,
-        data,
-        drives=drives,
-        effects=effects,
-        fixed=fixed,
-        cutoff=cutoff,
-        **{name: value for name, value in wanted.items() if value is not None},
-    )
+        asked['quantities'] = compared
+    given = {name: value for name, value in asked.items() if value is not None}
+    model: DriveModel = kind.model(machine, data, **given)
     return model

@@ -60,8 +60,8 @@ class GeneticSettings:
         first_step: Factor on xi^(g-1) in eq. 6; 1 in the paper, where the first children are
             spread over the whole box. A tenth lets them search the surroundings of their parents
             at once.
-        first_generation: `uniform` (eq. 4), `latin_hypercube` or `kronecker` (fills the box more
-            evenly with the same number of candidates).
+        first_generation: `uniform` (eq. 4) or `kronecker` (fills the box more evenly with the same
+            number of candidates).
         stagnation_generations: Stop after this many generations without improvement; 0 for never.
         stagnation_tolerance: Relative decrease of the best cost that counts as improvement.
     """

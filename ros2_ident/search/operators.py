@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from ros2_ident.arrays import Array as Array
 
@@ -97,24 +96,6 @@ def uniform_points(count: int, dimension: int, rng: np.random.Generator) -> Arra
     return rng.random((count, dimension))
 
 
-def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> Array:
-    """Draw one point in each of `count` equal layers of every coordinate.
-
-    Args:
-        count: Number of points S.
-        dimension: Number of parameters N.
-        rng: Source of the draws.
-
-    Returns:
-        (S, N) in the unit cube.
-
-    Reference:
-        McKay, Beckman and Conover (1979), Technometrics 21.
-    """
-    points: Array = qmc.LatinHypercube(dimension, seed=rng).random(count)
-    return points
-
-
 def kronecker(count: int, dimension: int, rng: np.random.Generator) -> Array:
     """Draw a low-discrepancy lattice with a random shift.
 
@@ -145,7 +126,6 @@ def kronecker(count: int, dimension: int, rng: np.random.Generator) -> Array:
 
 FIRST_GENERATIONS: dict[str, Callable[[int, int, np.random.Generator], Array]] = {
     'uniform': uniform_points,
-    'latin_hypercube': latin_hypercube,
     'kronecker': kronecker,
 }
 

@@ -32,24 +32,18 @@ class Intervals:
             data do not fix the parameter at all.
         low: (N,) lower ends, theta - half_width; not clipped to the box.
         high: (N,) upper ends.
-        standard_error: (N,) standard deviations of the estimate.
         correlation: (N, N) correlations of the estimates; NaN beside a parameter that is not
             fixed.
         at_bound: For each parameter '', 'lower' or 'upper'.
         noise: Standard deviation of the residual, its unit, for each series.
-        effective_samples: Samples of white noise that would tell as much.
-        rank: Directions of the parameter space that the data fix.
     """
 
     half_width: Array
     low: Array
     high: Array
-    standard_error: Array
     correlation: Array
     at_bound: tuple[str, ...]
     noise: tuple[float, ...]
-    effective_samples: float
-    rank: int
 
 
 def intervals(
@@ -71,8 +65,8 @@ def intervals(
     are infinite.
 
     Args:
-        jacobian: (R, N) derivative of the residual by theta, physical units.
-        residual: (R,) residual at theta.
+        jacobian: (R, N) derivative of the residual by theta, physical units, finite.
+        residual: (R,) residual at theta, finite.
         theta: (N,) estimate.
         low: (N,) lower bounds of the box.
         high: (N,) upper bounds of the box.
@@ -84,16 +78,19 @@ def intervals(
         The intervals.
 
     Raises:
-        IdentError: BAD_VALUES where shapes or numbers do not fit; NO_DATA where there are not more
-            residuals than parameters.
+        IdentError: NO_DATA where there are not more residuals than parameters.
 
     Reference:
         Seber and Wild (2003), Nonlinear Regression, sections 2.1 and 6.2; Newey and West (1987),
         Econometrica 55, for the sandwich.
     """
     count, dimension = jacobian.shape
-    lengths = _lengths(count, series)
-    _check(jacobian, residual, theta, dimension)
+    if count <= dimension:
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{count} residuals cannot tell the confidence of {dimension} parameters; '
+            'record more samples',
+        )
     width = np.asarray(high, dtype=np.float64) - np.asarray(low, dtype=np.float64)
     scaled = jacobian * width
     inverse, loose, rank = _inverse(scaled)
@@ -102,7 +99,7 @@ def intervals(
     models: list[NoiseModel] = []
     middle = np.zeros((dimension, dimension))
     start = 0
-    for length in lengths:
+    for length in (count,) if series is None else filter(None, series):
         part = slice(start, start + length)
         model = fit_noise(residual[part])
         middle += freedom * weighted_normal_matrix(scaled[part], model)
@@ -118,44 +115,10 @@ def intervals(
         half_width=half,
         low=theta - half,
         high=theta + half,
-        standard_error=error,
         correlation=_correlation(covariance if covariance.any() else inverse, loose),
         at_bound=_at_bound(theta, np.asarray(low), width),
         noise=tuple(math.sqrt(freedom * m.variance) for m in models),
-        effective_samples=effective,
-        rank=rank,
     )
-
-
-def _lengths(count: int, series: Sequence[int] | None) -> tuple[int, ...]:
-    lengths = (count,) if series is None else tuple(n for n in series if n)
-    if sum(lengths) != count:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'the series have {sum(lengths)} samples and the residual {count}; '
-            'give the length of each series',
-        )
-    return lengths
-
-
-def _check(jacobian: Array, residual: Array, theta: Array, dimension: int) -> None:
-    if residual.shape != (len(jacobian),) or theta.shape != (dimension,):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'the Jacobian has the shape {jacobian.shape}, the residual {residual.shape} and the '
-            f'estimate {theta.shape}; they have to be (R, N), (R,) and (N,)',
-        )
-    if not (np.isfinite(jacobian).all() and np.isfinite(residual).all()):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            'the Jacobian or the residual is not finite; refine from a candidate that converges',
-        )
-    if len(residual) <= dimension:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{len(residual)} residuals cannot tell the confidence of {dimension} parameters; '
-            'record more samples',
-        )
 
 
 def _inverse(scaled: Array) -> tuple[Array, Flags, int]:

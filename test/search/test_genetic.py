@@ -125,7 +125,7 @@ def test_simulations_are_those_of_table_4():
     assert search.stop_reason is StopReason.GENERATIONS
 
 
-@pytest.mark.parametrize('first', ['uniform', 'latin_hypercube', 'kronecker'])
+@pytest.mark.parametrize('first', ['uniform', 'kronecker'])
 def test_same_seed_same_run(first):
     settings = replace(SMALL, first_generation=first)
     one, other = (np.concatenate(run(GeneticSearch(3, settings, seed=7))) for _ in range(2))

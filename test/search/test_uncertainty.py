@@ -18,13 +18,6 @@ TRUTH = np.array([0.5, 0.2, 0.7])
 LOW, HIGH = np.full(3, -10.0), np.full(3, 10.0)
 
 
-def spoiled(values):
-    """Return a copy of which one number is none."""
-    out = values.copy()
-    out.flat[7] = math.nan
-    return out
-
-
 def coloured(rng, rho, count=COUNT):
     white = rng.normal(size=count + 500)
     return lfilter([1.0], [1.0, -rho], white)[500:] * math.sqrt(1.0 - rho**2)
@@ -43,11 +36,8 @@ def test_white_noise_gives_the_classical_interval():
     residual = noise + JACOBIAN @ (TRUTH - theta)
     covariance = residual @ residual / (COUNT - 3) * np.linalg.inv(JACOBIAN.T @ JACOBIAN)
     error = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(found.standard_error, error, rtol=1e-10)
     np.testing.assert_allclose(found.half_width, student.ppf(0.975, COUNT - 3) * error, rtol=1e-10)
     np.testing.assert_allclose(found.correlation, covariance / np.outer(error, error), rtol=1e-9)
-    assert found.effective_samples == COUNT
-    assert found.rank == 3
     assert found.noise[0] == pytest.approx(1.0, rel=0.1)
 
 
@@ -79,8 +69,8 @@ def test_each_series_has_its_own_noise():
     residual = noise - jacobian @ theta
     box = np.full(2, -50.0), np.full(2, 50.0)
     apart = intervals(jacobian, residual, theta, *box, series=[300, 300])
-    assert apart.standard_error[0] == pytest.approx(1.0 / math.sqrt(300), rel=0.15)
-    assert apart.standard_error[1] == pytest.approx(0.01 / math.sqrt(300), rel=0.15)
+    wanted = 1.96 * np.array([1.0, 0.01]) / math.sqrt(300)
+    assert apart.half_width == pytest.approx(wanted, rel=0.15)
     assert apart.noise == pytest.approx((1.0, 0.01), rel=0.15)
 
 
@@ -88,7 +78,6 @@ def test_twins_are_not_identifiable_and_the_third_is():
     jacobian = np.stack([np.sin(TIME), -3.0 * np.sin(TIME), np.cos(TIME)], axis=1)
     noise = 0.01 * np.random.default_rng(0).normal(size=COUNT)
     found = intervals(jacobian, noise, TRUTH, LOW, HIGH)
-    assert found.rank == 2
     assert np.isinf(found.half_width[:2]).all()
     assert np.isfinite(found.half_width[2])
     assert np.isnan(found.correlation[0, 1])
@@ -104,20 +93,10 @@ def test_a_deaf_parameter_is_not_identifiable():
     assert np.isinf(found.half_width[1])
     assert np.isfinite(found.half_width[[0, 2]]).all()
     nothing = intervals(0.0 * JACOBIAN, np.ones(COUNT), TRUTH, LOW, HIGH)
-    assert np.isinf(nothing.half_width).all() and nothing.rank == 0
+    assert np.isinf(nothing.half_width).all()
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'code', 'text'),
-    [
-        ((JACOBIAN[:3], np.zeros(3), TRUTH), ErrorCode.NO_DATA, 'record more samples'),
-        ((JACOBIAN, np.zeros(5), TRUTH), ErrorCode.BAD_VALUES, r'\(R, N\), \(R,\) and \(N,\)'),
-        ((JACOBIAN, np.full(COUNT, math.inf), TRUTH), ErrorCode.BAD_VALUES, 'not finite'),
-        ((JACOBIAN, spoiled(np.zeros(COUNT)), TRUTH), ErrorCode.BAD_VALUES, 'not finite'),
-        ((spoiled(JACOBIAN), np.zeros(COUNT), TRUTH), ErrorCode.BAD_VALUES, 'not finite'),
-    ],
-)
-def test_unusable_input_is_refused(arguments, code, text):
-    with pytest.raises(IdentError, match=text) as caught:
-        intervals(*arguments, LOW, HIGH)
-    assert caught.value.code == code
+def test_fewer_samples_than_parameters_are_refused():
+    with pytest.raises(IdentError, match='record more samples') as caught:
+        intervals(JACOBIAN[:3], np.zeros(3), TRUTH, LOW, HIGH)
+    assert caught.value.code == ErrorCode.NO_DATA

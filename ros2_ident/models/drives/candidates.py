@@ -91,10 +91,11 @@ MAY_BE_ZERO = {*_ZERO, *(name for name, slot in SLOTS.items() if slot.row in _ZE
 Derive = Callable[[Array, int], None]
 
 
+@dataclass(eq=False)
 class Candidates:
     """The parameters of a machine with effects, and the rows of candidates.
 
-    Args:
+    Attributes:
         machine: The machine.
         drives: Drives whose parameters are free; the others follow their mean.
         effects: Effects besides the nominal physics.
@@ -105,8 +106,6 @@ class Candidates:
         travels: (D,) unit of the drives' positions, `m` or `rad`.
         own: Parameters that fill no row here but something of the model's own, by their name in
             the machine file.
-
-    Attributes:
         free: The parameters, in the order of theta's columns.
         on: (D,) flags of the effects that have a kernel.
         flexible: (D,) where an effect hangs a share of a rigid drive's mass on a spring.
@@ -118,33 +117,24 @@ class Candidates:
         IdentError: INVALID_GOAL or UNKNOWN_PARAMETER with the remedy.
     """
 
-    def __init__(
-        self,
-        machine: Machine,
-        drives: Sequence[str],
-        effects: Sequence[EffectAt],
-        fixed: Mapping[str, float],
-        base: Array,
-        rigid: bool,
-        efforts: Array,
-        travels: Sequence[str],
-        own: Mapping[str, Sequence[Parameter]],
-    ) -> None:
-        self._machine = machine
-        self._travels = tuple(travels)
-        self._own = own
-        self._efforts = efforts
-        self._drives = tuple(drives)
-        self._effects = tuple(effects)
-        self._fixed = dict(fixed)
-        self._base = base
+    machine: Machine
+    drives: tuple[str, ...]
+    effects: tuple[EffectAt, ...]
+    fixed: Mapping[str, float]
+    base: Array
+    rigid: bool
+    efforts: Array
+    travels: tuple[str, ...]
+    own: Mapping[str, Sequence[Parameter]]
+
+    def __post_init__(self) -> None:
         self._all = self._declared()
         self._known_names()
-        free = [entry for entry in self._all if entry[0].name not in self._fixed]
+        free = [entry for entry in self._all if entry[0].name not in self.fixed]
         self.free: tuple[Parameter, ...] = tuple(p for p, _ in free)
         self._targets = [target for _, target in free]
-        self.on = np.zeros(len(machine.drives), dtype=np.int64)
-        for at in self._effects:
+        self.on = np.zeros(len(self.machine.drives), dtype=np.int64)
+        for at in self.effects:
             effect = get_effect(at.effect)
             if effect.hook is not Hook.PARAMETER:
                 for d in self._places(at):
@@ -154,7 +144,7 @@ class Candidates:
         self.smoothed = self._where(self._acting('log_smoothing'))
         sprung = self._acting('load_share')
         self.flexible = self._where(sprung)
-        if sprung and not rigid:
+        if sprung and not self.rigid:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 f'{sprung[0].effect} has no place in a machine whose gear is elastic already; its '
@@ -163,12 +153,12 @@ class Candidates:
 
     def _acting(self, row: str) -> list[EffectAt]:
         """Return the effects that act on a row."""
-        each = [(at, get_effect(at.effect).parameters) for at in self._effects]
+        each = [(at, get_effect(at.effect).parameters) for at in self.effects]
         return [at for at, parameters in each if any(p.target == row for p in parameters)]
 
     def _where(self, effects: Sequence[EffectAt]) -> npt.NDArray[np.bool_]:
         """Return (D,) the drives of some effects."""
-        out = np.zeros(len(self._machine.drives), dtype=bool)
+        out = np.zeros(len(self.machine.drives), dtype=bool)
         for at in effects:
             out[self._places(at)] = True
         return out
@@ -177,40 +167,40 @@ class Candidates:
 
     def _places(self, at: EffectAt) -> list[int]:
         if at.where == 'all':
-            return list(range(len(self._machine.drives)))
-        if at.where not in self._machine.drives:
+            return list(range(len(self.machine.drives)))
+        if at.where not in self.machine.drives:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 f'{at.effect} cannot sit on {at.where!r}; '
-                f'choose from {", ".join(self._machine.drives)} or all',
+                f'choose from {", ".join(self.machine.drives)} or all',
             )
-        return [self._machine.drives.index(at.where)]
+        return [self.machine.drives.index(at.where)]
 
     def _declared(self) -> list[tuple[Parameter, Target]]:
         """Return all parameters, held ones included, each with where it goes."""
         declared: list[tuple[Parameter, Target]] = []
-        for name in self._machine.bounds:
-            if name in self._own:
-                declared += [(p, (p.name, None)) for p in self._own[name]]
+        for name in self.machine.bounds:
+            if name in self.own:
+                declared += [(p, (p.name, None)) for p in self.own[name]]
                 continue
             slot = SLOTS.get(name)
             if slot is None:
                 raise IdentError(
                     ErrorCode.UNKNOWN_PARAMETER,
-                    f'machine file: the {self._machine.kind} model has no parameter {name!r}; '
+                    f'machine file: the {self.machine.kind} model has no parameter {name!r}; '
                     f'it knows {", ".join(SLOTS)}',
                 )
-            for drive in [None] if slot.shared else self._drives:
+            for drive in [None] if slot.shared else self.drives:
                 full = name if drive is None else f'{drive}.{name}'
-                index = None if drive is None else self._machine.drives.index(drive)
-                low, high, unit = self._machine.box(name, drive)
+                index = None if drive is None else self.machine.drives.index(drive)
+                low, high, unit = self.machine.box(name, drive)
                 # An inertia that may be below zero makes up for links, too.
                 kind: Kind = 'base' if name == 'drive_inertia' and low < 0.0 else slot.kind
                 absent = 0.0 if name in MAY_BE_ZERO else None
                 declared.append(
                     (Parameter(full, unit, low, high, kind, slot.source, absent), (name, index))
                 )
-        for at in self._effects:
+        for at in self.effects:
             declared += self._of_effect(get_effect(at.effect), at)
         return declared
 
@@ -218,9 +208,9 @@ class Candidates:
         places = self._places(at)
         kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
         prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
-        turns = self._travels[places[0]] == 'rad'
+        turns = self.travels[places[0]] == 'rad'
         # A machine of joints that turn may have one that slides.
-        linear = 'N' if self._machine.travel_unit == 'rad' else self._machine.model_unit
+        linear = 'N' if self.machine.travel_unit == 'rad' else self.machine.model_unit
         effort = 'N m' if turns else linear
         out: list[tuple[Parameter, Target]] = []
         for p in self.scaled(at):
@@ -235,9 +225,9 @@ class Candidates:
     def _known_names(self) -> None:
         """Refuse to hold what is no parameter."""
         names = {p.name for p, _ in self._all} | {
-            f'{d}.{n}' for d in self._machine.drives for n in self._machine.bounds
+            f'{d}.{n}' for d in self.machine.drives for n in self.machine.bounds
         }
-        for name in self._fixed:
+        for name in self.fixed:
             if name not in names:
                 raise IdentError(
                     ErrorCode.UNKNOWN_PARAMETER,
@@ -248,9 +238,9 @@ class Candidates:
     def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
         """Return an effect's parameters with the numbers they have at a place, in their units."""
         places = self._places(at)
-        effort = float(self._efforts[places].max())
-        force = float((self._efforts * self._machine.numbers('gear_factor'))[places].max())
-        travel = self._travels[places[0]]
+        effort = float(self.efforts[places].max())
+        force = float((self.efforts * self.machine.numbers('gear_factor'))[places].max())
+        travel = self.travels[places[0]]
         turns = travel == 'rad'
         out = []
         for p in get_effect(at.effect).parameters:
@@ -284,8 +274,8 @@ class Candidates:
 
         That is the limit, or, where none is stated, more than the drive was ever seen to make.
         """
-        limit = float(self._machine.numbers('torque_limit')[drive])
-        return limit if math.isfinite(limit) else UNLIMITED * float(self._efforts[drive])
+        limit = float(self.machine.numbers('torque_limit')[drive])
+        return limit if math.isfinite(limit) else UNLIMITED * float(self.efforts[drive])
 
     # ------------------------------------------------------------------ rows
 
@@ -302,9 +292,9 @@ class Candidates:
             raise ValueError(
                 f'theta has {theta.shape[1]} columns, the model {len(self.free)} parameters'
             )
-        block = np.repeat(self._base[None], len(theta), axis=0)
+        block = np.repeat(self.base[None], len(theta), axis=0)
         values = self._values(theta)
-        drives = range(len(self._machine.drives))
+        drives = range(len(self.machine.drives))
         for (name, index), value in values.items():
             if name in SLOTS:
                 self._fill(block, name, drives if index is None else [index], value)
@@ -312,7 +302,7 @@ class Candidates:
         for d in drives:
             derive(block, d)
             self._finish_drive(block, d)
-        for at in self._effects:
+        for at in self.effects:
             self._add_effect(block, at, values)
         for flexible in np.flatnonzero(self.flexible):
             self._split(block, int(flexible))
@@ -328,7 +318,7 @@ class Candidates:
     def own_values(self, theta: Array) -> dict[str, Array]:
         """Return the (S,) values of the model's own parameters, by their full names."""
         values = self._values(np.atleast_2d(theta))
-        return {p.name: values[p.name, None] for several in self._own.values() for p in several}
+        return {p.name: values[p.name, None] for several in self.own.values() for p in several}
 
     def dry_friction(self, block: Array, d: int, torque: Array) -> Array:
         """Return (S,) the largest friction of a drive whose gear a torque (S,) [N m] presses.
@@ -337,7 +327,7 @@ class Candidates:
         """
         total: Array = block[:, rows.row_of('coulomb', d)]
         per_unit = {'effort': np.ones_like(torque), '1': torque, '1/(effort)': torque**2}
-        for at in self._effects:
+        for at in self.effects:
             effect = get_effect(at.effect)
             if effect.hook is not Hook.FRICTION or d not in self._places(at):
                 continue
@@ -350,13 +340,13 @@ class Candidates:
     def _values(self, theta: Array) -> dict[Target, Array]:
         """Return every parameter's (S,) values: held, free, and of drives that only follow."""
         values: dict[Target, Array] = {}
-        for d, drive in enumerate(self._machine.drives):
-            for name in self._machine.bounds:
-                if f'{drive}.{name}' in self._fixed:
-                    values[name, d] = np.full(len(theta), self._fixed[f'{drive}.{name}'])
+        for d, drive in enumerate(self.machine.drives):
+            for name in self.machine.bounds:
+                if f'{drive}.{name}' in self.fixed:
+                    values[name, d] = np.full(len(theta), self.fixed[f'{drive}.{name}'])
         for parameter, target in self._all:
-            if parameter.name in self._fixed:
-                values[target] = np.full(len(theta), self._fixed[parameter.name])
+            if parameter.name in self.fixed:
+                values[target] = np.full(len(theta), self.fixed[parameter.name])
         for column, target in enumerate(self._targets):
             values[target] = theta[:, column]
         self._follow(values)
@@ -368,13 +358,13 @@ class Candidates:
         Their gears still move the carriages: with those of the nominal machine, stiff, the torque
         of the others would be far off. What the machine file says of them holds.
         """
-        chosen = [self._machine.drives.index(name) for name in self._drives]
-        for d, drive in enumerate(self._machine.drives):
+        chosen = [self.machine.drives.index(name) for name in self.drives]
+        for d, drive in enumerate(self.machine.drives):
             if d in chosen:
                 continue
-            for name in set(self._machine.bounds) - set(self._own):
-                own = self._machine.stated(name) or f'{drive}.{name}' in self._machine.own_bounds
-                if not (own or SLOTS[name].shared or f'{drive}.{name}' in self._fixed):
+            for name in set(self.machine.bounds) - set(self.own):
+                own = self.machine.stated(name) or f'{drive}.{name}' in self.machine.own_bounds
+                if not (own or SLOTS[name].shared or f'{drive}.{name}' in self.fixed):
                     values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)
 
     def _fill(self, block: Array, name: str, drives: Sequence[int] | range, value: Array) -> None:
@@ -387,7 +377,7 @@ class Candidates:
 
     def _convert(self, block: Array, values: Mapping[Target, Array]) -> None:
         """Refer to the motor what is stated at the carriage, and to the gear what follows it."""
-        for d in range(len(self._machine.drives)):
+        for d in range(len(self.machine.drives)):
             # Stated as what it asks of the motor.
             gear = block[:, rows.row_of('gear', d)]
             block[:, rows.row_of('constant_load', d)] *= gear
@@ -395,8 +385,8 @@ class Candidates:
             if name in SLOTS and SLOTS[name].force and index is not None:
                 row = rows.row_of(SLOTS[name].row, index)
                 block[:, row] /= block[:, rows.row_of('gear', index)]
-        if 'gear_factor' in self._machine.bounds and not self._machine.stated('travel_per_turn'):
-            for d in range(len(self._machine.drives)):
+        if 'gear_factor' in self.machine.bounds and not self.machine.stated('travel_per_turn'):
+            for d in range(len(self.machine.drives)):
                 block[:, rows.row_of('motor_turn', d)] = block[:, rows.row_of('gear', d)]
 
     def _add_effect(self, block: Array, at: EffectAt, values: Mapping[Target, Array]) -> None:
@@ -450,7 +440,7 @@ class Candidates:
             if how == 'scale' and target == 'torque_limit':
                 assert d is not None
                 # An unstated limit is none, but a share of it is one.
-                seen = UNLIMITED * float(self._efforts[d])
+                seen = UNLIMITED * float(self.efforts[d])
                 unstated = np.isinf(block[:, row]) & (value < 1.0)
                 block[:, row] = np.where(unstated, seen, block[:, row]) * value
             elif how == 'scale':

@@ -11,7 +11,6 @@ axis; nothing of a servo is compiled then.
 """
 # mypy: ignore-errors
 
-import numpy as np
 
 from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
@@ -57,7 +56,6 @@ def room_for(drives: int) -> int:
     own = (
         drives * (1 + measurement.MOTIONS) * measurement.PIECE
         + rk.STAGES * COORDINATES
-        + 1
         + measurement.ROOM
     )
     return state_for(drives) + W * own
@@ -199,7 +197,6 @@ def _build(digest):
         kept, rest = parted(more, drives * measurement.KEPT)
         bend, rest = parted(rest, rk.STAGES * COORDINATES)
         torques, rest = parted(rest, drives * measurement.PIECE)
-        finite, rest = parted(rest, 1)
         rest, moves = parted(rest, measurement.ROOM)
         own = COORDINATES * W
         mine = MEMORY_COUNT * W
@@ -309,30 +306,11 @@ def _build(digest):
                                 par, first, mem, flags, supply, one, mode[d], acceleration,
                                 place, rate, bend, time, sub * whole, h,
                             )  # fmt: skip
-                            dk.keep_step(
-                                par,
-                                first,
-                                mem,
-                                0,
-                                flags,
-                                load(place, MOTOR * W),
-                                load(rate, MOTOR * W),
-                                active,
-                            )
+                            z, v = load(place, MOTOR * W), load(rate, MOTOR * W)
+                            dk.keep_step(par, first, mem, 0, flags, z, v, active)
                             sub += 1.0
                             active = steps > spread(sub)
-                        dk.keep_cycle(
-                            par,
-                            first,
-                            mem,
-                            0,
-                            flags,
-                            load(place, MOTOR * W),
-                            load(rate, MOTOR * W),
-                            load(place, MOTOR * W),
-                            time,
-                            cycle,
-                        )
+                        dk.keep_cycle(par, first, mem, 0, flags, z, v, z, time, cycle)
                 measurement.hand_on(
                     par, torques, moves, begun, cycles, cycle, task, rows[g], kept, rest
                 )
@@ -340,14 +318,7 @@ def _build(digest):
                     break
             copied(going, state[g])
             if end == count:
-                for lane in range(W):
-                    finite[lane] = 1.0
-                    for d in range(drives):
-                        for r in range(1 if rigid[d] else COORDINATES):
-                            at = (d * COORDINATES + r) * W + lane
-                            if not np.isfinite(all_place[at] + all_rate[at]):
-                                finite[lane] = 0.0
-                measurement.conclude(par, finite, task, rows[g], kept)
+                measurement.conclude(par, going[: 2 * drives * own], task, rows[g], kept)
 
     return simulate
 

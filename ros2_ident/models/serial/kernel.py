@@ -120,7 +120,6 @@ def _build(digest):
         all_mem, more = parted(room, drives * MEMORY_COUNT)
         kept, rest = parted(more, drives * measurement.KEPT)
         efforts, rest = parted(rest, drives * measurement.PIECE)
-        finite, rest = parted(rest, 1)
         mine = MEMORY_COUNT * W
         piece = measurement.PIECE * W
         zero = spread(0.0)
@@ -153,9 +152,7 @@ def _build(digest):
                     break
             copied(going, state[g])
             if end == count:
-                for lane in range(W):
-                    finite[lane] = 1.0
-                measurement.conclude(par, finite, task, rows[g], kept)
+                measurement.conclude(par, room[:0], task, rows[g], kept)
 
     return simulate
 

@@ -9,7 +9,6 @@ many as a candidate's stiffness asks for.
 """
 # mypy: ignore-errors
 
-import numpy as np
 
 from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
@@ -201,7 +200,6 @@ def _build(digest):
         _ = digest
         blocks, rows, substeps, state = group
         count = command.shape[0] // 7
-        coordinates = COORDINATES if frame else FRAME
         # One array for all: the compiler sees then that its parts do not overlap.
         going = room[:STATE]
         place, more = parted(room, COORDINATES)
@@ -213,7 +211,6 @@ def _build(digest):
         push, rest = parted(rest, 3)
         link, rest = parted(rest, LINKAGE)
         torques, rest = parted(rest, 3 * measurement.PIECE)
-        finite, rest = parted(rest, 1)
         rest, moves = parted(rest, measurement.ROOM)
         zero = spread(0.0)
         half = 0.5 * cycle
@@ -314,16 +311,9 @@ def _build(digest):
                     )  # fmt: skip
                     if on is not None:
                         for d in range(3):
-                            dk.keep_step(
-                                par,
-                                MACHINE_COUNT + d * DRIVE_COUNT,
-                                mem,
-                                d * MEMORY_COUNT,
-                                on[d],
-                                load(place, (MOTOR + d) * W),
-                                load(rate, (MOTOR + d) * W),
-                                active,
-                            )
+                            first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
+                            z, v = load(place, (MOTOR + d) * W), load(rate, (MOTOR + d) * W)
+                            dk.keep_step(par, first, mem, own, on[d], z, v, active)
                     last = (rk.STAGES - 1) * COORDINATES + CARRIAGE
                     for d in range(3):
                         newest = where(active, load(bend, (last + d) * W), load(drift, d * W))
@@ -332,18 +322,10 @@ def _build(digest):
                     active = steps > spread(sub)
                 if on is not None:
                     for d in range(3):
-                        dk.keep_cycle(
-                            par,
-                            MACHINE_COUNT + d * DRIVE_COUNT,
-                            mem,
-                            d * MEMORY_COUNT,
-                            on[d],
-                            load(place, (MOTOR + d) * W),
-                            load(rate, (MOTOR + d) * W),
-                            load(place, (CARRIAGE + d) * W),
-                            time,
-                            cycle,
-                        )
+                        first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
+                        z, v = load(place, (MOTOR + d) * W), load(rate, (MOTOR + d) * W)
+                        s = load(place, (CARRIAGE + d) * W)
+                        dk.keep_cycle(par, first, mem, own, on[d], z, v, s, time, cycle)
                 if piece == measurement.PIECE - 1 or k == end - 1:
                     measurement.hand_on(
                         par, torques, moves, k - piece, piece + 1, cycle, task, rows[g], kept, rest
@@ -352,12 +334,7 @@ def _build(digest):
                         break
             copied(going, state[g])
             if end == count:
-                for lane in range(W):
-                    finite[lane] = 1.0
-                    for r in range(coordinates):
-                        if not np.isfinite(place[r * W + lane] + rate[r * W + lane]):
-                            finite[lane] = 0.0
-                measurement.conclude(par, finite, task, rows[g], kept)
+                measurement.conclude(par, going[: 2 * COORDINATES * W], task, rows[g], kept)
 
     return simulate
 
