@@ -66,21 +66,6 @@ def test_where_a_step_fails_the_old_stays_and_nothing_else(old, monkeypatch, wri
     assert sorted(x.name for x in old.iterdir()) == ['file', 'folder']
 
 
-def test_a_directory_goes_only_where_it_was_said(old):
-    with (
-        pytest.raises(IdentError, match='folder: cannot be written .File exists'),
-        files.replacing_directory(old / 'folder') as new,
-    ):
-        fill(new)
-    (old / 'link').symlink_to(old / 'folder')
-    with pytest.raises(IdentError, match='link: cannot be written'):
-        write_directory(old / 'link')
-    assert (old / 'folder' / 'a').read_text() == 'old'
-    write_directory(old / 'folder')
-    assert (old / 'folder' / 'a').read_text() == 'new'
-    assert sorted(x.name for x in old.iterdir()) == ['file', 'folder', 'link']
-
-
 # ---------------------------------------------------------------- the overlay
 
 

@@ -169,15 +169,6 @@ def data_of(machine, planned: Moved) -> Dataset:
     return Dataset(machine.drives, cycle, 0, position, velocity, position, velocity, zero)
 
 
-def test_expected_values_are_given_stated_or_in_the_middle(axis) -> None:
-    found = expected(axis)
-    assert found['emps_axis.moving_mass'] == 100.0
-    values = Sensitivity(axis, values={'moving_mass': 90.0}).values
-    assert values[list(found).index('emps_axis.moving_mass')] == 90.0
-    with pytest.raises(IdentError, match="'tool_mass' is no parameter that is looked for"):
-        Sensitivity(axis, values={'tool_mass': 1.0})
-
-
 def planned(machine, **wish: object) -> Excitation:
     courses = courses_for(machine, limits_of(machine), 4.0)
     return excite(courses, Sensitivity(machine), Wish(settings=FEW, **wish))

@@ -15,7 +15,6 @@ from checks.reference.axis import simulate_axis
 from checks.reference.plant import Log
 from checks.reference.tripod import simulate_tripod
 from checks.reference.tripod import TABLE_5 as TRUTH
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine, machine_from_mapping, make_model
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
@@ -129,20 +128,3 @@ def test_costs_are_the_weighted_rms_errors_of_the_outputs_that_have_samples(data
     assert len(rms) == 8
     np.testing.assert_allclose(model.costs(theta), np.mean(rms, axis=0), rtol=1e-12)
     assert np.abs(model.costs(theta) / plain.costs(theta) - 1.0).min() > 0.01
-
-
-def test_positions_alone_are_compared_where_there_is_no_effort(data) -> None:
-    blind = replace(data, effort=None)
-    model = Tripod(MACHINE, blind, quantities=['position'])
-    assert [o.name for o in model.outputs] == [f'{d}.position' for d in MACHINE.drives]
-    np.testing.assert_array_equal(model.measured, data.position)
-    assert model.recorded_motion() is None
-    costs = model.costs(around(model, 9))
-    assert costs[0] < TOLERANCE['position'] < costs[1:].min()
-    np.testing.assert_array_equal(
-        model.simulate(truth(model)),
-        Tripod(MACHINE, data, quantities=ALL).simulate(truth(model))[:, 3:6],
-    )
-    with pytest.raises(IdentError, match='the recording holds no effort; record it') as info:
-        _ = Tripod(MACHINE, blind).measured
-    assert info.value.code is ErrorCode.MISSING_STREAM

@@ -247,16 +247,6 @@ def test_a_log_in_degrees_is_beyond_the_limits_of_the_description(tmp_path: Path
     assert 'elbow: its speed reaches' in report.headline
 
 
-def test_the_base_parameters_ask_what_all_inertials_ask(tmp_path: Path) -> None:
-    machine = described(tmp_path)
-    model = make_model(machine, moving(machine))
-    simulated = model.simulated_effort(middle(model))
-    moved = model._motion.reshape(3, 4, -1)
-    np.testing.assert_allclose(simulated, model.arm.efforts(*moved), rtol=0, atol=1e-9)
-    units = [output.unit for output in model.outputs]
-    assert units == ['N m', 'N', 'N m', 'N m']
-
-
 HALF = 0.5 * np.pi
 UR10 = {
     'dh_a': [0.0, 0.0, -0.612, -0.5723, 0.0, 0.0],

@@ -8,7 +8,6 @@ import pytest
 
 from checks.reference.effects import Effect
 from checks.reference.servo import simulate_servo
-from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset
@@ -184,20 +183,6 @@ def test_constants_that_are_identified_reach_the_motor() -> None:
     plain = make_model(machine(), _data(machine())).simulate(theta[:1, 2:])[0]
     np.testing.assert_array_equal(first, plain)
     assert np.abs(second - first).max() > 0.05
-
-
-def test_a_servo_compares_its_position_and_turns() -> None:
-    one = machine()
-    model = make_model(one, _data(one, effort=None))
-    (output,) = model.outputs
-    assert (output.quantity, output.unit) == ('position', 'rad')
-    stall = 0.37 * 7.4 / 3.1 * 0.4
-    assert model.effort_limit('joint') == pytest.approx(stall)
-    torque = model.extended([EffectAt('stribeck', 'joint')]).parameters[-2]
-    assert (torque.unit, torque.high) == ('N m', pytest.approx(0.25 * stall))
-    offered = {at.effect for at in model.extensions()}
-    assert 'directional_load_friction' in offered
-    assert not [name for name in offered if CATALOGUE[name].group == 'measurement']
 
 
 def test_a_servo_without_a_set_point_is_refused() -> None:

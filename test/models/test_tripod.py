@@ -90,25 +90,6 @@ def test_a_candidate_does_not_depend_on_its_neighbours(model: Tripod) -> None:
         assert np.array_equal(evaluate(theta[::-1])[::-1], together)
 
 
-def test_one_drive_with_the_others_following_their_recorded_motion(run) -> None:
-    motion, log = run
-    data = dataset(motion, log.effort, position=log.position)
-    single = Tripod(MACHINE, data, drives=['drive_2'])
-    assert {p.name for p in single.parameters if '.' in p.name} == {
-        f'drive_2.{name}'
-        for name in (
-            'gear_stiffness',
-            'gear_damping_ratio',
-            'drive_inertia',
-            'coulomb_torque',
-            'viscous_torque',
-        )
-    }
-    error = single.simulate(theta_of(single, TABLE_5)[None])[0, 0] - log.effort[1]
-    # The other gears' own stretch is not known to it.
-    assert np.sqrt(np.mean(error[400:] ** 2)) < 0.01
-
-
 def test_inverse_mode_gives_the_torque_of_the_recorded_motion(run) -> None:
     motion, log = run
     inverse = Tripod(MACHINE, dataset(motion, log.effort, command=False, position=log.position))

@@ -28,7 +28,6 @@ from ros2_ident.report.diagnosis import from_mapping, to_mapping
 from ros2_ident.report.files import load_diagnosis
 from ros2_ident.report.page import write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
-from ros2_ident.report.page.effort import extremes
 from ros2_ident.report.page.numbers import (
     from_to,
     number,
@@ -407,18 +406,6 @@ def test_long_logs_of_many_drives_stay_below_the_limit(tmp_path):
     page = write_report(tmp_path)
     assert 0.5 * LIMIT < page.stat().st_size < LIMIT
     assert Page(page).text.count('of 50000 samples') == 2
-
-
-def test_thinning_keeps_the_extremes():
-    signals = long_signals()
-    rows = signals.recordings[0].measured
-    kept = extremes(rows, 500)
-    assert 61_800 in kept
-    assert kept.size <= 2 * 500 * len(rows)
-    assert rows[:, kept].min(axis=1) == pytest.approx(rows.min(axis=1))
-    holes = np.where(np.arange(rows.shape[1]) % 2, rows, np.nan)
-    assert np.isfinite(holes[0, extremes(holes[:1], 500)]).all()
-    assert extremes(rows[:, :400], 500).tolist() == list(range(400))
 
 
 def test_other_files_are_refused(tmp_path):

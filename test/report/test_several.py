@@ -41,13 +41,6 @@ def test_what_differs_beyond_its_interval_comes_first():
     assert first.at < second.at
 
 
-def test_a_value_without_an_interval_is_shown_and_never_differs():
-    (strip,) = drawn([('a', {'mass': value(1.0, None)}), ('b', {'mass': value(9.0, 0.1)})])
-    assert not strip.differs and strip.marks[0].low is None
-    lost = {'mass': {**value(0.0, None), 'value': None}}
-    assert drawn([('a', lost), ('b', lost)]) == []
-
-
 def test_a_comparison_of_an_identification_with_another_and_a_diagnosis(tmp_path):
     good = identified()
     first, *rest = good.parameters

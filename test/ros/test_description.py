@@ -16,7 +16,6 @@ from ros_helpers import Here, new_domain, Station  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
-from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 
 
 @pytest.fixture
@@ -25,19 +24,6 @@ def asking(tmp_path: Path) -> Path:
     path = tmp_path / 'arm.yaml'
     path.write_text(path.read_text().replace('arm.urdf', '/robot_description'))
     return path
-
-
-def test_what_was_heard_takes_the_place_of_a_file(asking: Path) -> None:
-    machine = load_machine(asking)
-    with pytest.raises(IdentError) as caught:
-        arm_of(machine)
-    assert caught.value.code is ErrorCode.MISSING_STREAM
-    assert 'robot_state_publisher' in caught.value.message
-    heard = machine.described(URDF)
-    assert len(arm_of(heard).bodies) == 4
-    assert heard.digest != machine.digest
-    # A machine with a file of its own does not care.
-    assert heard.described('<robot/>') is heard
 
 
 @pytest.mark.ros

@@ -8,6 +8,7 @@ from pathlib import Path
 import signal
 from typing import Any
 
+from identify_cases import axis_bag
 import pytest
 from ros_helpers import bag_goal, ended, identifier, Listener, new_domain, program, ROOT
 
@@ -20,6 +21,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from ros2_ident.effects import CATALOGUE  # noqa: E402
 from ros2_ident.errors import ErrorCode  # noqa: E402
+from ros2_ident.recording import write_bag  # noqa: E402
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
@@ -53,12 +55,14 @@ def shared(tmp_path_factory: pytest.TempPathFactory, frictionless: Path) -> Iter
         'progress_rate:=50.0', 'auto_start:=false',
     ) as process:
         made = Listener(domain)
-        made.domain, made.output = domain, output
+        made.domain, made.output, made.logged = domain, output, []
         yield made
         made.close()
         process.send_signal(signal.SIGTERM)
         code, text = ended(process)
         assert code == 0 and 'Traceback' not in text, text
+        for level, words in made.logged:
+            assert [x for x in text.splitlines() if f'[{level}]' in x and words in x], words
 
 
 def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
@@ -184,3 +188,45 @@ def test_live_data_is_diagnosed(shared: Any) -> None:
     assert gap.error_message == '' and gap.effect == 'coulomb_friction'
     cleared = shared.call(Trigger, '/identifier/clear_data', Trigger.Request())
     assert int(cleared.message.removesuffix(' messages are forgotten')) > 10_000
+
+
+# ---------------------------------------------------------------------- warnings, by every outlet
+
+
+def status_of(listener: Any, entry: str, text: str) -> Any:
+    def there() -> Any:
+        every = [x for array in listener.diagnostics for x in array.status]
+        return [x for x in every if x.name == f'identifier: {entry}' and text in x.message]
+
+    return listener.until(there, text)[-1]
+
+
+def test_a_missing_command_is_warned_of_everywhere(shared: Any, tmp_path: Path) -> None:
+    said = 'there is no command, so the recorded motion drives the model'
+    streams = {k: v for k, v in axis_bag().streams.items() if k != '/joint_command'}
+    silent = write_bag(tmp_path / 'silent', streams)
+    _, result = shared.ask(bag_goal(bag_path=str(silent), machine_file=str(AXIS)))
+    assert result.error_code == 0
+    assert [w for w in result.warnings if w.startswith(said)]
+    fit = status_of(shared, 'fit', said)
+    assert fit.level == DiagnosticStatus.WARN
+    assert [v for v in fit.values if v.key == 'warning 1' and v.value]
+    shared.logged.append(('WARN', said))
+
+
+def test_a_wrong_gain_is_the_answer_of_both_actions(shared: Any, tmp_path: Path) -> None:
+    said, path = 'your velocity_gain is 243.4; 85', tmp_path / 'wrong.yaml'
+    text = AXIS.read_text(encoding='utf-8')
+    path.write_text(text.replace('velocity_gain: 8557.4257475', 'velocity_gain: 243.45'))
+    _, result = shared.ask(bag_goal(bag_path=str(BAG), machine_file=str(path)))
+    assert result.outcome == result.OUTCOME_CONTRADICTED
+    assert result.error_code == ErrorCode.CONTRADICTED
+    assert said in result.outcome_sentence and said in result.error_message
+    assert not any(p.identifiable for p in result.parameters)
+    assert status_of(shared, 'fit', said).level == DiagnosticStatus.ERROR
+    _, gap = shared.ask(goal_of(machine_file=str(path)))
+    assert (gap.effect, list(gap.ranking)) == (gap.EFFECT_BOOKKEEPING, [])
+    assert said in gap.sentence and gap.sentence.endswith('No effect is named.')
+    assert [w for w in gap.warnings if said in w]
+    assert status_of(shared, 'gap', said).level == DiagnosticStatus.ERROR
+    shared.logged += [('ERROR', said), ('WARN', said)]

@@ -51,16 +51,6 @@ def test_what_a_column_predicts_is_no_noise(rho):
     assert seen.floor[0] == pytest.approx(drawn.std(), rel=0.03)
 
 
-def test_what_no_column_predicts_on_other_blocks_is_noise():
-    # Of its own in every block: a fit would follow it, a prediction cannot.
-    rng = np.random.default_rng(4)
-    columns = (BLOCKS[:, None] == np.arange(BLOCKS.max() + 1)).astype(float)
-    residual = noise(rng, 0.01, 0.0) + 0.02 * rng.standard_normal(BLOCKS.max() + 1)[BLOCKS]
-    seen = weigh(residual, waves(rng, 2), columns, RUNS, BLOCKS)
-    assert seen.rest[0] < 0.012
-    assert seen.unseen[0] == pytest.approx(seen.rms[0], rel=0.01)
-
-
 def test_intervals_hold_the_truth_though_the_model_lacks_something():
     hits = {'noise alone': 0, 'with what is missing': 0}
     low, high, tries = np.zeros(3), np.ones(3), 60

@@ -88,17 +88,6 @@ def test_diverged_starts_are_passed_over():
     assert math.isinf(nothing.cost)
 
 
-def test_a_cliff_beside_the_way_is_survived():
-    def cliff(theta):
-        told = residuals(theta)
-        told[theta[:, 0] > 3.0 + 1e-12] = math.inf
-        return told
-
-    result = refine(cliff, [[1.0, 2030.0]], LOW, HIGH)
-    np.testing.assert_allclose(result.theta, TRUTH, rtol=1e-3)
-    assert np.isfinite(result.jacobian).all()
-
-
 @pytest.mark.parametrize(
     ('call', 'text'),
     [

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions stay within their limits, and bags are what a recorder would have made of a log."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from ros2_ident.models import load_machine
 from ros2_ident.models.registry import space_of
 from ros2_ident.recording import read_bag
-from ros2_ident.simulate.bag import CLEAN, nuisance_of, read_effect, simulate, simulate_bag, START
+from ros2_ident.simulate.bag import nuisance_of, read_effect, simulate, simulate_bag, START
 from ros2_ident.simulate.motions import draw_motion, KINDS
 
 ROOT = Path(__file__).parents[2]
@@ -47,14 +46,6 @@ def test_motion(kind, machine):
         assert np.ptp(motion.position) > 1e-3
 
 
-@pytest.mark.parametrize('machine', [MACHINE, EMPS], ids=['tripod', 'axis'])
-def test_steps_are_held_and_stay_in_the_space(machine):
-    motion = draw_motion('steps', machine, 5.0, 1)
-    assert np.all(motion.velocity == 0.0)
-    assert 1 < np.count_nonzero(np.diff(motion.position[0])) < 100
-    assert np.ptp(motion.position) > 1e-3
-
-
 @pytest.fixture(scope='module')
 def bag():
     return simulate_bag(MACHINE, TRUTH, draw_motion('mixed', MACHINE, 4.0, 1), 1)
@@ -74,13 +65,6 @@ def test_streams_are_a_log(bag):
     residual = effort.effort - bag.log.effort[:, cycle].T
     assert np.std(residual) == pytest.approx(0.01, rel=0.05)
     assert np.abs(np.mean(residual)) < 5e-4
-
-
-def test_a_clean_bag_is_the_log(bag):
-    clean = simulate_bag(MACHINE, TRUTH, bag.motion, 1, replace(CLEAN, period=5e-4))
-    assert np.array_equal(clean.streams['/effort'].effort.T, clean.log.effort)
-    assert np.array_equal(clean.streams['/joint_command'].velocity.T, bag.motion.velocity)
-    assert np.array_equal(clean.log.effort, bag.log.effort)
 
 
 def test_a_drawn_effect_is_that_of_the_values_it_is_logged_with():
