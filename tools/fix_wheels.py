@@ -19,12 +19,13 @@ HEADERS = (
 
 
 def main() -> None:
-    """Rewrite the files in place; a second run changes nothing."""
+    """Rewrite the files; a second run changes nothing."""
     for path in Path(sys.prefix, 'share').glob('*/cmake/*_pyExport.cmake'):
         old = new = path.read_text(encoding='utf-8')
         for pattern, folder in HEADERS:
             new = pattern.sub(folder.replace('\\', r'\\'), new)
         if new != old:
+            path.unlink()  # a link into uv's cache
             path.write_text(new, encoding='utf-8')
 
 

@@ -139,14 +139,12 @@ make_venv() {
 }
 
 # Every file is held against its hash. uv takes a fraction of pip's time, but does not know pip's
-# settings, by which another index may be the only one within reach. Its cache is not linked to:
-# fix_wheels.py changes files.
+# settings, by which another index may be the only one within reach. Files are links into its cache.
 install_locked() {
   sed -n '/^uv==/,/[^\\]$/p' requirements.lock > build/uv.lock
   local words=(install --no-deps --require-hashes -r)
   .venv/bin/python -m pip "${words[@]}" build/uv.lock --no-input || return
-  .venv/bin/uv pip "${words[@]}" requirements.lock --python .venv/bin/python \
-    --link-mode copy --compile-bytecode ||
+  .venv/bin/uv pip "${words[@]}" requirements.lock --python .venv/bin/python ||
     .venv/bin/python -m pip "${words[@]}" requirements.lock --no-input
 }
 
@@ -184,9 +182,11 @@ if ! is install/.stamp "$build_stamp"; then
   export VIRTUAL_ENV=$root/.venv
   . tools/paths.sh
   # colcon runs under .venv's Python, so that is what the installed programs start with.
+  defines=(-DPython3_EXECUTABLE="$root/.venv/bin/python")
+  [ "$mode" = sourced ] || defines+=(-DWITHOUT_CPP=ON) # nothing here is built against the wheels
   step 'The packages could not be built.' \
-    .venv/bin/python "$(command -v colcon)" --log-base build/log build --symlink-install \
-    --event-handlers console_direct+ --cmake-args -DPython3_EXECUTABLE="$root/.venv/bin/python"
+    env MAKEFLAGS="-j$(nproc)" .venv/bin/python "$(command -v colcon)" --log-base build/log build \
+    --symlink-install --event-handlers console_direct+ --cmake-args "${defines[@]}"
   echo "$build_stamp" > install/.stamp
 fi
 # The first run on a kind of machine compiles its simulation: let that be done by whom nobody waits
