@@ -30,8 +30,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 VARIABLE = 'ROS2_IDENT_EFFECTS'
 # Entry points of other packages: a module with EFFECT, or an `Effect`.
 GROUP = 'ros2_ident.effects'
-# Parameters that a kernel takes at most.
-_MOST = 3
+# Parameters that a kernel takes at most, and hooks that write memories.
+_MOST, _REMEMBERING = 3, (Hook.SIGN, Hook.FRICTION, Hook.COMMAND)
 
 
 class Catalogue:
@@ -107,6 +107,11 @@ def _wrong(effect: Any) -> str:
         return f'{effect.id!r} is no id; write it like rubber_buffer'
     if effect.kernel is not None and not 1 <= len(effect.parameters) <= _MOST:
         return f'{effect.id} has {len(effect.parameters)} parameters; give it one to {_MOST}'
+    if effect.keeps is not None and effect.hook not in _REMEMBERING:
+        return (
+            f'{effect.id} is an effect of {effect.hook.name}, which has no memory; leave `keeps` '
+            f'out, or choose from {", ".join(hook.name for hook in _REMEMBERING)}'
+        )
     return ''
 
 

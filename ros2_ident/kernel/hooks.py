@@ -11,12 +11,10 @@ import hashlib
 from pathlib import Path
 
 from ros2_ident.effects import DriveState, Hook, SOURCES
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.rows import bit, effect_row, KEEPING_EFFECTS, KERNEL_EFFECTS, memory_row
 from ros2_ident.lanes import inlined, load, store, where, WIDTH
 
 W = WIDTH
-_REMEMBERING = Hook.SIGN, Hook.FRICTION, Hook.COMMAND
 
 
 @inlined
@@ -142,21 +140,6 @@ def _link_begun(before, effect):
     return after
 
 
-def check_memories(effects):
-    """Refuse effects that would remember something in a hook that writes no memory.
-
-    Raises:
-        IdentError: INVALID_GOAL with the remedy.
-    """
-    for effect in effects:
-        if effect.keeps is not None and effect.hook not in _REMEMBERING:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'effect {effect.id}: an effect of {effect.hook.name} has no memory; leave '
-                f'`keeps` out, or choose from {", ".join(hook.name for hook in _REMEMBERING)}',
-            )
-
-
 def _chain(link, start, effects, hook):
     return functools.reduce(link, (e for e in effects if e.hook is hook), start)
 
@@ -176,7 +159,6 @@ def mask_of(hook):
     return sum(bit(e.id) for e in KERNEL_EFFECTS if e.hook is hook)
 
 
-check_memories(KERNEL_EFFECTS)
 sign_hook = _compose(Hook.SIGN)
 friction_hook = _compose(Hook.FRICTION)
 torque_hook = _compose(Hook.TORQUE)

@@ -17,15 +17,15 @@ class Remark:
     """Something to change in a machine file.
 
     Attributes:
-        level: `error` where the file cannot be used, `warn` where it is implausible.
         path: The key, `('drive', 'rail_mass')`.
         text: What was found and what is expected.
+        level: `error` where the file cannot be used, `warn` where it is implausible.
         code: The number that an error is raised with.
     """
 
-    level: Literal['error', 'warn']
     path: Path
     text: str
+    level: Literal['error', 'warn'] = 'error'
     code: ErrorCode = ErrorCode.BAD_MACHINE_FILE
 
 

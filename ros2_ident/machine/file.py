@@ -102,7 +102,7 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
         ) from None
     lines: dict[tuple[str, ...], int] = {}
     twice = [
-        Remark('error', path, f'{path[-1]} stands there twice; keep one of the two lines')
+        Remark(path, f'{path[-1]} stands there twice; keep one of the two lines')
         for path in _walk(node, (), lines)
     ]
     digest = hashlib.sha256(raw).hexdigest()

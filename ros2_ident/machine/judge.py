@@ -43,21 +43,20 @@ def judge(data: Any, kinds: Mapping[str, Kind], folder: Path) -> Iterator[Remark
         folder: Where the files lie that it names.
     """
     if not isinstance(data, Mapping):
-        yield Remark('error', (), f'holds no mapping; {TEMPLATE}')
+        yield Remark((), f'holds no mapping; {TEMPLATE}')
         return
     if str(data.get('machine')) not in kinds:
         yield Remark(
-            'error',
             ('machine',),
             f'machine is {shown(data.get("machine"))}; write one of {", ".join(kinds)}',
-            ErrorCode.UNKNOWN_MODEL,
+            code=ErrorCode.UNKNOWN_MODEL,
         )
         return
     kind = kinds[str(data['machine'])]
     draft = Draft(kind.name, kind.by_path, contents(data))
     for name in SECTIONS:
         if (name,) in draft.present:
-            yield Remark('error', (name,), f'{name} has to be a mapping of names to values')
+            yield Remark((name,), f'{name} has to be a mapping of names to values')
             return
     yield from _drives(draft, kind)
     yield from _names(draft)
@@ -73,11 +72,10 @@ def judge(data: Any, kinds: Mapping[str, Kind], folder: Path) -> Iterator[Remark
 def _drives(draft: Draft, kind: Kind) -> Iterator[Remark]:
     drives = draft.present.get(('drives',))
     if not isinstance(drives, list) or not drives or len(set(draft.drives)) != len(drives):
-        yield Remark('error', ('drives',), 'drives has to be a list of different joint names')
+        yield Remark(('drives',), 'drives has to be a list of different joint names')
     elif kind.drives is not None and len(drives) != kind.drives:
         count = _WORDS[kind.drives] if kind.drives < len(_WORDS) else kind.drives
         yield Remark(
-            'error',
             ('drives',),
             f'a {kind.name} has {count} drive{"s" if kind.drives != 1 else ""}, drives lists '
             f'{len(drives)}',
@@ -98,11 +96,12 @@ def _names(draft: Draft) -> Iterator[Remark]:
             remedy = f'write {near[0]}, or remove the line'
         else:
             remedy = f'choose from {", ".join(beside)}, or remove the line'
+        boxed = path[0] == 'parameters'
+        found = ErrorCode.UNKNOWN_PARAMETER if boxed else ErrorCode.BAD_MACHINE_FILE
         yield Remark(
-            'error',
             path,
             f'a {draft.kind} has no key {shown(".".join(path))}; {remedy}',
-            ErrorCode.UNKNOWN_PARAMETER if path[0] == 'parameters' else ErrorCode.BAD_MACHINE_FILE,
+            code=found,
         )
 
 
@@ -113,14 +112,12 @@ def _missing(draft: Draft) -> Iterator[Remark]:
             continue
         if not draft.states('parameters', key.name) and key.path != ('drives',):
             yield Remark(
-                'error',
                 key.path,
                 f'{".".join(key.path)} is missing; add the line `{draft.line(*key.path)}`',
             )
     if not any(path[0] == 'parameters' for path in draft.present):
         example = next(k for k in draft.keys.values() if k.section == 'parameters')
         yield Remark(
-            'error',
             ('parameters',),
             f'parameters is empty: name at least one, as `{draft.line(*example.path)}`',
         )
@@ -136,7 +133,7 @@ def _effort(draft: Draft, kind: Kind) -> Iterator[Remark]:
             draft.present.get(('rated_torque',)),
         )
     except IdentError as error:
-        yield Remark('error', ('effort_unit',), error.message, error.code)
+        yield Remark(('effort_unit',), error.message, code=error.code)
 
 
 # ---------------------------------------------------------------------- one value
@@ -152,7 +149,6 @@ def _value(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
         entries = value
         if len(value) != len(draft.drives):
             yield Remark(
-                'error',
                 key.path,
                 f'{".".join(key.path)} has {len(value)} values for {len(draft.drives)} drives; '
                 'write one for all, or one for each drive',
@@ -165,7 +161,6 @@ def _value(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
             yield from _quantity(draft, key, entry)
         elif key.choices and entry not in (*key.choices, *dict(key.aliases)):
             yield Remark(
-                'error',
                 key.path,
                 f'{key.name} is {shown(entry)}; write one of {", ".join(key.choices)}',
             )
@@ -179,10 +174,9 @@ def _file(key: Key, value: Any, folder: Path) -> Iterator[Remark]:
         try:
             description_text(folder / value)
         except IdentError as error:
-            yield Remark('error', key.path, error.message)
+            yield Remark(key.path, error.message)
     else:
         yield Remark(
-            'error',
             key.path,
             f'{key.name} names {name_of(value)}, and there is no such file; give its way from the '
             'folder of the machine file',
@@ -193,19 +187,17 @@ def _quantity(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
     found = number(value)
     if found is None:
         yield Remark(
-            'error',
             key.path,
             f'{".".join(key.path)} is {shown(value)}; write a number{_in_unit(draft, key)}',
         )
     elif found == 0.0 and key.name in _NOT_ZERO or found < 0.0 and key.name in _ABOVE_ZERO:
         yield Remark(
-            'error',
             key.path,
             f'{".".join(key.path)} is {found:g}, by which nothing can be divided; write a number '
             f'above 0{_in_unit(draft, key)}',
         )
     elif not key.low <= found <= key.high:
-        yield Remark('warn', key.path, _implausible(draft, key, f'{found:g}'))
+        yield Remark(key.path, _implausible(draft, key, f'{found:g}'), 'warn')
 
 
 def _interval(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
@@ -213,7 +205,6 @@ def _interval(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
     ends = [number(end) for end in value[:2]] if isinstance(value, list) else []
     if len(ends) != 2 or len(value) != 3 or None in ends:
         yield Remark(
-            'error',
             key.path,
             f'parameter {key.name}: write [min, max, unit], found {shown(value)}',
         )
@@ -221,23 +212,21 @@ def _interval(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
     low, high = (end for end in ends if end is not None)
     if not low < high:
         yield Remark(
-            'error',
             key.path,
             f'parameter {key.name}: min has to be below max, found {shown(value)}',
         )
     elif not (key.low <= low and high <= key.high):
-        yield Remark('warn', key.path, _implausible(draft, key, f'[{low:g}, {high:g}]'))
+        yield Remark(key.path, _implausible(draft, key, f'[{low:g}, {high:g}]'), 'warn')
     if draft.turns:
         known = [draft.unit(key)]
     else:
         known = [unit for unit in (key.unit, key.force_unit) if unit]
     if plain_unit(value[2]) not in [plain_unit(unit) for unit in known]:
         yield Remark(
-            'error',
             key.path,
             f'parameter {key.name} is in {shown(value[2])} but read as {draft.unit(key)}; convert '
             'the bounds and write that unit',
-            ErrorCode.WRONG_UNITS,
+            code=ErrorCode.WRONG_UNITS,
         )
 
 

@@ -39,15 +39,14 @@ def _judge_linear_axis(draft: Draft) -> Iterator[Remark]:
     stated = draft.numbers('drive', 'rail_mass') or (0.0,)
     if not massive and min(stated) <= 0.0:
         yield Remark(
-            'error',
             ('drive', 'rail_mass'),
             'nothing has a mass: give drive.rail_mass in kg, or list moving_mass under parameters',
         )
     if moving and draft.states('parameters', 'rail_mass'):
         yield Remark(
-            'warn',
             ('parameters', 'rail_mass'),
             'rail_mass and moving_mass are the same mass of a linear_axis; list one of them',
+            'warn',
         )
 
 
@@ -94,7 +93,6 @@ def _judge_rotary_tripod(draft: Draft) -> Iterator[Remark]:
     arms = draft.numbers('geometry', 'arm_length')
     if all(lengths) and arms and lengths[0][0] <= lengths[1][0] - arms[0]:
         yield Remark(
-            'error',
             ('geometry', 'rod_length'),
             f'rod_length {lengths[0][0]:g} m does not reach the middle, {lengths[1][0]:g} m away '
             f'(shaft_radius) less {arms[0]:g} m (arm_length); correct one of them',
@@ -127,7 +125,6 @@ def _judge_serial(draft: Draft) -> Iterator[Remark]:
     missing = next((name for name in _TABLE if name not in table), None)
     if not described and missing is not None:
         yield Remark(
-            'error',
             ('geometry',),
             f'geometry has neither a description nor {missing}; add `description: arm.urdf`, or '
             f'the table of {", ".join(_TABLE)}',
@@ -137,16 +134,15 @@ def _judge_serial(draft: Draft) -> Iterator[Remark]:
     ]
     if pulls and not all(draft.states('drive', f'balance_{x}') for x in ('base', 'arm')):
         yield Remark(
-            'error',
             ('parameters', pulls[0]),
             f'{pulls[0]} is to be found, and nothing says where it pulls; add balance_base and '
             'balance_arm to drive, 0 for joints without a counterbalance',
         )
     if described and table:
         yield Remark(
-            'warn',
             ('geometry', table[0]),
             f'{table[0]} is not looked at beside geometry.description; leave one of them out',
+            'warn',
         )
 
 
@@ -179,21 +175,19 @@ def _judge_servo(draft: Draft) -> Iterator[Remark]:
 
     if not (known('load_inertia') or known('load_length') or known('armature')):
         yield Remark(
-            'error',
             ('drive',),
             'nothing has an inertia: give armature, load_inertia, or load_mass and load_length',
         )
     if (known('load_mass') or known('arm_mass')) and not known('load_length'):
         yield Remark(
-            'warn',
             ('drive', 'load_length'),
             'a mass without load_length neither weighs nor has inertia; add the length of the arm',
+            'warn',
         )
     if draft.states('parameters', 'gear_damping_ratio') and not draft.states(
         'parameters', 'gear_stiffness'
     ):
         yield Remark(
-            'error',
             ('parameters', 'gear_damping_ratio'),
             'a gear that is damped has to give: list gear_stiffness, too, or remove the line',
         )
@@ -225,7 +219,6 @@ def _judge_tripod(draft: Draft) -> Iterator[Remark]:
     for rods, rails in draft.each(('geometry', 'rod_length'), ('geometry', 'rail_radius')):
         if rods <= rails:
             yield Remark(
-                'error',
                 ('geometry', 'rod_length'),
                 f'rod_length {rods:g} m does not reach the middle, {rails:g} m away '
                 '(rail_radius); correct one of the two',
@@ -271,7 +264,6 @@ def _judge_drives(draft: Draft, elastic: str = '') -> Iterator[Remark]:
     ):
         if not draft.states('parameters', name):
             yield Remark(
-                'error',
                 ('parameters',),
                 f'parameters lacks {name}: {why}; add the line '
                 f'`{draft.line("parameters", name)}`, and hold a known value '
@@ -283,11 +275,10 @@ def _judge_azimuth(draft: Draft, name: str) -> Iterator[Remark]:
     """Judge where a platform's three drives stand, which has no number for all of them."""
     azimuth = draft.present.get(('geometry', name))
     if azimuth is not None and not isinstance(azimuth, list):
-        yield Remark('error', ('geometry', name), f'geometry.{name} needs three angles in rad')
+        yield Remark(('geometry', name), f'geometry.{name} needs three angles in rad')
     box = draft.present.get(('parameters', name))
     if isinstance(box, list) and box and not isinstance(box[0], list):
         yield Remark(
-            'error',
             ('parameters', name),
             f'parameters.{name} needs a list of three boxes, one for each '
             f'{name.partition("_")[0]}, as `{draft.line("parameters", name)}`',
@@ -301,25 +292,24 @@ def _units(draft: Draft) -> Iterator[Remark]:
     if unit == 'N' and any(gear != 1.0 for gear in gears):
         gear = next(gear for gear in gears if gear != 1.0)
         yield Remark(
-            'warn',
             ('drive', 'gear_factor'),
             f'gear_factor is {gear:g} but effort_unit is N: a force needs none; leave it out, or '
             'state the unit of a torque',
+            'warn',
         )
     if draft.turns and (unit == 'N' or geared):
         other = 'effort_unit N' if unit == 'N' else 'gear_factor'
         yield Remark(
-            'error',
             ('parameters', 'moving_mass'),
             f'moving_mass in kg m^2 says that the joint turns, {other} that it travels; state the '
             'mass in kg, or correct the other',
         )
     if unit == 'N m' and not geared and not draft.turns:
         yield Remark(
-            'warn',
             ('effort_unit',) if ('effort_unit',) in draft.present else ('drive',),
             'the effort is a torque but drive.gear_factor is missing; add it in rad/m, or write '
             '`effort_unit: N`, or `moving_mass` in kg m^2 where a joint turns',
+            'warn',
         )
 
 
@@ -334,10 +324,10 @@ def _law(draft: Draft) -> Iterator[Remark]:
         each = list(gains)
     if any(each):
         yield Remark(
-            'warn',
             ('controller', 'integral_gain'),
             'integral_gain has no meaning under `law: cascade_p`, which has no integral part; '
             'write 0, or `law: cascade_pi`',
+            'warn',
         )
 
 
@@ -346,9 +336,9 @@ def _travel(draft: Draft) -> Iterator[Remark]:
     for gear, turn in pairs if draft.effort_unit != 'N' else ():
         if gear and turn and not 0.98 < turn * gear / (2.0 * math.pi) < 1.02:
             yield Remark(
-                'warn',
                 ('drive', 'travel_per_turn'),
                 f'travel_per_turn {turn:g} m and gear_factor {gear:g} rad/m contradict each '
                 f'other; one turn is {2.0 * math.pi / gear:.4g} m by the gear_factor',
+                'warn',
             )
             return

@@ -15,13 +15,10 @@ from ros2_ident.effects import (
     add_effect_files,
     CATALOGUE,
     Catalogue,
-    get_effect,
-    Hook,
     VARIABLE,
 )
 from ros2_ident.errors import IdentError
 from ros2_ident.kernel import rows
-from ros2_ident.kernel.hooks import check_memories
 from ros2_ident.recording import read_bag, write_bag
 
 ROOT = Path(__file__).parents[2]
@@ -128,6 +125,7 @@ def test_a_file_that_comes_too_late_is_refused(file: Path) -> None:
         ('import nothing_of_this_name', 'cannot be imported, ModuleNotFoundError'),
         (SOURCE.replace("id='rubber_buffer'", "id='stribeck'"), 'has an effect stribeck already'),
         (SOURCE.replace("id='rubber_buffer'", "id='Rubber buffer'"), 'is no id; write it like'),
+        (SOURCE.replace('kernel=_kernel', 'kernel=_kernel, keeps=_kernel'), 'has no memory'),
     ],
 )
 def test_what_is_wrong_with_a_file_is_said(
@@ -141,10 +139,3 @@ def test_what_is_wrong_with_a_file_is_said(
     assert VARIABLE not in os.environ
     with pytest.raises(IdentError, match='there is no file .*; name the file'):
         Catalogue('ros2_ident.effects', []).add_files([str(tmp_path / 'nowhere.py')])
-
-
-def test_a_memory_where_none_is_written_is_refused() -> None:
-    lag = get_effect('current_loop_lag')
-    check_memories([lag, get_effect('backlash')])
-    with pytest.raises(IdentError, match='an effect of TORQUE has no memory'):
-        check_memories([lag, replace(lag, hook=Hook.TORQUE)])

@@ -99,7 +99,7 @@ class TwoMass(DriveModel):
 def judge(draft):
     for (mass,) in draft.each(('drive', 'motor_mass')):
         if mass > 50.0:
-            yield Remark('error', ('drive', 'motor_mass'), f'a motor of {mass:g} kg; weigh it')
+            yield Remark(('drive', 'motor_mass'), f'a motor of {mass:g} kg; weigh it')
 
 
 KIND = Kind(

@@ -48,7 +48,7 @@ def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
                     f'allows {limit[d]:.3g} in rad and s, so the log looks like degrees; log rad, '
                     'or write `scale: 0.0174533` in the column map'
                 )
-                yield Remark('error', (), text)
+                yield Remark((), text)
                 return
 
 

@@ -64,7 +64,6 @@ def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
             else 'rod_length, rail_radius, rail_azimuth, or the unit of the positions (m)'
         )
         yield Remark(
-            'error',
             ('geometry', 'rod_length'),
             f'rods of {rod:g} m do not meet in {100.0 * share:.2g} % of the recorded positions; '
             f'correct {remedy}',
