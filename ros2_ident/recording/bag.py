@@ -11,7 +11,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import mcap_scan, rosbags_scan
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.content import Content, Messages
+from ros2_ident.recording.content import Content, Messages, OTHERWISE, WHY
 from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
@@ -395,14 +395,10 @@ def _feed(
     """Bring the messages of a topic into the builder; they are gone afterwards."""
     messages.finish()
     if messages.lost and not messages.blocks:
-        why = {
-            JOINT_STATE: 'arrays have to be empty or as long as the names',
-            ARRAY: 'it has to hold a number for each of the joint names given',
-        }.get(kind, 'a value for each joint, and times that increase')
         raise IdentError(
             ErrorCode.BAD_VALUES,
-            f'{builder.source}: no message of {topic} is a valid {kind} ({why}); repair the '
-            'publisher',
+            f'{builder.source}: no message of {topic} is a valid {kind} '
+            f'({WHY.get(kind, OTHERWISE)}); repair the publisher',
         )
     if messages.lost:
         builder.warn(

@@ -11,7 +11,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
 from ros2_ident.recording.damage import Budget, Damage, inflate, ZSTD
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.ros2_control import offers, parser, ROLES_OF, TRAJECTORY
+from ros2_ident.recording.ros2_control import ARRAY, offers, parser, ROLES_OF, TRAJECTORY
 from ros2_ident.recording.streams import IntArray, LATEST_STAMP
 from ros2_ident.recording.trajectory import parse_trajectory, set_points, Trajectory
 
@@ -22,6 +22,12 @@ _HELD = 1 << 24
 # Messages of a topic that is not read, which show what could be read there.
 _SHOWN = 10
 
+# What a message of a kind has to be.
+WHY = {
+    cdr.JOINT_STATE: 'arrays have to be empty or as long as the names',
+    ARRAY: 'it has to hold a number for each of the joint names given',
+}
+OTHERWISE = 'a value for each joint, and times that increase'
 Decoded = tuple[IntArray, cdr.Block]
 # Takes messages of a topic: log times, ns, and serialised bytes.
 Sink = Callable[[Sequence[int], Sequence[bytes]], None]
@@ -126,26 +132,31 @@ class Trajectories(Messages):
 
     def __init__(self) -> None:
         super().__init__()
-        self._sent: list[tuple[int, Trajectory]] = []
+        self.sent: list[tuple[int, Trajectory]] = []
 
     def decode(self) -> None:
         """Decode what has come since the last time."""
         for when, data in zip(*self._fresh(), strict=True):
             try:
-                self._sent.append((when, parse_trajectory(data, when)))
+                self.sent.append((when, parse_trajectory(data, when)))
             except ValueError:
                 self.lost += 1
 
     def sort(self) -> None:
         """Bring all trajectories into the order of log time."""
         self.decode()
-        self._sent.sort(key=lambda pair: pair[0])
+        self.sent.sort(key=lambda pair: pair[0])
 
     def finish(self) -> None:
         """Follow the trajectories."""
-        for block in set_points([x for _, x in self._sent]):
+        for block in set_points([x for _, x in self.sent]):
             self.blocks.append((block.stamp, block))
-        self._sent = []
+        self.sent = []
+
+
+def messages_of(kind: str, role: str, names: Sequence[str]) -> Messages:
+    """Return what decodes a role's messages of a kind; see `ros2_control.parser`."""
+    return Trajectories() if kind == TRAJECTORY else Messages(parser(kind, role, names))
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
@@ -216,8 +227,7 @@ class Content:
         self.types[topic] = kind
         sinks = []
         for role in roles:
-            trajectories = kind == TRAJECTORY
-            new = Trajectories() if trajectories else Messages(parser(kind, role, self.names))
+            new = messages_of(kind, role, self.names)
             sinks.append(self.messages.setdefault((topic, role), new).take)
 
         def fan(times: Sequence[int], data: Sequence[bytes]) -> None:

@@ -31,9 +31,10 @@ from sensor_msgs.msg import JointState
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import cdr, LIVE, Recording, RecordingBuilder
+from ros2_ident.recording.content import messages_of, OTHERWISE, Trajectories, WHY
 from ros2_ident.recording.ros2_control import ARRAY, JOINT_STATE, parser, ROLES_OF, TRAJECTORY
 from ros2_ident.recording.spool import Spool
-from ros2_ident.recording.trajectory import parse_trajectory, set_points, Trajectory
+from ros2_ident.recording.trajectory import set_points, Trajectory
 
 TOPICS = {'state': 'joint_states', 'effort': 'effort', 'command': 'joint_command'}
 
@@ -64,7 +65,7 @@ class _Inbox:
     @property
     def heard(self) -> bool:
         """Whether a message has come."""
-        return bool(self.data or self.trajectories or self.meter.received)
+        return bool(self.data or self.meter.received)
 
 
 class Capture:
@@ -286,7 +287,7 @@ class Capture:
         data, sent = inbox.data, inbox.sent
         inbox.meter.add_latency(inbox.latency)
         inbox.data, inbox.sent, inbox.latency = [], [], []
-        room = self.limit - self._builder.counts[role] - len(inbox.trajectories)
+        room = self.limit - inbox.meter.received
         if len(data) > room:
             if not inbox.meter.dropped:
                 self._warn(
@@ -297,21 +298,22 @@ class Capture:
             inbox.meter.dropped += len(data) - room
             data, sent = data[:room], sent[:room]
         self._write(role, data, sent)
+        messages = messages_of(inbox.kind, role, self.names)
+        why = WHY.get(inbox.kind, OTHERWISE)
         try:
-            self._feed(role, data, sent)
-        except (ValueError, IndexError, IdentError):
-            # one of them is no proper JointState: take the others one by one
-            for one, at in zip(data, sent, strict=True):
-                try:
-                    self._feed(role, [one], [at])
-                except (ValueError, IndexError, IdentError) as error:
-                    if not inbox.meter.malformed:
-                        self._warn(
-                            role,
-                            f'messages are left out because they are no proper {inbox.kind} '
-                            f'({error}); repair the publisher',
-                        )
-                    inbox.meter.malformed += 1
+            messages.take(sent, data)
+            messages.decode()
+            for block in messages.blocks:
+                self._add(role, *block)
+        except IdentError as error:
+            messages.lost, why = len(data), error.message
+        if isinstance(messages, Trajectories):
+            inbox.trajectories += [x for _, x in messages.sent]
+            inbox.meter.received += len(messages.sent)
+        if messages.lost and not inbox.meter.malformed:
+            what = f'messages are left out because they are no proper {inbox.kind} ({why})'
+            self._warn(role, f'{what}; repair the publisher')
+        inbox.meter.malformed += messages.lost
 
     def _write(self, role: str, data: list[bytes], sent: list[int]) -> None:
         """Write messages to the spool, unless another role's subscription of the topic does."""
@@ -324,29 +326,22 @@ class Capture:
             if self._spool_problem:
                 self._node.get_logger().warning(self._spool_problem)
 
-    def _feed(self, role: str, data: list[bytes], sent: list[int]) -> None:
-        inbox = self._inbox[role]
-        meter = inbox.meter
-        if inbox.kind == TRAJECTORY:
-            found = [parse_trajectory(x, at) for x, at in zip(data, sent, strict=True)]
-            inbox.trajectories += found
-            meter.received += len(found)
-            return
-        for block in cdr.decode(data, parser(inbox.kind, role, self.names)):
-            stamp = block.stamp
-            if not stamp.any():
-                stamp = np.array([sent[i] for i in block.rows.tolist()], dtype=np.int64)
-                said = 'header stamps are 0, the time of publishing is used; stamp the messages'
-                if inbox.kind == ARRAY:
-                    said = 'arrays have no stamps, the time of publishing is used'
-                self._builder.warn(f'{self.topics[role]}: {said}')
-            before = meter.backward
-            self._builder.add_block(role, stamp, block.names, *block.fields)
-            meter.add(stamp)
-            if meter.backward > before:
-                self._node.get_logger().info(
-                    f'{self.topics[role]}: stamps stepped back, a new segment begins'
-                )
+    def _add(self, role: str, clock: NDArray[np.int64], block: cdr.Block) -> None:
+        """Bring messages into the builder, by the time of publishing (T,), ns, without stamps."""
+        inbox, stamp = self._inbox[role], block.stamp
+        meter, before = inbox.meter, inbox.meter.backward
+        if not stamp.any():
+            stamp = clock
+            said = 'header stamps are 0, the time of publishing is used; stamp the messages'
+            if inbox.kind == ARRAY:
+                said = 'arrays have no stamps, the time of publishing is used'
+            self._builder.warn(f'{self.topics[role]}: {said}')
+        self._builder.add_block(role, stamp, block.names, *block.fields)
+        meter.add(stamp)
+        if meter.backward > before:
+            self._node.get_logger().info(
+                f'{self.topics[role]}: stamps stepped back, a new segment begins'
+            )
 
     def _warn(self, role: str, text: str) -> None:
         self._builder.warn(f'{self.topics[role]}: {text}')
