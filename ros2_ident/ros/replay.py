@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.cli.arguments import positive
@@ -39,93 +40,79 @@ EXAMPLES = (
 Message = tuple[str, int, bytes]
 
 
-class Bag:
-    """The JointState topics of a bag, read as they are needed.
-
-    Args:
-        path: A bag directory or a single file.
-        topics: Topics to take; all of the type where empty.
-
-    Attributes:
-        topics: Topics that are played.
-        skipped: Topics of other types.
-        count: How many messages are played.
+def opened(path: str | Path, topics: Sequence[str] = ()) -> tuple[AnyReader, list[Connection]]:
+    """Return the reader of a bag, and its JointState topics: those named, or all.
 
     Raises:
         IdentError: NO_DATA, MISSING_STREAM or DAMAGED_BAG.
     """
-
-    def __init__(self, path: str | Path, topics: Sequence[str] = ()) -> None:
-        path = Path(path).expanduser()
-        if not path.exists():
-            raise IdentError(
-                ErrorCode.NO_DATA, f'{path}: does not exist; give a bag directory or an .mcap file'
-            )
-        try:
-            self.reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            self.reader.open()
-        except Exception as exc:  # rosbags lets errors of its decoders through
-            reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
-            raise IdentError(
-                ErrorCode.DAMAGED_BAG,
-                f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`',
-            ) from None
-        found = [x for x in self.reader.connections if x.msgtype == TYPE]
-        self.skipped = sorted({x.topic for x in self.reader.connections if x.msgtype != TYPE})
-        if absent := sorted(set(topics) - {x.topic for x in found}):
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                f'{path}: has no JointState topic {", ".join(absent)}; '
-                f'it has {", ".join(sorted({x.topic for x in found})) or "none"}',
-            )
-        self.connections = [x for x in found if not topics or x.topic in topics]
-        self.topics = {x.topic for x in self.connections}
-        self.count = sum(x.msgcount for x in self.connections)
-        if not self.count:
-            raise IdentError(
-                ErrorCode.NO_DATA,
-                f'{path}: holds no message of type {TYPE}; '
-                f'its other topics are {", ".join(self.skipped) or "none"}',
-            )
-
-    def messages(self) -> Iterator[Message]:
-        """Yield the messages in the order of log time."""
-        reader = self.reader
-        for connection, log_time, data in reader.messages(connections=self.connections):
-            raw = data if reader.is2 else reader.typestore.ros1_to_cdr(data, TYPE)
-            yield connection.topic, int(log_time), bytes(raw)
+    path = Path(path).expanduser()
+    if not path.exists():
+        raise IdentError(
+            ErrorCode.NO_DATA, f'{path}: does not exist; give a bag directory or an .mcap file'
+        )
+    try:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        reader.open()
+    except Exception as exc:  # rosbags lets errors of its decoders through
+        reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
+        raise IdentError(
+            ErrorCode.DAMAGED_BAG,
+            f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`',
+        ) from None
+    found = [x for x in reader.connections if x.msgtype == TYPE]
+    there = {x.topic for x in found}
+    if absent := sorted(set(topics) - there):
+        raise IdentError(
+            ErrorCode.MISSING_STREAM,
+            f'{path}: has no JointState topic {", ".join(absent)}; '
+            f'it has {", ".join(sorted(there)) or "none"}',
+        )
+    found = [x for x in found if not topics or x.topic in topics]
+    if not any(x.msgcount for x in found):
+        raise IdentError(
+            ErrorCode.NO_DATA,
+            f'{path}: holds no message of type {TYPE}; '
+            f'its other topics are {", ".join(_skipped(reader)) or "none"}',
+        )
+    return reader, found
 
 
-def play(
+def _skipped(reader: AnyReader) -> list[str]:
+    """Return the topics of other types."""
+    return sorted({x.topic for x in reader.connections if x.msgtype != TYPE})
+
+
+def _messages(reader: AnyReader, connections: list[Connection]) -> Iterator[Message]:
+    """Yield the messages in the order of log time."""
+    for connection, log_time, data in reader.messages(connections=connections):
+        raw = data if reader.is2 else reader.typestore.ros1_to_cdr(data, TYPE)
+        yield connection.topic, int(log_time), bytes(raw)
+
+
+def paced(
     messages: Iterable[Message],
-    publish: Callable[[Message], None],
-    *,
     rate: float = 1.0,
     stopped: Callable[[], Any] = lambda: False,
     between: Callable[[int], None] = lambda log_time: None,
-) -> bool:
-    """Hand out messages at the recorded pace; return whether the end was reached.
+) -> Iterator[Message]:
+    """Yield each message when it is due, times `rate` faster than recorded, until stopped.
 
     Args:
         messages: In the order of log time.
-        publish: Takes a message when it is due.
-        rate: Times faster than recorded.
-        stopped: Whether to end now.
         between: Called with the log time now, ns, before each message and while nothing is due.
     """
     first, start = None, time.monotonic_ns()
     for message in messages:
-        if first is None:
-            first, start = message[1], time.monotonic_ns()
+        first = message[1] if first is None else first
         due = start + round((message[1] - first) / rate)
         while not stopped() and (now := time.monotonic_ns()) < due:
             between(first + round((now - start) * rate))
             time.sleep(min((due - now) * 1e-9, _NAP))
         if stopped():
-            return False
+            return
         between(message[1])
-        publish(message)
-    return True
+        yield message
 
 
 def _options(words: Sequence[str]) -> argparse.Namespace:
@@ -158,7 +145,7 @@ def main(args: Sequence[str] | None = None) -> int:
     options = _options(given[:at])
     ros = (given[at:] or ['--ros-args']) + [x for pair in options.remap for x in ('-r', pair)]
     try:
-        return _play(Bag(options.bag, options.topics), options, ros, lambda: stop.signal)
+        return _play(options, ros, lambda: stop.signal)
     except (IdentError, ModuleNotFoundError) as error:
         said = error.message if isinstance(error, IdentError) else missing(error)
         print(f'replay: {said}', file=sys.stderr)
@@ -167,10 +154,10 @@ def main(args: Sequence[str] | None = None) -> int:
         return 128 + signal.SIGINT
 
 
-def _play(
-    bag: Bag, options: argparse.Namespace, ros: list[str], stopped: Callable[[], int]
-) -> int:
+def _play(options: argparse.Namespace, ros: list[str], stopped: Callable[[], int]) -> int:
     """Play as the options say, and let the last messages out; return the exit code."""
+    reader, connections = opened(options.bag, options.topics)
+    topics = sorted({x.topic for x in connections})
     import rclpy
     from rclpy.duration import Duration
     from rclpy.signals import SignalHandlerOptions
@@ -179,14 +166,16 @@ def _play(
     from sensor_msgs.msg import JointState
 
     if not options.quiet:
-        left = f'; not {", ".join(bag.skipped)}, no JointState' if bag.skipped else ''
-        seconds = 1e-9 * (int(bag.reader.end_time) - int(bag.reader.start_time)) / options.rate
-        what = f'{bag.count} messages of {", ".join(sorted(bag.topics))}, {seconds:.1f} s{left}'
+        skipped = _skipped(reader)
+        left = f'; not {", ".join(skipped)}, no JointState' if skipped else ''
+        seconds = 1e-9 * (int(reader.end_time) - int(reader.start_time)) / options.rate
+        count = sum(x.msgcount for x in connections)
+        what = f'{count} messages of {", ".join(topics)}, {seconds:.1f} s{left}'
         print(f'replay: {what}', file=sys.stderr, flush=True)
     rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('replay')
     # reliable: matches every subscriber
-    publishers = {topic: node.create_publisher(JointState, topic, 5000) for topic in bag.topics}
+    publishers = {topic: node.create_publisher(JointState, topic, 5000) for topic in topics}
     clock = node.create_publisher(Clock, '/clock', 10) if options.clock else None
     next_clock = 0
 
@@ -195,9 +184,6 @@ def _play(
         if clock is not None and log_time >= next_clock:
             next_clock = log_time + round(1e9 / options.clock * options.rate)
             clock.publish(Clock(clock=Time(nanoseconds=log_time).to_msg()))
-
-    def publish(message: Message) -> None:
-        publishers[message[0]].publish(message[2])
 
     try:
         patience = options.wait_for_subscribers
@@ -208,13 +194,14 @@ def _play(
                 file=sys.stderr,
             )
             return 1
-        whole = play(bag.messages(), publish, rate=options.rate, stopped=stopped, between=tick)
-        return 0 if whole else 128 + stopped()
+        for topic, _, data in paced(_messages(reader, connections), options.rate, stopped, tick):
+            publishers[topic].publish(data)
+        return 128 + stopped() if stopped() else 0
     finally:
         for publisher in publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
         time.sleep(LINGER)
-        bag.reader.close()
+        reader.close()
         rclpy.try_shutdown()
 
 

@@ -9,7 +9,7 @@ import pytest
 from ros_helpers import BAG, ended, new_domain, program, Station
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.ros.replay import Bag, play
+from ros2_ident.ros.replay import opened, paced
 
 STEP = 2_000_000  # ns
 
@@ -20,7 +20,8 @@ def messages(count: int):
 
 def test_messages_come_in_order_and_at_their_times() -> None:
     came = []
-    assert play(messages(200), lambda m: came.append((time.monotonic_ns(), m[2][0])))
+    for _, _, data in paced(messages(200)):
+        came.append((time.monotonic_ns(), data[0]))
     assert [x for _, x in came] == list(range(200))
     late = sorted((at - came[0][0]) - k * STEP for k, (at, _) in enumerate(came))
     assert late[0] > -STEP, 'never early'
@@ -29,7 +30,8 @@ def test_messages_come_in_order_and_at_their_times() -> None:
 
 def test_stop_ends_it() -> None:
     came = []
-    assert not play(messages(5), came.append, stopped=lambda: len(came) == 2)
+    for message in paced(messages(5), stopped=lambda: len(came) == 2):
+        came.append(message)
     assert len(came) == 2
 
 
@@ -43,7 +45,7 @@ def test_stop_ends_it() -> None:
 )
 def test_what_cannot_be_played(path: Path | str, topics, code: ErrorCode) -> None:
     with pytest.raises(IdentError) as caught:
-        Bag(path, topics)
+        opened(path, topics)
     assert caught.value.code == code
 
 
