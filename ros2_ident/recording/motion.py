@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, correlate, sosfiltfilt
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.align import align
@@ -235,37 +235,26 @@ def best_lag(
     Returns:
         Lag, s; the P coefficients there, and the share of the target's variance they explain.
     """
-    size = target.size
-    low, high = int(np.floor(earliest / period)), int(np.ceil(LATEST / period))
-    low, high = max(low, -size // 4), min(high, size // 4)
-    best: tuple[float, int, FloatArray] = (-np.inf, 0, np.zeros(columns.shape[1]))
-    shares: dict[int, float] = {}
-
-    def share_at(shift: int) -> float:
-        nonlocal best
-        if shift not in shares:
-            x = columns[max(0, -shift) : size - max(0, shift)]
-            y = target[max(0, shift) : size - max(0, -shift)]
-            norm = np.sqrt((x**2).sum(axis=0)) + 1e-300
-            solution = np.linalg.lstsq(x / norm, y, rcond=1e-9)[0] / norm
-            shares[shift] = 1.0 - float(np.var(y - x @ solution)) / max(float(np.var(y)), 1e-300)
-            if shares[shift] > best[0]:
-                best = (shares[shift], shift, solution)
-        return shares[shift]
-
-    step = max(1, (high - low) // 24)
-    for shift in range(low, high + 1, step):
-        share_at(shift)
-    while step > 1:
-        step = max(1, step // 3)
-        centre = best[1]
-        for shift in range(max(low, centre - 3 * step), min(high, centre + 3 * step) + 1, step):
-            share_at(shift)
-    share, shift, solution = best
+    most = target.size // 4
+    low = max(int(np.floor(earliest / period)), -most)
+    high = min(int(np.ceil(LATEST / period)), most)
+    # what stays inside of the target at every shift
+    x = columns[max(0, -low) : target.size - max(0, high)]
+    y = target[max(0, low) : target.size - max(0, -high)]
+    size = np.sqrt((x**2).sum(axis=0)) + 1e-300
+    found = np.stack([correlate(y, row, 'valid', 'fft') for row in (x / size).T])
+    inverse = np.linalg.pinv(x.T @ x / np.outer(size, size), rcond=1e-12, hermitian=True)
+    solution = inverse @ found
+    mean, square = (correlate(y**k, np.ones(len(x)), 'valid', 'fft') / len(x) for k in (1, 2))
+    left = square - (solution * found).sum(axis=0) / len(x)
+    off = mean - x.mean(axis=0) / size @ solution
+    shares = 1.0 - (left - off**2) / np.maximum(square - mean**2, 1e-300)
+    best = int(np.argmax(shares))
     # a parabola through the neighbours gives the lag to a fraction of a sample
     fine = 0.0
-    if low < shift < high:
-        a, b = share_at(shift - 1), share_at(shift + 1)
+    if 0 < best < shares.size - 1:
+        a, share, b = shares[best - 1 : best + 2]
         bend = a - 2.0 * share + b
         fine = 0.5 * (a - b) / bend if bend < 0.0 else 0.0
-    return (shift + float(np.clip(fine, -0.5, 0.5))) * period, solution, share
+    lag = (low + best + float(np.clip(fine, -0.5, 0.5))) * period
+    return lag, solution[:, best] / size, float(shares[best])
