@@ -82,7 +82,7 @@ def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
     ):
         simulated = model.simulate(problem.own(number, theta))[0, : len(problem.drives)]
         simulated = simulated / per_drive
-        stamp, cycle, measured = _measured(recording, dataset, problem.drives, scale)
+        stamp, cycle, measured = _measured(recording, dataset, problem.drives)
         values = np.where(np.isnan(measured), np.nan, simulated[:, cycle].T)
         streams.append(
             {
@@ -221,14 +221,14 @@ def _said(found: Identification | Diagnosis, stamp: int) -> list[Topic]:
 
 
 def _measured(
-    recording: Recording, dataset: Dataset, drives: tuple[str, ...], scale: Mapping[str, float]
+    recording: Recording, dataset: Dataset, drives: tuple[str, ...]
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Return stamps (T,), cycles (T,) and efforts (T, D) of the samples on the data set's grid."""
     stamps, cycles, columns = [], [], []
     for drive in drives:
         stream, values = _source(recording, drive)
         there = ~np.isnan(values)
-        cycle = _cycles(stream, dataset, drive, values * scale[drive])
+        cycle = find_ticks(stream.stamp, dataset.start, dataset.cycle).tick
         inside = there & (cycle >= 0) & (cycle < dataset.cycles)
         stamps.append(stream.stamp[inside])
         cycles.append(cycle[inside])
@@ -248,27 +248,6 @@ def _source(recording: Recording, drive: str) -> tuple[Stream, FloatArray]:
         if stream is not None and values is not None:
             return stream, values
     raise ValueError(f'the recording holds no effort of {drive}')
-
-
-def _cycles(stream: Stream, dataset: Dataset, drive: str, values: FloatArray) -> IntArray:
-    """Return the data set's cycle of each sample (T,).
-
-    The grid is found again from the stamps; which of its cycles is the data set's first shows
-    where the efforts agree.
-    """
-    tick = find_ticks(stream.stamp, int(stream.stamp[0]), dataset.cycle).tick
-    about = round((int(stream.stamp[0]) - dataset.start) * 1e-9 / dataset.cycle) - int(tick[0])
-    assert dataset.effort is not None
-    row = dataset.effort[dataset.names.index(drive)]
-    best, most = about, -1
-    for shift in sorted(range(about - 5, about + 6), key=lambda s: abs(s - about)):
-        cycle = tick + shift
-        inside = (cycle >= 0) & (cycle < row.size)
-        agree = int((row[cycle[inside]] == values[inside]).sum())
-        if agree > most:
-            best, most = shift, agree
-    found: IntArray = tick + best
-    return found
 
 
 class Preview:

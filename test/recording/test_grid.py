@@ -89,3 +89,12 @@ def test_two_messages_long_apart_are_numbered_at_once(seconds):
     # Any of millions of multiples of the cycle would fit; a set-point is sent when it changes.
     found = find_ticks(np.array([0, seconds * 10**9]), 0, 1e-3)
     assert found.tick.tolist() == [0, seconds * 1000]
+
+
+def test_samples_are_numbered_from_any_cycle_though_the_clock_drifts():
+    cycle = 1e-3 * (1.0 + 8e-4)
+    late = 10**18 + round(60_000 * cycle * 1e9)
+    stamp = 10**18 + np.round(np.arange(5, 90_000, 2) * cycle * 1e9).astype(np.int64)
+    np.testing.assert_array_equal(
+        find_ticks(stamp, late, 1e-3).tick, np.arange(5, 90_000, 2) - 60_000
+    )
