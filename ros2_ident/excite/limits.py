@@ -139,7 +139,6 @@ def carries(machine: Machine) -> bool:
 
 def _usual(machine: Machine) -> dict[str, Array]:
     """Return what suits a machine whose kind has a space to move in."""
-    drives = len(machine.drives)
     out = {'effort': np.array([machine.number('torque_limit', d) for d in machine.drives])}
     kind = kind_of(machine)
     # How fast an arm may move only its owner knows.
@@ -149,7 +148,6 @@ def _usual(machine: Machine) -> dict[str, Array]:
     if not carries(machine):
         out |= {'low': space.centre - space.reach, 'high': space.centre + space.reach}
     fast = np.linalg.norm(transmission(machine), axis=1)
-    assert fast.shape == (drives,)
     return out | {'velocity': space.speed * fast, 'acceleration': space.acceleration * fast}
 
 

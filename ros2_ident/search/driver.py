@@ -12,7 +12,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.search.evaluators import Cancel, Evaluate, Stop
+from ros2_ident.search.evaluators import Cancel, Evaluate
 from ros2_ident.search.genetic import GeneticSearch, StopReason
 from ros2_ident.search.jacobian import Box
 from ros2_ident.search.operators import Flags, Index
@@ -159,6 +159,7 @@ class _Run:
     cancel: Cancel | None
     interval: float
     give_up: bool
+    work: Work | None
     clock: Callable[[], float]
 
     def __post_init__(self) -> None:
@@ -260,6 +261,23 @@ class _Run:
             )
         )
 
+    def order(self, points: Array) -> Index:
+        """Return the (S,) order of candidates that fills the vector lanes.
+
+        Candidates that take the same number of integration steps share a vector of lanes. The
+        order matters to the time only: a search draws and selects as without.
+        """
+        part = np.arange(len(points))
+        if self.work is None:
+            return part
+        found = []
+        for begin in range(0, len(points), _BLOCK):
+            if self.stopped():
+                return part
+            found.append(np.asarray(self.work(points[begin : begin + _BLOCK])))
+        order: Index = np.lexsort((np.concatenate(found), part // PART))
+        return order
+
     def all(self, found: _Generation) -> StopReason | None:
         """Evaluate a generation; return why it was cut off, None where it was not."""
         count = len(found.points)
@@ -311,29 +329,6 @@ class _Run:
                 return self.said
             found.costs[doubtful] = told
             found.exact[doubtful] = True
-
-
-def packed(points: Array, work: Work | None, stop: Stop = bool) -> Index:
-    """Return the (S,) order of candidates that fills the vector lanes.
-
-    Candidates that take the same number of integration steps share a vector of lanes. The order
-    matters to the time only: a search draws and selects as without.
-
-    Args:
-        points: (S, N) candidates as they were drawn, in the unit cube.
-        work: How much work each is; None leaves the order as it is.
-        stop: Whether nothing will be simulated any more; the order then stays as it is.
-    """
-    part = np.arange(len(points))
-    if work is None:
-        return part
-    found = []
-    for begin in range(0, len(points), _BLOCK):
-        if stop():
-            return part
-        found.append(np.asarray(work(points[begin : begin + _BLOCK])))
-    order: Index = np.lexsort((np.concatenate(found), part // PART))
-    return order
 
 
 def minimise(
@@ -394,8 +389,9 @@ def minimise(
             f'the search has {search.dimension} parameter(s)',
         )
     run = _Run(
-        evaluate, search, box, budget or Budget(), on_progress, cancel, interval, give_up, clock
-    )
+        evaluate, search, box, budget or Budget(), on_progress, cancel, interval, give_up, work,
+        clock,
+    )  # fmt: skip
     best_costs: list[float] = []
     completed = search.generation - (0 if search.stop_reason else 1)
     stop = search.stop_reason
@@ -404,7 +400,7 @@ def minimise(
             stop = StopReason.GENERATIONS
             break
         points = search.ask()
-        found = _Generation(points, box.physical(points), packed(points, work, run.stopped))
+        found = _Generation(points, box.physical(points), run.order(points))
         room = run.left is None or len(points) <= run.left
         before = known(found.theta[found.order]) if known and room else None
         if before is not None and not run.stopped():

@@ -26,7 +26,7 @@ from ros2_ident.search.genetic import GeneticSearch, GeneticSettings, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences
 from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.operators import Flags
-from ros2_ident.search.refine import distinct_starts, refine, Refinement
+from ros2_ident.search.refine import refine, Refinement
 from ros2_ident.search.uncertainty import Intervals, intervals
 from ros2_ident.threads import free_memory
 
@@ -38,6 +38,8 @@ DOWN_TO_NOISE = 1.2
 USUAL_STEPS = 12
 # What a candidate costs that is simulated to its end, over one of the search: most are given up.
 WHOLE = 5.0
+# Starts differ in at least one parameter by this part of the box.
+_APART = 0.1
 # Least time between two reports of a refinement, s.
 _INTERVAL = 0.1
 # Copies of a candidate's numbers that a search holds at once, and bytes beside them, measured.
@@ -373,17 +375,40 @@ class _Fit:
     # ------------------------------------------------------------------ refinement
 
     def _starts(self, ga: SearchResult, stop: Cancel) -> Array:
-        """Return (B, N) the best candidate and the best that lie apart from it and each other."""
-        return distinct_starts(
-            ga.theta,
-            np.concatenate(self.candidates),
-            np.concatenate(self.told),
-            np.concatenate(self.exact),
-            self.problem.high - self.problem.low,
-            self.settings.starts,
-            lambda theta, limit: self.problem.costs(theta, limit, stop.is_set),
-            stop,
-        )
+        """Return (B, N) the best candidate and the best that lie apart from it and each other.
+
+        Some costs are lower bounds only; those that matter are found out as far as they do.
+        """
+        count, width = self.settings.starts, self.problem.high - self.problem.low
+        if count < 2:
+            return ga.theta[None]
+        candidates, costs = np.concatenate(self.candidates), np.concatenate(self.told)
+        exact = np.concatenate(self.exact)
+
+        def apart(point: Array) -> Flags:
+            far: Flags = (np.abs(candidates - point) / width).max(axis=1) > _APART
+            return far
+
+        beside_best = apart(ga.theta)
+
+        def chosen(among: Array) -> list[int]:
+            rows: list[int] = []
+            free = beside_best & np.isfinite(among)
+            while len(rows) < count - 1 and free.any():
+                # Of candidates of equal cost the one that was drawn first.
+                rows.append(int(np.where(free, among, np.inf).argmin()))
+                free &= apart(candidates[rows[-1]])
+            return rows
+
+        known = chosen(np.where(exact, costs, np.inf))
+        limit = float(costs[known[-1]]) if len(known) == count - 1 else np.inf
+        rows = np.flatnonzero(beside_best & ~exact & (costs <= limit))
+        while len(rows) and not stop.is_set():
+            costs[rows] = self.problem.costs(candidates[rows], limit, stop.is_set)
+            exact[rows] = costs[rows] <= limit
+            rows = np.array([row for row in chosen(costs) if not exact[row]], dtype=np.intp)
+            limit = np.inf
+        return np.array([ga.theta, *candidates[chosen(costs)]])
 
     def _refine(self, ga: SearchResult) -> Refinement | None:
         budget = self.settings.budget

@@ -21,7 +21,6 @@ from ros2_ident.search.operators import (
     mutate,
     MUTATIONS,
     select,
-    survive,
 )
 
 
@@ -226,8 +225,8 @@ class GeneticSearch:
             points: (S, N) in the unit cube, those of the generation that are evaluated already.
             costs: (S,) theirs.
         """
-        costs = self._survive(points, costs)[1]
-        return float(costs[-1]) if len(costs) == self.settings.survivors else math.inf
+        _, pool, chosen = self._selected(points, costs)
+        return float(pool[chosen[-1]]) if len(chosen) == self.settings.survivors else math.inf
 
     def in_doubt(self, costs: Array, exact: Flags) -> Index:
         """Return who survives although only a lower bound of its cost is known.
@@ -245,9 +244,7 @@ class GeneticSearch:
         if exact.all():
             return np.empty(0, dtype=np.intp)
         assert self._population is not None
-        points = np.concatenate([self.survivors, self._population])
-        pool = np.concatenate([self.survivor_costs, costs])
-        chosen = select(points, pool, self.settings.survivors, self._distance)
+        chosen = self._selected(self._population, costs)[2]
         drawn: Index = chosen[chosen >= len(self.survivors)] - len(self.survivors)
         return drawn[~exact[drawn]]
 
@@ -257,16 +254,11 @@ class GeneticSearch:
         s = self.settings
         return s.min_distance * s.range_reduction ** (self.generation - 1)
 
-    def _survive(self, points: Array, costs: Array) -> tuple[Array, Array]:
-        """Return the survivors among the previous ones and candidates, section 2.2."""
-        return survive(
-            self.survivors,
-            self.survivor_costs,
-            points,
-            costs,
-            self.settings.survivors,
-            self._distance,
-        )
+    def _selected(self, points: Array, costs: Array) -> tuple[Array, Array, Index]:
+        """Return previous survivors and candidates, their costs, and who survives, section 2.2."""
+        both = np.concatenate((self.survivors, points))
+        pool = np.concatenate((self.survivor_costs, costs))
+        return both, pool, select(both, pool, self.settings.survivors, self._distance)
 
     def tell(self, costs: Any) -> None:
         """Select the survivors of the present generation and go on to the next.
@@ -293,7 +285,8 @@ class GeneticSearch:
                 f'the cost of candidate {wrong} is {told[wrong]}; '
                 'give inf for a diverged candidate'
             )
-        self.survivors, self.survivor_costs = self._survive(points, told)
+        both, pool, chosen = self._selected(points, told)
+        self.survivors, self.survivor_costs = both[chosen], pool[chosen]
         self.evaluations += len(told)
         if len(self.survivors):
             cost, needed = float(self.survivor_costs[0]), self.best_cost

@@ -178,29 +178,3 @@ def select(points: Array, costs: Array, count: int, distance: float) -> Index:
             apart = points.T - points[index][:, np.newaxis]
             free &= (apart * apart).sum(axis=0) > distance * distance
     return np.array(taken, dtype=np.intp)
-
-
-def survive(
-    parents: Array,
-    parent_costs: Array,
-    points: Array,
-    costs: Array,
-    count: int,
-    distance: float,
-) -> tuple[Array, Array]:
-    """Return who survives of two groups, the parents counted first; see `select`.
-
-    Args:
-        parents: (P, N) in the unit cube.
-        parent_costs: (P,), no NaN.
-        points: (S, N) in the unit cube.
-        costs: (S,), no NaN.
-        count: Most survivors.
-        distance: d_min,0 xi^(g-1), a length in the unit cube.
-
-    Returns:
-        The survivors and their costs, by rising cost.
-    """
-    both, pool = np.concatenate((parents, points)), np.concatenate((parent_costs, costs))
-    chosen = select(both, pool, count, distance)
-    return both[chosen], pool[chosen]

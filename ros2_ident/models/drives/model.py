@@ -579,16 +579,8 @@ class DriveModel(MachineModel):
         block = self.rows(theta)
         steps = np.stack([self._steps(block, fast=True), self._steps(block)], axis=1)
         order = np.lexsort(steps.T)
-        width = lanes.WIDTH
-        groups = -(-len(order) // width)
-        places = np.full(groups * width, -1, dtype=np.int64)
-        places[: len(order)] = order
-        group = Group(
-            lanes.padded(block[order]).reshape(groups, -1),
-            places.reshape(groups, width),
-            lanes.padded(steps[order].astype(float)).reshape(groups, -1),
-            np.empty((groups, self._state)),
-        )
+        places, blocks, substeps = _in_lanes(order, block, steps.astype(float))
+        group = Group(blocks, places, substeps, np.empty((len(places), self._state)))
         cycles = task.wanted.shape[2]
         whole = stop is None and not np.isfinite(task.limits).any()
         part = cycles if whole else PART
@@ -673,14 +665,12 @@ class DriveModel(MachineModel):
             constant: a log does not show what an integral part held before.
         """
         block = self.rows(theta)
-        groups = -(-len(block) // lanes.WIDTH)
-        places = np.full(groups * lanes.WIDTH, -1, dtype=np.int64)
-        places[: len(block)] = np.arange(len(block))
+        places, blocks = _in_lanes(np.arange(len(block)), block)
         effort = chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
         task = effort.task(there, np.empty((len(block), int(there.sum()))))
         law_kernel.replay(
-            lanes.padded(block).reshape(groups, -1),
-            places.reshape(groups, lanes.WIDTH),
+            blocks,
+            places,
             np.empty(law_kernel.room(len(self.machine.drives))),
             self._command,
             seen.values,
@@ -728,3 +718,11 @@ class DriveModel(MachineModel):
     @property
     def _cycles(self) -> int:
         return self._command.size // (2 * len(self.machine.drives))
+
+
+def _in_lanes(order: npt.NDArray[np.intp], *rows: Array) -> tuple[Any, ...]:
+    """Return (G, W) rows in an order, -1 for none, and of each (S, ...) its vectors (G, ...)."""
+    groups = -(-len(order) // lanes.WIDTH)
+    places = np.full((groups, lanes.WIDTH), -1, dtype=np.int64)
+    places.flat[: len(order)] = order
+    return places, *(lanes.padded(x[order]).reshape(groups, -1) for x in rows)
