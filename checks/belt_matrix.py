@@ -20,7 +20,7 @@ from ros2_ident.compiled import compiled, digest_of
 from ros2_ident.lanes import load, spread, store, WIDTH
 from ros2_ident.models.belt_drive import kernels
 from ros2_ident.models.belt_drive.kernels import J1, J2, MASS, P, RADIUS, stiffnesses
-from ros2_ident.models.belt_drive.model import BeltDrive, StepReference
+from ros2_ident.models.belt_drive.model import BeltDrive
 
 _SOURCES = digest_of(Path(__file__), Path(kernels.__file__), Path(lanes.__file__))
 cached = partial(compiled, sources=_SOURCES)
@@ -29,7 +29,7 @@ fused = partial(compiled, sources=_SOURCES, fastmath={'contract'})
 
 def step_reference(
     *, cycle: float = 2e-4, duration: float = 1.0, steps: int = 9, height: float = np.pi / 1800.0
-) -> StepReference:
+) -> tuple[float, Array]:
     """Return a step-like set-point as in Fig. 5, its steps evenly spread over the duration.
 
     Args:
@@ -39,13 +39,13 @@ def step_reference(
         height: Height of a step, rad; 0.1 degrees by default.
 
     Returns:
-        The set-point from 0 to `duration`, both included.
+        The interval, and (K,) the set-point from 0 to `duration`, both included.
     """
     count = round(duration / cycle) + 1
     at = [round(duration / cycle * (i + 1) / (steps + 1)) for i in range(steps)]
     change = np.zeros(count)
     np.add.at(change, at, height)
-    return StepReference(cycle, np.cumsum(change)[None, :])
+    return cycle, np.cumsum(change)
 
 
 @cached

@@ -28,7 +28,7 @@ PAPER = {(8, 0.0): '', (8, 0.5): '22, 18', (20, 0.0): '', (20, 0.5): '0.028, 0.0
 
 def belts(seeds, laws):
     """Print how often and how well the belt drive is found."""
-    belt = BeltDrive(belt_machine(), step_reference())
+    belt = BeltDrive(belt_machine(), *step_reference())
     print('survivors, d | law | found, % | anywhere, % | median error of EA, P, % | paper, %')
     for (survivors, distance), settings in PAPER_SETTINGS.items():
         for law in laws:

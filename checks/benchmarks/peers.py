@@ -42,7 +42,7 @@ from ros2_ident.simulate.motions import draw_motion  # noqa: E402
 
 Array = np.ndarray
 ROOT = Path(__file__).resolve().parents[2]
-BELT = BeltDrive(load_machine(ROOT / 'config' / 'belt_drive.yaml'), step_reference())
+BELT = BeltDrive(load_machine(ROOT / 'config' / 'belt_drive.yaml'), *step_reference())
 LOW = np.array([p.low for p in BELT.parameters])
 HIGH = np.array([p.high for p in BELT.parameters])
 BOUNDS = {p.name: (p.low, p.high) for p in BELT.parameters}

@@ -19,7 +19,7 @@ from ros2_ident.search.operators import select
 
 BUDGET = 2760
 MACHINE = load_machine(Path(__file__).parents[2] / 'config' / 'belt_drive.yaml')
-BELT = BeltDrive(MACHINE, step_reference())
+BELT = BeltDrive(MACHINE, *step_reference())
 LOW = np.array([p.low for p in BELT.parameters])
 HIGH = np.array([p.high for p in BELT.parameters])
 PAPER_TRUTH = np.array([2e5, 45.0])

@@ -15,7 +15,7 @@ from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise
 
 MACHINE = load_machine(Path(__file__).parents[2] / 'config' / 'belt_drive.yaml')
-BELT = BeltDrive(MACHINE, step_reference())
+BELT = BeltDrive(MACHINE, *step_reference())
 BOX = np.array([p.low for p in BELT.parameters]), np.array([p.high for p in BELT.parameters])
 
 

@@ -98,7 +98,7 @@ def eigenfrequencies_over_position(positions: Array, found: Array = TRUTH) -> Ar
     stiffness, gain = (float(x) for x in found)
     machine = belt_machine().with_constants(axial_stiffness=stiffness, position_gain=gain)
     machine = replace(machine, bounds=bounds, own_bounds={})
-    return eigenfrequencies(BeltDrive(machine, step_reference()), positions[:, None])
+    return eigenfrequencies(BeltDrive(machine, *step_reference()), positions[:, None])
 
 
 def identify(

@@ -73,7 +73,7 @@ def belt_findings(
     Returns:
         The numbers the page needs.
     """
-    belt = BeltDrive(belt_machine(), step_reference())
+    belt = BeltDrive(belt_machine(), *step_reference())
     progress(0.0, 'belt drive: figures 4 to 7')
     frequencies = figures.eigenfrequency(pictures / 'figure_4.png')
     figures.angle(pictures / 'figure_5.png', belt)

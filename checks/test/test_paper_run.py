@@ -82,11 +82,11 @@ def test_figure_4_is_in_the_papers_range():
 
 
 def test_the_cost_has_many_local_minima():
-    assert local_minima(BeltDrive(belt_machine(), step_reference())) > 30
+    assert local_minima(BeltDrive(belt_machine(), *step_reference())) > 30
 
 
 def test_recorded_candidates_are_all_of_them():
-    belt = BeltDrive(belt_machine(), step_reference(duration=0.2))
+    belt = BeltDrive(belt_machine(), *step_reference(duration=0.2))
     trial = identify(belt, TRUTH, PAPER_SETTINGS[8, 0.0], 0, record=True)
     assert len(trial.points) == len(trial.costs) == trial.evaluations == 1704
     assert trial.costs.min() == trial.cost

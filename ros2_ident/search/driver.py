@@ -69,13 +69,13 @@ class Progress:
         evaluations: Candidates evaluated so far, all phases.
         budget: Candidates that will be evaluated at most, a refinement's as usual.
         best_cost: Lowest cost so far, inf before a candidate converged.
-        unit: Its unit; empty where unknown.
-        names: (N,) parameters; empty where unknown.
         best_theta: (N,) best parameters so far, physical units; NaN before one converged.
         spread: Largest standard deviation of the survivors over the parameters, in box widths.
         elapsed: Wall time so far, s.
         eta: Wall time still to go, s; NaN where unknown.
         each: Wall time a candidate takes at present, s; NaN where unknown.
+        unit: Unit of the cost; empty where unknown.
+        names: (N,) parameters; empty where unknown.
     """
 
     phase: str
@@ -84,13 +84,13 @@ class Progress:
     evaluations: int
     budget: int
     best_cost: float
-    unit: str
-    names: tuple[str, ...]
     best_theta: Array
     spread: float
     elapsed: float
     eta: float
     each: float = math.nan
+    unit: str = ''
+    names: tuple[str, ...] = ()
 
 
 OnProgress = Callable[[Progress], None]
@@ -251,8 +251,6 @@ class _Run:
                 evaluations=self.done,
                 budget=self.limit,
                 best_cost=self.best_cost,
-                unit='',
-                names=(),
                 best_theta=self.box.physical(self.best_point),
                 spread=self.search.spread,
                 elapsed=elapsed,

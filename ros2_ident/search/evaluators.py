@@ -70,39 +70,6 @@ class Objective(Subject, Protocol):
 RunTasks = Callable[[str, Sequence[tuple[Any, ...]]], Iterator[Any]]
 
 
-class Workers(Protocol):
-    """Who evaluates: threads, a cluster.
-
-    Attributes:
-        count: Threads of this process, for what is evaluated here: residuals are as long as the
-            log, and to send them takes longer than to simulate them.
-    """
-
-    count: int
-
-    def tasks(self, subject: Subject) -> AbstractContextManager[RunTasks]:
-        """Make ready to run a subject's methods side by side, until the context is left.
-
-        Raises:
-            IdentError: The workers cannot be had; with the remedy.
-        """
-        ...
-
-    def open(
-        self, objective: Objective, cancel: Cancel | None = None
-    ) -> AbstractContextManager[Evaluate]:
-        """Make ready for the costs of an objective, until the context is left; `limited`.
-
-        Args:
-            objective: What to evaluate.
-            cancel: Ends waiting for workers; what is still asked for then is evaluated here.
-
-        Raises:
-            IdentError: The workers cannot be had; with the remedy.
-        """
-        ...
-
-
 def dealt(count: int, parts: int) -> list[Index]:
     """Return which of `count` candidates each part gets; fewer parts where vectors are few.
 
@@ -166,6 +133,9 @@ class Threads:
 
     Args:
         count: How many; one for each processor where None.
+
+    Attributes:
+        count: How many.
     """
 
     def __init__(self, count: int | None = None) -> None:
@@ -173,7 +143,7 @@ class Threads:
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:
-        """Start the threads; see `Workers`."""
+        """Make ready to run a subject's methods side by side, until the context is left."""
         with ThreadPoolExecutor(self.count, 'task') as pool:
 
             def run(name: str, items: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
@@ -185,7 +155,12 @@ class Threads:
     def open(
         self, objective: Objective, cancel: Cancel | None = None
     ) -> AbstractContextManager[Evaluate]:
-        """Start the threads; see `Workers`."""
+        """Make ready for the costs of an objective, until the context is left; `limited`.
+
+        Args:
+            objective: What to evaluate.
+            cancel: Ends waiting for workers; what is still asked for then is evaluated here.
+        """
         return ThreadedEvaluator(objective.costs, self.count, limited=True)
 
 
@@ -244,7 +219,8 @@ class Cluster:
             stays open.
 
     Attributes:
-        count: Threads of this process.
+        count: Threads of this process, for what is evaluated here: residuals are as long as the
+            log, and to send them takes longer than to simulate them.
     """
 
     def __init__(self, scheduler: Any) -> None:
@@ -253,7 +229,7 @@ class Cluster:
 
     @contextmanager
     def open(self, objective: Objective, cancel: Cancel | None = None) -> Iterator[Evaluate]:
-        """Connect, and bring the data to the workers; see `Workers`.
+        """Connect, and bring the data to the workers; see `Threads`.
 
         Raises:
             IdentError: INVALID_GOAL where there is no Dask, no scheduler, or no worker.
@@ -263,7 +239,7 @@ class Cluster:
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:
-        """Connect, and bring the subject to the workers; see `Workers`.
+        """Connect, and bring the subject to the workers; see `Threads`.
 
         Raises:
             IdentError: As `open`.
@@ -288,6 +264,10 @@ class Cluster:
         finally:
             if own:
                 client.close()
+
+
+# Who evaluates.
+Workers = Threads | Cluster
 
 
 def _slots(client: Any) -> int:

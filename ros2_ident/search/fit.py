@@ -462,8 +462,6 @@ class _Fit:
                     evaluations=ga.evaluations + count,
                     budget=ga.evaluations + max(usual, count),
                     best_cost=best,
-                    unit='',
-                    names=(),
                     best_theta=theta_best,
                     spread=self.search.spread,
                     elapsed=0.0,

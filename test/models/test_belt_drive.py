@@ -18,7 +18,7 @@ from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import EffectAt, load_machine
-from ros2_ident.models.belt_drive.model import BeltDrive, RecordedBelt, StepReference
+from ros2_ident.models.belt_drive.model import BeltDrive, RecordedBelt
 from ros2_ident.search import GeneticSettings
 from ros2_ident.words.identification import message
 
@@ -38,7 +38,7 @@ def constants_of(theta):
 
 @pytest.fixture(scope='module')
 def belt():
-    return BeltDrive(MACHINE, step_reference(duration=0.5))
+    return BeltDrive(MACHINE, *step_reference(duration=0.5))
 
 
 @pytest.mark.parametrize('theta', [LOW, HIGH])
@@ -55,10 +55,10 @@ def test_fused_costs_are_eq_2_of_the_trajectories(kind):
     rng = np.random.default_rng(3)
     data = {
         'steps': step_reference(duration=0.5),
-        'restless': StepReference(2e-4, np.cumsum(rng.normal(size=700))[None, :] * 1e-4),
-        'one sample': StepReference(2e-4, np.array([[0.3]])),
+        'restless': (2e-4, np.cumsum(rng.normal(size=700)) * 1e-4),
+        'one sample': (2e-4, np.array([0.3])),
     }[kind]
-    belt = BeltDrive(MACHINE, data)
+    belt = BeltDrive(MACHINE, *data)
     theta = candidates(37)
     measured = belt.simulate(TRUTH)[0] + rng.normal(size=(2, belt.reference.size)) * 1e-3
     expected = np.sqrt(((measured - belt.simulate(theta)) ** 2).mean(axis=2)).mean(axis=1)
@@ -75,21 +75,21 @@ def test_unstable_candidates_cost_inf(belt):
 
 def test_any_constant_can_be_a_parameter():
     bounds = {'rail_mass': (0.5, 1.5, 'kg'), 'radius': (5e-3, 2e-2, 'm')}
-    belt = BeltDrive(with_bounds(MACHINE, bounds), step_reference())
+    belt = BeltDrive(with_bounds(MACHINE, bounds), *step_reference())
     assert [p.name for p in belt.parameters] == ['rail_mass', 'radius']
     nominal = belt.simulate(np.array([[0.948, 1e-2]]))
-    np.testing.assert_array_equal(nominal, BeltDrive(MACHINE, step_reference()).simulate(TRUTH))
+    np.testing.assert_array_equal(nominal, BeltDrive(MACHINE, *step_reference()).simulate(TRUTH))
 
 
 def test_errors_name_the_remedy():
     tripod = load_machine(Path(__file__).parents[2] / 'config' / 'tripod.yaml')
     with pytest.raises(IdentError, match='machine file of a belt drive') as caught:
-        BeltDrive(tripod, step_reference())
+        BeltDrive(tripod, *step_reference())
     assert caught.value.code == ErrorCode.UNKNOWN_MODEL
     with pytest.raises(IdentError, match='no parameter belt_colour; choose from axial_stiffness'):
-        BeltDrive(with_bounds(MACHINE, {'belt_colour': (0.0, 1.0, '1')}), step_reference())
+        BeltDrive(with_bounds(MACHINE, {'belt_colour': (0.0, 1.0, '1')}), *step_reference())
     with pytest.raises(IdentError, match='check the command stream'):
-        BeltDrive(MACHINE, StepReference(2e-4, np.array([[np.nan]])))
+        BeltDrive(MACHINE, 2e-4, np.array([np.nan]))
 
 
 def bag_of(folder, seed, *more):

@@ -6,7 +6,6 @@ constant over a sample, so the modes of M, K turn by fixed angles from sample to
 integration step, no integration error. The drive starts at rest at its first set-point.
 """
 
-from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -40,25 +39,13 @@ CONSTANTS = {
 }
 
 
-@dataclass(frozen=True)
-class StepReference:
-    """A set-point given by its samples.
-
-    Attributes:
-        cycle: Sampling interval, s.
-        command_position: (1, K) phi1d, rad.
-    """
-
-    cycle: float
-    command_position: Array
-
-
 class BeltDrive:
     """A batch of belt drives with different parameters and the same set-point.
 
     Args:
         machine: A machine file of kind `belt_drive`.
-        data: Sampling interval and set-point phi1d.
+        cycle: Sampling interval, s.
+        set_point: (K,) phi1d, rad.
 
     Raises:
         IdentError: UNKNOWN_MODEL, UNKNOWN_PARAMETER, BAD_MACHINE_FILE or BAD_VALUES with the
@@ -67,7 +54,7 @@ class BeltDrive:
 
     outputs: tuple[str, ...] = OUTPUTS
 
-    def __init__(self, machine: Machine, data: StepReference) -> None:
+    def __init__(self, machine: Machine, cycle: float, set_point: Array) -> None:
         if machine.kind != KIND.name:
             raise IdentError(
                 ErrorCode.UNKNOWN_MODEL,
@@ -87,9 +74,8 @@ class BeltDrive:
             Parameter(n, unit, low, high, 'physical', f'{PAPER}: {CONSTANTS[n][2]}')
             for n, (low, high, unit) in machine.bounds.items()
         )
-        self.cycle = float(data.cycle)
-        reference = np.asarray(data.command_position, dtype=np.float64)
-        self.reference: Array = np.ascontiguousarray(np.atleast_2d(reference)[0])
+        self.cycle = float(cycle)
+        self.reference: Array = np.ascontiguousarray(set_point, dtype=np.float64)
         if not (self.reference.size and np.isfinite(self.reference).all() and self.cycle > 0.0):
             raise IdentError(
                 ErrorCode.BAD_VALUES,
@@ -138,7 +124,6 @@ class BeltDrive:
         Returns:
             (S,) RMS error averaged over the two outputs; inf as in `simulate`.
         """
-        self._check(measured)
         return belt_kernels.modal_cost(
             self.constants(theta),
             self.cycle,
@@ -147,14 +132,6 @@ class BeltDrive:
             self._step_at,
             self._step_by,
         )
-
-    def _check(self, measured: Array) -> None:
-        if measured.shape != (2, self.reference.size) or not np.isfinite(measured).all():
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'the measured outputs have the shape {measured.shape}; '
-                f'give (2, {self.reference.size}) finite numbers',
-            )
 
 
 class RecordedBelt(MachineModel):
@@ -188,7 +165,7 @@ class RecordedBelt(MachineModel):
                 ErrorCode.MISSING_STREAM,
                 'the recording holds no set-point, which drives a belt drive; record it too',
             )
-        self.belt = BeltDrive(machine, StepReference(data.cycle, data.command_position))
+        self.belt = BeltDrive(machine, data.cycle, data.command_position[0])
         names = [p.name for p in self.belt.parameters]
         unknown = [name for name in self.fixed if name not in names]
         if unknown:
