@@ -20,10 +20,6 @@ ROS = {'launch', 'launch_ros', 'rclpy'}
 CONSTANT = re.compile(r'^(?P<type>\w+) (?P<name>[A-Z][A-Z0-9_]*)=(?P<value>\S+)', re.MULTILINE)
 
 
-def interfaces() -> list[Path]:
-    return sorted([*ROOT.glob('msg_defs/msg/*.msg'), *ROOT.glob('msg_defs/action/*.action')])
-
-
 def test_manifests_and_set_up_script_agree_on_the_version() -> None:
     outer = ElementTree.parse(ROOT / 'package.xml').findtext('version')
     inner = ElementTree.parse(ROOT / 'msg_defs/package.xml').findtext('version')
@@ -42,18 +38,6 @@ def test_the_message_holds_the_same_error_codes_as_the_library() -> None:
     assert {match['name']: int(match['value']) for match in CONSTANT.finditer(text)} == {
         code.name: code.value for code in ErrorCode
     }
-
-
-@pytest.mark.parametrize('path', interfaces(), ids=lambda path: path.name)
-def test_an_interface_says_the_unit_of_every_number(path: Path) -> None:
-    """In brackets, or by naming the field that holds it, beside the float or above its block."""
-    block = ''
-    for line in path.read_text(encoding='utf-8').splitlines():
-        if line.startswith('#') or not line:
-            block = block + line if line else ''
-        elif line.startswith('float'):
-            said = block + line
-            assert '[' in said.split('#', 1)[1] or 'unit' in said, line
 
 
 # Where the distribution, and where rosdep's key, is called otherwise than the module. rosdep has

@@ -9,7 +9,6 @@ from ros2_ident.gap.coordinates import (
     motion_of,
 )
 from ros2_ident.gap.localise import localise
-from ros2_ident.gap.spectrum import find_peak
 from ros2_ident.words.finding import where
 
 OF = motion()
@@ -61,13 +60,6 @@ def test_sentences_say_where():
     assert 'drive_2: periodic in the motor angle, order 3 per turn' in where(found[0])
 
 
-def test_a_loud_place_without_a_sign_is_found():
-    noise = np.random.default_rng(3).standard_normal(TIME.size)
-    found = localise(OF, residual(OF, 0.04 * noise * (np.abs(V) > 0.15), 0), floor_of())
-    assert found[0].coordinate.startswith('size by')
-    assert 'of the gap' in where(found[0])
-
-
 @pytest.mark.parametrize('phi', [0.9, 0.98])
 def test_coloured_noise_gives_no_more_false_findings_than_stated(phi):
     false = 0
@@ -76,16 +68,6 @@ def test_coloured_noise_gives_no_more_false_findings_than_stated(phi):
         # A floor below the noise: everything counts as explainable, and as material.
         false += bool(localise(OF, row, floor_of(value=0.004), seed=seed, flips=999))
     assert false <= 2  # at most 5 % expected; 3 or more of 8 has a probability below 0.6 %
-
-
-def test_a_slope_of_the_spectrum_is_no_peak():
-    row = residual(OF, phi=0.95)[0]
-    assert find_peak(row, CYCLE, 0.003, 3.0).p_value > 0.001
-    row = residual(OF, PLANTED['frequency'], 0, phi=0.95)[0]
-    peak = find_peak(row, CYCLE, 0.003, 3.0)
-    assert peak.p_value < 1e-6
-    assert peak.frequency == pytest.approx(31.0, abs=1.5)
-    assert peak.size == pytest.approx(0.02 / np.sqrt(2.0), rel=0.25)
 
 
 def _of_case(number):

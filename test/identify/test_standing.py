@@ -11,7 +11,6 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
-from ros2_ident.identify.setup import at_rest  # noqa: E402
 from ros2_ident.models import machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 from ros2_ident.recording.quality import check  # noqa: E402
@@ -73,14 +72,6 @@ def test_of_one_joint_that_moves_the_answer_is_about_that_joint():
     (said,) = [w for w in result.quality.warnings if 'stood still' in w]
     assert said.startswith('column, elbow stood still: ')
     assert np.isfinite([[p.value, p.low, p.high] for p in result.parameters]).all()
-
-
-def test_a_drive_that_is_named_is_compared_and_nothing_stands_where_nothing_moves():
-    data = logged(0.7, WAVE, -0.4)
-    machine, chosen = at_rest(ARM, [data], ['shoulder', 'elbow'])
-    assert chosen == ('shoulder', 'elbow') and set(machine.stands) == {'column'}
-    machine, chosen = at_rest(ARM, [logged(0.7, 0.1, -0.4)])
-    assert chosen == ARM.drives and not machine.stands
 
 
 def test_what_stands_is_said_once_before_a_fit_and_is_no_error():

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 import re
 
-from identify_cases import ROOT
+from identify_cases import AXIS_TRUTH, ROOT
 import numpy as np
 import pytest
 import yaml
@@ -25,12 +25,6 @@ from ros2_ident.simulate.motions import draw_motion
 
 EMPS = yaml.safe_load((ROOT / 'config' / 'emps.yaml').read_text())
 TRIPOD = yaml.safe_load((ROOT / 'config' / 'tripod.yaml').read_text())
-AXIS_TRUTH = {
-    'moving_mass': 95.0,
-    'viscous_friction': 200.0,
-    'coulomb_friction': 20.0,
-    'constant_force': 0.0,
-}
 TRUTH = {
     'measurement_delay': 0.002,
     'gear_stiffness': 2e5,

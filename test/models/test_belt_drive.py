@@ -73,14 +73,6 @@ def test_unstable_candidates_cost_inf(belt):
     assert np.isinf(belt.simulate(theta)[[0, 1, 3]]).all()
 
 
-def test_any_constant_can_be_a_parameter():
-    bounds = {'rail_mass': (0.5, 1.5, 'kg'), 'radius': (5e-3, 2e-2, 'm')}
-    belt = BeltDrive(with_bounds(MACHINE, bounds), *step_reference())
-    assert [p.name for p in belt.parameters] == ['rail_mass', 'radius']
-    nominal = belt.simulate(np.array([[0.948, 1e-2]]))
-    np.testing.assert_array_equal(nominal, BeltDrive(MACHINE, *step_reference()).simulate(TRUTH))
-
-
 def test_errors_name_the_remedy():
     tripod = load_machine(Path(__file__).parents[2] / 'config' / 'tripod.yaml')
     with pytest.raises(IdentError, match='machine file of a belt drive') as caught:

@@ -9,8 +9,7 @@ from scipy.optimize import minimize
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
-from models.test_serial import BOXES, described, middle, moving, tabled  # noqa: E402
-from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
+from models.test_serial import BOXES, described, middle, moving  # noqa: E402
 from ros2_ident.export.content import effort_of, links_of  # noqa: E402
 from ros2_ident.models import make_model  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
@@ -89,15 +88,6 @@ def test_friction_moves_with_what_it_is_correlated_with(model) -> None:
     assert moved[one] > 1.0
     assert moved[other] == pytest.approx(0.5 * moved[one], rel=1e-6)
     assert consistent(found.inertials).all()
-
-
-def test_a_table_says_nothing_of_links() -> None:
-    machine = tabled()
-    model = make_model(machine, moving(machine))
-    with pytest.raises(IdentError) as caught:
-        links_of(model, middle(model), np.eye(len(model.parameters)), 0.3)
-    assert caught.value.code is ErrorCode.INVALID_GOAL
-    assert 'geometry.description' in caught.value.message
 
 
 # ---------------------------------------------------------------------- the cone of inertials

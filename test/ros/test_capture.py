@@ -119,15 +119,6 @@ def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly() -> No
     assert (one.streams, one.warnings) == (two.streams, two.warnings)
 
 
-def test_a_backward_stamp_closes_the_segment(ear) -> None:
-    mouth = Mouth(listening := ear())
-    for k in (*range(50), *range(50)):
-        mouth.say(1.0 + 0.01 * k, ['a'], position=[float(k)])
-    assert len(listening.capture.snapshot().build()) == 2
-    assert listening.capture.meters['state'].backward == 1
-    assert listening.capture.meters['state'].missing == 0
-
-
 def test_missing_samples_are_counted(ear) -> None:
     mouth = Mouth(listening := ear())
     for k in range(100):

@@ -57,12 +57,6 @@ def test_defaults_are_declared_with_descriptions_and_ranges(node) -> None:
         assert len(ranges) == (entry.low is not None)
 
 
-def test_the_template_is_a_parameter_file(node) -> None:
-    made = node('--params-file', str(ROOT / 'config/identifier.yaml'))
-    parameters.declare(made)
-    assert parameters.unknown(made) == []
-
-
 @pytest.mark.parametrize(
     ('given', 'said'),
     [
