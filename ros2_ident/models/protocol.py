@@ -9,6 +9,7 @@ other.
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+import functools
 import math
 from typing import Any, Protocol, runtime_checkable
 
@@ -120,12 +121,16 @@ class FullModel(Model):
         name: Kind of model, in results.
         noise: Standard deviation of the outputs' noise as it is stated, in their unit; 0 where it
             is not.
+        machine: The machine file's content; None where the model was not made from one.
+        effects: Those in the model beside its nominal physics; their parameters come last.
     """
 
     name = 'model'
     noise = 0.0
+    machine: Machine | None = None
+    effects: tuple[EffectAt, ...] = ()
 
-    @property
+    @functools.cached_property
     def data(self) -> Dataset:
         """The recording on the grid of the model's instants.
 
@@ -133,11 +138,6 @@ class FullModel(Model):
         """
         none = (None,) * 4
         return Dataset(self.places, self.cycle, 0, *none, self.measured)
-
-    @property
-    def machine(self) -> Machine | None:
-        """The machine file's content; None where the model was not made from one."""
-        return None
 
     @property
     def thinned(self) -> bool:
@@ -223,11 +223,6 @@ class FullModel(Model):
         return {}
 
     # ------------------------------------------------------------------ what may be missing
-
-    @property
-    def effects(self) -> tuple[EffectAt, ...]:
-        """Effects that are in the model beside its nominal physics; their parameters come last."""
-        return ()
 
     def extensions(self) -> tuple[EffectAt, ...]:
         """Return every effect of the catalogue at every place it can sit in this model."""
@@ -369,16 +364,13 @@ class _Restricted(_Completed):
 
     def __init__(self, model: FullModel, there: Mask) -> None:
         super().__init__(model)
-        self._whole = model
+        self._whole, self.data = model, model.data
         self._measured = np.where(there, model.measured, np.nan)
 
     @property
     def measured(self) -> Array:
         return self._measured
 
-    @property
-    def data(self) -> Dataset:
-        return self._whole.data
 
     def simulate_at(self, theta: Array, there: Mask) -> Array:
         return self._whole.simulate_at(theta, there)

@@ -205,6 +205,7 @@ class MachineModel(FullModel):
     """
 
     compares: ClassVar[tuple[str, ...]] = ('effort',)
+    machine: Machine
 
     def __init__(
         self,
@@ -219,10 +220,10 @@ class MachineModel(FullModel):
         quantities: Sequence[str] | None = None,
         weights: Sequence[float] | None = None,
     ) -> None:
-        self._machine, self._data = machine, data
+        self.machine, self.data = machine, data
         self.cutoff, self._asked_efforts = cutoff, efforts
         quantities = self.compares if quantities is None else quantities
-        self._effects, self.fixed = tuple(effects), dict(fixed or {})
+        self.effects, self.fixed = tuple(effects), dict(fixed or {})
         self.name = machine.kind
         for name in drives or ():
             if name not in machine.drives:
@@ -237,24 +238,9 @@ class MachineModel(FullModel):
         self.noise = machine.effort_noise if 'effort' in quantities else 0.0
 
     @property
-    def machine(self) -> Machine:
-        """The machine."""
-        return self._machine
-
-    @property
-    def data(self) -> Dataset:
-        """The recording."""
-        return self._data
-
-    @property
-    def effects(self) -> tuple[EffectAt, ...]:
-        """Effects besides the nominal physics."""
-        return self._effects
-
-    @property
     def cycle(self) -> float:
         """Seconds from one instant to the next."""
-        return self._data.cycle
+        return self.data.cycle
 
     @property
     def places(self) -> tuple[str, ...]:

@@ -84,20 +84,20 @@ class Mujoco(MachineModel):
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Compile the description again."""
         vars(self).update(state)
-        self.plant = _plant(self._machine)
+        self.plant = _plant(self.machine)
 
     def _sizes(self, efforts: Array | None) -> Array:
         """Return (D,) sizes of efforts: the log's, else the actuators' limits."""
-        if self._data.effort is not None:
-            return effort_range(self._machine, [self._data]) if efforts is None else efforts
-        limits = [self.plant.stated('force_limit', d) for d in range(len(self._machine.drives))]
+        if self.data.effort is not None:
+            return effort_range(self.machine, [self.data]) if efforts is None else efforts
+        limits = [self.plant.stated('force_limit', d) for d in range(len(self.machine.drives))]
         return np.array([limit if math.isfinite(limit) else 1.0 for limit in limits])
 
     @property
     def _base(self) -> Array:
         """(R,) neutral rows, gains as factors of the description's."""
-        base: Array = rows.neutral_rows(1, len(self._machine.drives))[0]
-        for d in range(len(self._machine.drives)):
+        base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
+        for d in range(len(self.machine.drives)):
             for name in _FACTORS:
                 base[rows.row_of(name, d)] = 1.0
             base[rows.row_of('torque_limit', d)] = math.inf
@@ -108,14 +108,14 @@ class Mujoco(MachineModel):
         """Return the parameters of each name in the machine file: one, or one of each drive."""
         meaning = {key.name: key.meaning for key in KIND.keys if key.section == 'parameters'}
         found = {}
-        for name in self._machine.bounds:
+        for name in self.machine.bounds:
             places: tuple[str | None, ...] = (None,) if name in _SHARED else self.drives
             kind: Any = 'measurement' if name == 'measurement_delay' else 'physical'
             found[name] = [
                 Parameter(
                     name if drive is None else f'{drive}.{name}',
-                    self._machine.box(name, drive)[2],
-                    *self._machine.box(name, drive)[:2],
+                    self.machine.box(name, drive)[2],
+                    *self.machine.box(name, drive)[:2],
                     kind,
                     f'MuJoCo: {meaning[name]}',
                     0.0 if name in MAY_BE_ZERO else None,
@@ -130,7 +130,7 @@ class Mujoco(MachineModel):
         for name in set(self._parts) & set(KIND.described):
             for p in self._parts[name]:
                 drive = p.name.rpartition('.')[0]
-                stated = self.plant.stated(name, self._machine.drives.index(drive) if drive else 0)
+                stated = self.plant.stated(name, self.machine.drives.index(drive) if drive else 0)
                 out[p.name] = given.get(p.name, given.get(name, stated))
         return out
 
@@ -154,7 +154,7 @@ class Mujoco(MachineModel):
     @functools.cached_property
     def measured(self) -> Array:
         """(O, K) measured outputs, NaN where there is no sample."""
-        return self.signals.measured(self._data)
+        return self.signals.measured(self.data)
 
     @property
     def effort_unit(self) -> str:
@@ -194,8 +194,8 @@ class Mujoco(MachineModel):
                    'kv': 'velocity_gain', 'force_limit': 'torque_limit',
                    'measurement_delay': 'log_delay'}  # fmt: skip
         return Context(
-            drives=len(self._machine.drives),
-            identified=frozenset(rows_of.get(name, name) for name in self._machine.bounds),
+            drives=len(self.machine.drives),
+            identified=frozenset(rows_of.get(name, name) for name in self.machine.bounds),
             lifted=True,
             effort='effort' in self.signals.quantities,
         )
@@ -215,7 +215,7 @@ class Mujoco(MachineModel):
                     'attribute for',
                 )
         return type(self)(
-            self._machine, self._data, drives=self.drives, effects=effects, fixed=self.fixed,
+            self.machine, self.data, drives=self.drives, effects=effects, fixed=self.fixed,
             efforts=self._efforts, quantities=self.signals.quantities,
             weights=self.signals.weights,
         )  # fmt: skip
@@ -224,13 +224,13 @@ class Mujoco(MachineModel):
         """Return the model that compares all that the log holds."""
         other = copy.copy(self)
         other.__dict__.pop('measured', None)
-        logged = logged_of(self._data, self.drives)
-        other.signals = chosen_outputs(self._machine.drives, self.drives, logged, None)
+        logged = logged_of(self.data, self.drives)
+        other.signals = chosen_outputs(self.machine.drives, self.drives, logged, None)
         return other
 
     def effort_limit(self, place: str) -> float:
         """Return the effort that a share of a drive's limit refers to [N m]."""
-        return self.plant.stated('force_limit', self._machine.drives.index(place))
+        return self.plant.stated('force_limit', self.machine.drives.index(place))
 
     # ------------------------------------------------------------------ simulation
 
@@ -255,14 +255,14 @@ class Mujoco(MachineModel):
     def _simulated(self, theta: Array, quantities: Sequence[str]) -> Array:
         own = self._candidates.own_values(theta)
         block = self._candidates.rows(theta)
-        count = len(self._machine.drives)
+        count = len(self.machine.drives)
         row = {n: block[:, [rows.row_of(n, d) for d in range(count)]] for n in _EXPRESSED}
         sense = np.array([at.sense for at in self.plant.places])
         zero = self._own('joint_zero', own, len(theta))
         late = self._own('set_point_delay', own, len(theta)) + row['set_point_delay']
         values = [self._attributes(own, row, s) for s in range(len(theta))]
         command = _late(self._command, late / self.cycle)
-        ahead = self._machine.numbers('velocity_feedforward')
+        ahead = self.machine.numbers('velocity_feedforward')
         if ahead.any():
             # kp (c* - q) + kv (share c*' - q') is kp (c - q) - kv q', c = c* + share kv/kp c*'.
             kp, kv = (
@@ -290,9 +290,9 @@ class Mujoco(MachineModel):
 
     def _own(self, name: str, own: Mapping[str, Array], count: int) -> Array:
         """Return (S, D) a parameter of each drive; the constant where it is none, or 0."""
-        named = name in self._machine.constants
-        known = {d: self._machine.number(name, d) if named else 0.0 for d in self._machine.drives}
-        each = [own.get(f'{d}.{name}', np.full(count, known[d])) for d in self._machine.drives]
+        named = name in self.machine.constants
+        known = {d: self.machine.number(name, d) if named else 0.0 for d in self.machine.drives}
+        each = [own.get(f'{d}.{name}', np.full(count, known[d])) for d in self.machine.drives]
         return np.stack(each, axis=1)
 
     def _attributes(
@@ -305,7 +305,7 @@ class Mujoco(MachineModel):
                 continue
             for parameter in several:
                 drive = parameter.name.rpartition('.')[0]
-                number = self._machine.drives.index(drive) if drive else 0
+                number = self.machine.drives.index(drive) if drive else 0
                 found.setdefault(name, {})[number] = float(own[parameter.name][s])
         for name, target in (('frictionloss', 'coulomb'), ('damping', 'viscous')):
             for d in np.flatnonzero(row[target][s]):

@@ -61,7 +61,7 @@ class Servo(SeparateDrives):
         if self.machine.effort_unit == self.effort_unit:
             return super().simulated_effort(theta)
         other = copy.copy(self)
-        other._machine = replace(self.machine, effort_unit=self.effort_unit)
+        other.machine = replace(self.machine, effort_unit=self.effort_unit)
         other.candidates = other._candidates()
         return other.simulated_effort(theta)
 
