@@ -19,7 +19,6 @@ from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
     BOOKKEEPING,
-    effect_of,
     NAMELESS,
     NONE,
     REFUSED,
@@ -272,7 +271,7 @@ def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
     """Return the steps of the encoders named."""
     out = {}
     for r in readings:
-        at = effect_of(r)
+        at = r.at
         (step,) = get_effect(at.effect).parameters
         name = f'{at.where}.{at.effect}.{step.name}'
         out[name] = Value(

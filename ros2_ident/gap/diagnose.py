@@ -25,7 +25,7 @@ from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation, TIE
 from ros2_ident.gap.floor import predictability
 from ros2_ident.gap.localise import Finding, localise
-from ros2_ident.gap.reading import coarse_readings, CoarseReading
+from ros2_ident.gap.reading import coarse_readings, CoarseReading, made_by
 from ros2_ident.gap.refusal import (
     of_events,
     of_gates,
@@ -177,6 +177,7 @@ class _Pass:
     base: Explanation
     report: GateReport
     candidates: tuple[EffectAt, ...]
+    readings: tuple[CoarseReading, ...]
 
     @property
     def material(self) -> bool:
@@ -231,12 +232,14 @@ class _Passes:
             )
         clock.enter(0.2, 0.35)
         clock.step(0.0, 'telling noise from what the motion predicts')
-        first, seen = base, predictability(joint, base.theta, clock.stopped)
+        readings = self._readings(case, base.theta)
+        steps = made_by(readings, case, base.theta)
+        first, seen = base, predictability(joint, base.theta, clock.stopped, steps)
         decided = case.decided(base.theta, seen.floor.per_drive)
         if decided is not case and not clock.stopped():
             case, joint = decided, decided.whole.with_effects(())
             base = self._attribution(case, seen.floor.per_drive).refit((), base.theta)
-            first, seen = base, predictability(joint, base.theta, clock.stopped)
+            first, seen = base, predictability(joint, base.theta, clock.stopped, steps)
         floor = seen.floor
         case = self._carrying(case, joint, base.theta, floor.per_drive)
         attribution = self._attribution(case, floor.per_drive)
@@ -250,9 +253,16 @@ class _Passes:
         attribution.limits = {
             law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
         }
-        explainer = Explainer(attribution, floor)
+        explainer = Explainer(attribution, floor, steps=steps)
         explainer.knows(first, seen)
-        return _Pass(explainer, base, report, tuple(case.candidates(self.without)))
+        candidates = tuple(case.candidates(self.without))
+        return _Pass(explainer, base, report, candidates, readings)
+
+    def _readings(self, case: Case, theta: Array) -> tuple[CoarseReading, ...]:
+        """Return encoders whose steps show, where these are among the effects looked for."""
+        known = shown_by('reading_steps')
+        looked_for = known and known.id in {at.effect for at in case.candidates(self.without)}
+        return coarse_readings(case, theta) if looked_for and not self.clock.stopped() else ()
 
     def _carrying(self, case: Case, joint: Joint, theta: Array, floor: Array) -> Case:
         """Return the case that knows when a payload is carried, where the log shows that.
@@ -317,10 +327,7 @@ class _Passes:
 
         limited = explainer.attribution.limited(begun.candidates, SEARCH, self.seed)
         found = explainer.explain(begun.base, begun.candidates, note, limited)
-        readings: tuple[CoarseReading, ...] = ()
-        if not clock.stopped():
-            readings = _readings(explainer, found.chain[0], begun.candidates)
-        verdict = judge(explainer, found, readings)
+        verdict = judge(explainer, found, begun.readings)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
             found, verdict = self._of_the_file(begun, found, verdict)
@@ -392,22 +399,6 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     rows = rows[:, : model.measured.shape[1]]
     motion = motion_of(model, joint.own(0, base.theta)[0])
     return localise(motion, rows, begun.explainer.floor, seed=seed)
-
-
-def _readings(
-    explainer: Explainer, base: Explanation, candidates: Sequence[EffectAt]
-) -> tuple[CoarseReading, ...]:
-    """Return encoders whose steps show, where these are among the effects looked for.
-
-    Only those of drives with a gap.
-    """
-    known = shown_by('reading_steps')
-    if known is None or known.id not in {at.effect for at in candidates}:
-        return ()
-    case, gap = explainer.case, explainer.gap(base)
-    least = explainer.rules.material**2
-    drives = [d for d, left in zip(case.drives, gap, strict=True) if left >= least]
-    return coarse_readings(case, base.theta, drives)
 
 
 def _left_anywhere(explainer: Explainer, e: Explanation) -> float:

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.criteria import Criteria, Rules
@@ -51,13 +52,19 @@ class Explainer(Criteria):
 
     Attributes:
         shown: Effects that stay since the controllers' log shows them.
+        steps: (D,) what steps of encoders put into the floor, RMS.
     """
 
     def __init__(
-        self, attribution: Attribution, floor: Floor, rules: Rules | None = None
+        self,
+        attribution: Attribution,
+        floor: Floor,
+        rules: Rules | None = None,
+        steps: Array | float = 0.0,
     ) -> None:
         super().__init__(attribution, floor, rules)
         self.shown: tuple[EffectAt, ...] = ()
+        self.steps = steps
         self._seen: dict[frozenset[EffectAt], tuple[Explanation, Predictability]] = {}
 
     def explain(
@@ -189,7 +196,7 @@ class Explainer(Criteria):
         if key not in self._seen:
             self.attribution.on_step(1.0, 'telling noise from what the motion predicts')
             joint = self.case.whole.with_effects(e.effects)
-            self.knows(e, predictability(joint, e.theta, self.attribution.stopped))
+            self.knows(e, predictability(joint, e.theta, self.attribution.stopped, self.steps))
         made, seen = self._seen[key]
         if made is e:
             return seen

@@ -184,7 +184,10 @@ class Predictability:
 
 
 def predictability(
-    joint: Joint, theta: Array, stopped: Callable[[], bool] = lambda: False
+    joint: Joint,
+    theta: Array,
+    stopped: Callable[[], bool] = lambda: False,
+    steps: Array | float = 0.0,
 ) -> Predictability:
     """Tell noise from what the motion predicts.
 
@@ -192,6 +195,7 @@ def predictability(
         joint: The models of all recordings.
         theta: (N,) their fitted parameters.
         stopped: Asked often; True leaves the rest of the catalogue out.
+        steps: (D,) RMS of what steps of encoders make, whose course nothing predicts.
     """
     first = joint.models[0]
     weighed = weigh_fit(joint, theta, stopped)
@@ -202,6 +206,8 @@ def predictability(
     further = np.array([float(e.rms[0] ** 2 - e.unseen[0] ** 2) for e in found])
     least = np.array([float(e.unseen[0]) for e in found])
     value = np.maximum(np.sqrt(np.maximum(evidence.floor**2 - further, 0.0)), least)
+    # Their square is not the noise's. The model knows about how large it is; no more than all.
+    value = value / np.sqrt(1.0 + np.minimum(steps / np.maximum(value, 1e-300), 1.0) ** 2)
     # Rounding is noise, and is gone where nothing moves.
     rows = zip(*(m.measured for m in joint.models), strict=True)
     rounding = np.array([step_of(np.concatenate(row)) for row in rows]) / np.sqrt(12.0)

@@ -15,9 +15,10 @@ from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.arrays import Array
-from ros2_ident.gap.case import Case
+from ros2_ident.effects import shown_by
+from ros2_ident.gap.case import Case, Part
 from ros2_ident.gates.scale import LATEST_EFFORT
-from ros2_ident.models import FullModel
+from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.protocol import recorded_motion, RecordedMotion
 
 # Steps looked for, m (see `FullModel.travel` for joints that turn); a smaller one drowns in the
@@ -25,6 +26,8 @@ from ros2_ident.models.protocol import recorded_motion, RecordedMotion
 SMALLEST, LARGEST = 4e-6, 1.5e-4
 # Power of a line, in units of its mean, that chance does not reach among all of them.
 CLEAR = 45.0
+# The same among the few lines of one period, so many to either side of it.
+_AGAIN, _NEAR = 15.0, np.arange(-2.0, 2.1, 0.5)
 # What is slower is no step, s.
 _SLOW = 0.05
 # How much more than any other line's, so many lines away from its multiples, its power has to be.
@@ -46,96 +49,121 @@ class CoarseReading:
         drive: The drive.
         step: Period of the reading's error over the position [`unit`].
         error: What one period more or less over the whole way would change of it [`unit`].
-        power: Power of the line, in units of the mean of all lines.
-        clear: Whether the line stands clear of all others.
         unit: Unit of the position.
     """
 
     drive: str
     step: float
-    error: float
-    power: float
-    clear: bool = True
+    error: float = 0.0
     unit: str = 'm'
 
+    @property
+    def at(self) -> EffectAt:
+        """The effect that the steps show, at its place."""
+        effect = shown_by('reading_steps')
+        assert effect is not None, 'readings are looked for where the catalogue has their effect'
+        return EffectAt(effect.id, self.drive)
 
-def coarse_readings(
-    case: Case, theta: Array, drives: Sequence[str]
-) -> tuple[CoarseReading, ...]:
-    """Return the drives' encoders whose steps show in both parts, the clearest line of each.
+
+def coarse_readings(case: Case, theta: Array) -> tuple[CoarseReading, ...]:
+    """Return the encoders whose steps show: clear of all in one part, and again in the other.
 
     Args:
         case: The recordings.
         theta: (N,) the nominal fit.
-        drives: Those to look at.
     """
-    parts = []
-    for part in (case.fit, case.check):
-        joint = part.with_effects(())
-        best: dict[str, CoarseReading] = {}
-        for number, model in enumerate(joint.models):
-            own = joint.own(number, theta)[0]
-            seen = part.seen[number] if part.seen else None
-            for drive in drives:
-                found = coarse_reading(model, seen, own, drive)
-                if found and (drive not in best or found.power > best[drive].power):
-                    best[drive] = found
-        parts.append(best)
-    # A line that chance or another cause makes is not there again at the same period.
-    pairs = [(own[d], other[d]) for own, other in (parts, parts[::-1]) for d in own if d in other]
-    shown = [
-        a for a, b in pairs if a.clear and abs(a.step - b.step) <= a.error + b.error
+    found = []
+    unit, per_metre = case.fit.models[0].travel
+    for drive in case.drives:
+        fit, check = (_missed(part, theta, drive) for part in (case.fit, case.check))
+        for one, other in ((fit, check), (check, fit)):
+            step, error = _step_in(one, per_metre)
+            # A line that chance or another cause makes is not there again at the same period.
+            if step and any(_power_at(step, *way) >= _AGAIN for way in other):
+                found.append(CoarseReading(drive, step, error, unit))
+                break
+    return tuple(found)
+
+
+def made_by(readings: Sequence[CoarseReading], case: Case, theta: Array) -> Array:
+    """Return (D,) what encoders' steps change of each drive's output, RMS in its unit.
+
+    When a controller reacts to a step no simulation repeats; how much it reacts it does.
+
+    Args:
+        readings: The encoders.
+        case: The recordings.
+        theta: (N,) the nominal fit.
+    """
+    joint = case.whole.with_effects([r.at for r in readings])
+    both = np.append(theta, np.zeros(len(readings))), np.append(theta, [r.step for r in readings])
+    without, there = joint.residual(np.stack(both))
+    out: Array = np.sqrt(np.nanmean(case.whole.rows(there - without) ** 2, axis=1))
+    return out
+
+
+def _step_in(
+    missed: Sequence[tuple[Array, Array, Array]], per_metre: float
+) -> tuple[float, float]:
+    """Return the step of the clearest line and its error; 0 where none stands clear of all."""
+    least = 3.0 * SMALLEST * per_metre
+    spans = [float(np.ptp(way[0])) for way in missed]
+    lines = [
+        (*_clearest(*way, per_metre), span)
+        for way, span in zip(missed, spans, strict=True)
+        if span >= least
     ]
-    return tuple({r.drive: r for r in sorted(shown, key=lambda r: r.power)}.values())
+    step, power, stands, span = max(lines, key=lambda x: (x[2], x[1]), default=(0.0, 0.0, 0, 1.0))
+    return (step, step**2 / span) if stands and power >= CLEAR else (0.0, 0.0)
 
 
-def coarse_reading(
-    model: FullModel, seen: RecordedMotion | None, theta: Array, drive: str
-) -> CoarseReading | None:
-    """Look for the steps of one drive's encoder.
+def _power_at(step: float, position: Array, velocity: Array, fast: Array) -> float:
+    """Return the power of a step's line, in units of the mean of all, about its period."""
+    span = float(np.ptp(position))
+    turns = (position - position.min()) * (span / step + _NEAR)[:, None] / max(span, 1e-300)
+    wave = np.exp(2j * np.pi * turns)
+    power = np.maximum(*(np.abs(wave @ x) ** 2 for x in (fast, fast * np.sign(velocity))))
+    return float(power.max()) / max(float(fast @ fast), 1e-300)
+
+
+def _missed(part: Part, theta: Array, drive: str) -> list[tuple[Array, Array, Array]]:
+    """Return position, velocity and what the controllers miss of the log, for each lag.
 
     Where the controllers cannot be replayed, for too few of their cycles are logged, the nominal
     fit's residual stands for what they miss: the machine hardly answers to steps.
 
     Args:
-        model: The model on a recording.
-        seen: The motion that its controllers saw; None where they cannot be replayed.
-        theta: (N,) a candidate, for how late the effort is logged.
+        part: The recordings.
+        theta: (N,) the nominal fit, for how late the effort is logged.
         drive: The drive.
-
-    Returns:
-        The step of the clearest line; None where the motion shows none.
     """
-    drives = model.data.names if model.machine is None else model.machine.drives
-    motion = seen or _logged(model, drives)
-    if motion is None:
-        return None
-    row = model.places.index(drive)
-    wanted = np.isfinite(model.measured)
-    wanted[np.arange(len(wanted)) != row] = False
-    wanted[:, : int(LATEST_EFFORT / model.cycle)] = False
-    there = np.flatnonzero(wanted[row])
-    if seen is None:
-        made = model.simulate_at(theta[None], wanted)[0]
-    else:
-        made = model.replay_law(seen, theta[None], wanted)[0]
-    missed = model.measured[wanted] - made
-    count = model.data.cycles
-    rate = there.size / (count * model.cycle)
-    fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
-    logged = there - float(model.effort_delay(theta)[row]) / model.cycle
-    ways = motion.values.reshape(2, len(drives), count)[:, drives.index(drive)]
-    unit, per_metre = model.travel
-    found = []
-    for lag in _LAGS:
-        position, velocity = (np.interp(logged - lag, np.arange(count), way) for way in ways)
-        span = float(np.ptp(position))
-        if span >= 3.0 * SMALLEST * per_metre:
-            found.append((*_clearest(position, velocity, fast, per_metre), span))
-    if not found:
-        return None
-    step, power, stands, span = max(found, key=lambda x: (x[2], x[1]))
-    return CoarseReading(drive, step, step**2 / span, power, stands and power >= CLEAR, unit)
+    out = []
+    joint = part.with_effects(())
+    for number, model in enumerate(joint.models):
+        drives = model.data.names if model.machine is None else model.machine.drives
+        seen, own = part.seen[number] if part.seen else None, joint.own(number, theta)[0]
+        motion = seen or _logged(model, drives)
+        if motion is None:
+            continue
+        row = model.places.index(drive)
+        wanted = np.isfinite(model.measured)
+        wanted[np.arange(len(wanted)) != row] = False
+        wanted[:, : int(LATEST_EFFORT / model.cycle)] = False
+        there = np.flatnonzero(wanted[row])
+        if seen is None:
+            made = model.simulate_at(own[None], wanted)[0]
+        else:
+            made = model.replay_law(seen, own[None], wanted)[0]
+        missed = model.measured[wanted] - made
+        count = model.data.cycles
+        rate = there.size / (count * model.cycle)
+        fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
+        logged = there - float(model.effort_delay(own)[row]) / model.cycle
+        ways = motion.values.reshape(2, len(drives), count)[:, drives.index(drive)]
+        for lag in _LAGS:
+            position, velocity = (np.interp(logged - lag, np.arange(count), x) for x in ways)
+            out.append((position, velocity, fast))
+    return out
 
 
 def _logged(model: FullModel, drives: Sequence[str]) -> RecordedMotion | None:

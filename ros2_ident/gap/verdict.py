@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ros2_ident.effects import get_effect, shown_by
+from ros2_ident.effects import get_effect
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.facts import Event, Misfit, WrongConstant
 from ros2_ident.gap.fits import Explanation
@@ -175,13 +175,13 @@ def _with_readings(
     before, after = (np.maximum(explainer.gap(e), 0.0) for e in (found.chain[0], found.chain[-1]))
     rest = np.array([d not in {r.drive for r in readings} for d in drives])
     strongest = max(readings, key=lambda r: after[drives.index(r.drive)])
-    coarse = tuple(effect_of(r) for r in readings)
+    coarse = tuple(r.at for r in readings)
     plain = _judge(explainer, found, t)
     chain = found.chain[-1].effects
     shaken = (_SHAKEN**2) * float(after[drives.index(strongest.drive)])
     least = max(explainer.rules.unknown**2, shaken)
     unexplained = float(after[rest].max(initial=0.0)) >= least
-    first = effect_of(strongest)
+    first = strongest.at
     closes = float((before - after).sum())
     sure = _sigmoid((float(np.sqrt(before.max())) - explainer.rules.material) / t.size)
     if not chain and unexplained and plain.effect == UNKNOWN:
@@ -203,13 +203,6 @@ def _with_readings(
         plain.closed,
         tuple(readings),
     )
-
-
-def effect_of(reading: CoarseReading) -> EffectAt:
-    """Return the effect that an encoder's steps show."""
-    effect = shown_by('reading_steps')
-    assert effect is not None, 'readings are looked for where the catalogue knows what they show'
-    return EffectAt(effect.id, reading.drive)
 
 
 def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:

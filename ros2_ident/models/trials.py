@@ -20,9 +20,9 @@ from ros2_ident.models.protocol import EffectAt, FullModel
 TRIAL = 0.03
 # Share that counts as a large effect.
 LARGE = 0.17
-# Orders looked at; a stroke of fewer turns tells none; orders so far apart, in periods over the
-# stroke, still look alike.
-_LOWEST, _HIGHEST, _TURNS, _DENSE = 0.5, 24.5, 1.5, 0.5
+# Orders looked at, of so many periods over the stroke at least; orders so far apart, in periods
+# over the stroke, still look alike.
+_LOWEST, _HIGHEST, _PERIODS, _DENSE = 0.5, 24.5, 1.5, 0.5
 # So many samples are simulated in all, so many orders at once; so many are returned.
 _MOST, _AT_ONCE, _BEST = 40_000_000, 16, 3
 # How many orders are next to one; how often chance alone may make one stand out of all.
@@ -114,7 +114,7 @@ def orders_shown(
         clear: Only those that stand out of the orders next to them further than chance takes one.
 
     Returns:
-        The best first; none where the effect has no order, the stroke is short or the log long.
+        The best first; none where the effect has no order or the log is long.
     """
     parameters = model.scaled(at)
     order = [i for i, p in enumerate(parameters) if p.role == 'order']
@@ -145,13 +145,13 @@ def orders_shown(
 
 
 def _grid(model: FullModel, place: str) -> Array:
-    """Return orders so dense that none lies unseen between two; none on a short way."""
+    """Return orders so dense that none lies unseen between two."""
     source = model.data.position
     source = model.data.command_position if source is None else source
     if source is None or place not in model.data.names:
         return np.empty(0)
     row = source[model.data.names.index(place)]
     turns = model.motor_turn(place) * float(np.ptp(row[np.isfinite(row)])) / (2.0 * np.pi)
-    if turns < _TURNS:
+    if not turns > 0.0:
         return np.empty(0)
-    return np.arange(max(_LOWEST, _TURNS / turns), _HIGHEST, _DENSE / turns)
+    return np.arange(max(_LOWEST, _PERIODS / turns), _HIGHEST, _DENSE / turns)

@@ -191,7 +191,7 @@ STEPS = EffectAt('encoder_quantisation', 'one')
 
 
 def read_coarsely(explainer, chain, *drives, remaining=0.0):
-    readings = [CoarseReading(drive, 1e-4, 1e-6, 100.0) for drive in drives]
+    readings = [CoarseReading(drive, 1e-4) for drive in drives]
     rests = tuple(chain[:-1])[-len(chain[-1].effects) :] or (chain[0],)
     got = found(chain, [], [(chain[-1],)] * len(rests), rests, remaining)
     return judge(explainer, got, readings, SHARP)
@@ -203,7 +203,7 @@ def test_steps_of_an_encoder_are_the_answer_where_its_drive_has_the_gap(explaine
     assert said.probability == pytest.approx(0.95)
     assert [r.drive for r in said.readings] == ['one']
     small = found([made((0.54**2, 0.0))])
-    unsure = judge(explainer, small, [CoarseReading('one', 1e-4, 1e-6, 100.0)])
+    unsure = judge(explainer, small, [CoarseReading('one', 1e-4)])
     assert unsure.probability == pytest.approx(0.95 / (1.0 + math.exp(-1.0)))
     both = read_coarsely(explainer, [made((2.0, 3.0))], 'one', 'two')
     assert (both.where, both.also) == (('two',), (STEPS,))
