@@ -1,14 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The benchmarks with their default arguments. The first compares with other programs, which it
-# installs into build/peers, writes build/benchmarks.md, and takes about five minutes on two idle
-# cores; the others need nothing but the package, less than two minutes each. Fails if one of them
-# did, after the last. With names as arguments, only those: tools/bench.sh peers.
+# Measure the figures of docs/figures.md again, into build/figures.md with commit, date and load: a
+# quarter of an hour on two idle cores. Fails if a benchmark did, after the last. With names as
+# arguments, only those: tools/bench.sh peers. peers installs other programs into build/peers, and
+# writes build/benchmarks.md, too.
 #
-# mujoco_blind is not among them: it needs what the first installs, and takes half an hour.
-#
-# Nor are interval_coverage (five minutes and more), practice (wants a folder of cases), report (wants result
-# directories and Chromium) and kernel (wants gcc and AVX-512).
+# What changes less has to be named: search_mutation, search_belt, cluster, mujoco_blind (needs what
+# peers installs, and half an hour), practice (wants a folder of cases), report (wants result
+# directories and Chromium).
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
@@ -21,16 +20,20 @@ with_peers() {
   PYTHONPATH="build/peers${PYTHONPATH:+:$PYTHONPATH}" python "$@"
 }
 
-[ $# -gt 0 ] || set -- peers search_mutation search_belt convergence latency timer cluster
+[ $# -gt 0 ] || set -- peers kernel convergence interval_coverage latency timer
+mkdir -p build
+exec > >(tee build/figures.md)
+printf '# Figures\n\n%s, commit %s, %s processors\n' \
+  "$(date +%F)" "$(git describe --always --dirty)" "$(nproc)"
 for name; do
-  printf '\n== checks/benchmarks/%s.py\n' "$name"
+  printf '\n## %s\n\nload %s\n\n```\n' "$name" "$(cut -d ' ' -f 1-3 /proc/loadavg)"
   SECONDS=0
   case $name in
     peers) with_peers checks/benchmarks/peers.py ;;
     mujoco_blind) with_peers checks/benchmarks/mujoco_blind.py ;;
     *) python "checks/benchmarks/$name.py" ;;
   esac || { echo "bench: $name failed." >&2; failed=1; }
-  printf '(%d s)\n' "$SECONDS"
+  printf '```\n\n%d s\n' "$SECONDS"
 done
 
 exit $failed
