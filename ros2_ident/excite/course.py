@@ -5,7 +5,6 @@ Fourier series that begin and end at rest: Swevers, Ganseman, Tuekel, De Schutte
 Optimal robot excitation and identification, IEEE Trans. Robotics and Automation 13(5), 1997.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import functools
 import math
@@ -24,8 +23,6 @@ _FINEST = 20.0
 _ROUNDS = 3
 # A deviation smaller than this is none, rad or m.
 _STILL = 1e-12
-# Steps from where a tool should be to where it is.
-_NEAR = 4
 # Of a platform that leaves the reach of its rods, so much is left to try again.
 _SHRUNK = 0.7
 
@@ -97,51 +94,6 @@ def _without(rows: Array, forbidden: Array) -> Array:
     return out
 
 
-def series_for(
-    seconds: float,
-    cycle: float,
-    reach: Array,
-    rates: Sequence[Array],
-    harmonics: int,
-    rest: float,
-) -> Series:
-    """Return series whose frequencies suit limits.
-
-    The fundamental is a quarter of the frequency at which a sine over the whole reach has full
-    speed, the highest that at which full acceleration has full jerk; so neither far ways nor quick
-    turns are out of reach.
-
-    Args:
-        seconds: Duration with both rests, s.
-        cycle: Time between two instants, s.
-        reach: (M,) half the room of the way.
-        rates: Largest speed, acceleration and jerk along each dimension, (M,) each.
-        harmonics: How many there are; fewer where the frequencies do not lie apart.
-        rest: Rest before and after, s.
-
-    Raises:
-        IdentError: INVALID_GOAL where time or harmonics do not suffice for a motion.
-    """
-    velocity, acceleration, jerk = rates
-    moving = seconds - 2.0 * rest
-    if moving < 2.0 * _FINEST * cycle or harmonics < 2:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{max(moving, 0.0):g} s between two rests and {harmonics} harmonics leave no motion; '
-            f'take 2 harmonics and {2.0 * (rest + _FINEST * cycle):g} s or more',
-        )
-    slow = float(np.min(velocity / reach)) / (2.0 * math.pi) / 4.0
-    periods = max(1, round(moving * slow))
-    period = moving / periods
-    quick = float(np.max(jerk / acceleration)) / (2.0 * math.pi)
-    highest = max(2.0, min(quick, 1.0 / (_FINEST * cycle)) * period)
-    chosen = np.unique(np.round(np.geomspace(1.0, highest, harmonics)))
-    rate = 2.0 * math.pi * chosen / period
-    at = [x[:, None] for x in (reach, velocity, acceleration, jerk)]
-    sizes = 1.0 / (1.0 / at[0] + rate / at[1] + rate**2 / at[2] + rate**3 / at[3])
-    return Series(period, periods, chosen, sizes, cycle, rest)
-
-
 @dataclass(frozen=True, eq=False)
 class Courses:
     """Motions of a machine, each from a point of the unit cube.
@@ -211,26 +163,6 @@ class Courses:
         return replace(derived(*at, self.series.cycle), tool=points)
 
 
-def tool_of(machine: Machine, back: Array, planned: Moved, position: Array) -> Array | None:
-    """Return (M, K) where the tool is while drives that should follow a plan are at (D, K).
-
-    From the plan on by Newton's method, with the slopes in the middle of the room.
-
-    Args:
-        machine: The machine.
-        back: (M, D) the inverse of its `transmission`.
-        planned: The plan.
-        position: (D, K).
-    """
-    if planned.tool is None:
-        return None
-    place = planned.tool
-    for _ in range(_NEAR):
-        there = set_points_of(machine, place, np.zeros_like(place))[0]
-        place = place + back @ (position - there)
-    return place
-
-
 def derived(position: Array, velocity: Array, cycle: float) -> Moved:
     """Return a motion (D, K) with what follows from its speeds."""
     acceleration = np.gradient(velocity, cycle, axis=1)
@@ -240,14 +172,21 @@ def derived(position: Array, velocity: Array, cycle: float) -> Moved:
 def courses_for(
     machine: Machine, limits: Limits, seconds: float, harmonics: int = 8, rest: float = 0.25
 ) -> Courses:
-    """Return the motions of a machine within limits.
+    """Return the motions of a machine within limits, their frequencies to suit these.
+
+    The fundamental is a quarter of the frequency at which a sine over the whole reach has full
+    speed, the highest that at which full acceleration has full jerk; so neither far ways nor quick
+    turns are out of reach.
 
     Args:
         machine: The machine.
         limits: Its limits.
-        seconds: Duration, s.
-        harmonics: Frequencies that a motion has.
+        seconds: Duration with both rests, s.
+        harmonics: Frequencies that a motion has; fewer where they do not lie apart.
         rest: Rest before and after, s.
+
+    Raises:
+        IdentError: INVALID_GOAL where time or harmonics do not suffice for a motion.
     """
     cycle = machine.number('cycle')
     reach = 0.5 * (limits.way_high - limits.way_low)
@@ -256,5 +195,21 @@ def courses_for(
         gear = np.abs(transmission(machine))
         slow = np.maximum(gear, 1e-9)
         rates = [np.min(x[:, None] / slow, axis=0) for x in rates]
-    series = series_for(seconds, cycle, reach, rates, harmonics, rest)
-    return Courses(machine, limits, series)
+    velocity, acceleration, jerk = rates
+    moving = seconds - 2.0 * rest
+    if moving < 2.0 * _FINEST * cycle or harmonics < 2:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{max(moving, 0.0):g} s between two rests and {harmonics} harmonics leave no motion; '
+            f'take 2 harmonics and {2.0 * (rest + _FINEST * cycle):g} s or more',
+        )
+    lowest = float(np.min(velocity / reach)) / (2.0 * math.pi) / 4.0
+    periods = max(1, round(moving * lowest))
+    period = moving / periods
+    quick = float(np.max(jerk / acceleration)) / (2.0 * math.pi)
+    highest = max(2.0, min(quick, 1.0 / (_FINEST * cycle)) * period)
+    chosen = np.unique(np.round(np.geomspace(1.0, highest, harmonics)))
+    rate = 2.0 * math.pi * chosen / period
+    at = [x[:, None] for x in (reach, velocity, acceleration, jerk)]
+    sizes = 1.0 / (1.0 / at[0] + rate / at[1] + rate**2 / at[2] + rate**3 / at[3])
+    return Courses(machine, limits, Series(period, periods, chosen, sizes, cycle, rest))

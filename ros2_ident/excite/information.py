@@ -10,18 +10,20 @@ from scipy.stats import norm
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.excite.course import derived, tool_of
-from ros2_ident.excite.limits import carries, Moved, transmission
+from ros2_ident.excite.course import derived
+from ros2_ident.excite.limits import Moved, transmission
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.planned import drives_moved, planned_model
 from ros2_ident.models.protocol import FullModel
-from ros2_ident.models.registry import compared_of
+from ros2_ident.models.registry import compared_of, set_points_of
 from ros2_ident.search import finite_differences
 from ros2_ident.search.jacobian import Box
 from ros2_ident.search.refine import BOX_DEVIATION
 
 # Noise of outputs for which a machine file states none, their unit.
 _NOISE = 1e-3
+# Steps from where a tool should be to where it is.
+_NEAR = 4
 # How far a machine may be off what is expected, and still has to keep to its limits.
 _OFF = 0.25
 
@@ -84,8 +86,6 @@ class Sensitivity:
     @functools.cached_property
     def _back(self) -> Array:
         """(M, D) speeds of the tool by those of the drives, in the middle of the room."""
-        if not carries(self.machine):
-            return np.empty((0, len(self.machine.drives)))
         out: Array = np.linalg.inv(transmission(self.machine)).astype(np.float64)
         return out
 
@@ -165,7 +165,12 @@ class Sensitivity:
         """Return what the drives do: what the model does not tell is as planned."""
         rows = drives_moved(model, planned.position, planned.velocity, told)
         seen = derived(rows['position'], rows['velocity'], model.cycle)
-        tool = tool_of(self.machine, self._back, planned, rows['position'])
+        tool = planned.tool
+        if tool is not None:
+            # By Newton's method from the plan on, with the slopes in the middle of the room.
+            for _ in range(_NEAR):
+                there = set_points_of(self.machine, tool, np.zeros_like(tool))[0]
+                tool = tool + self._back @ (rows['position'] - there)
         return replace(seen, jerk=None, effort=rows['effort'], tool=tool)
 
     def half_widths(self, shown: Shown) -> Array:
