@@ -9,7 +9,6 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from ros2_ident.arrays import Array, plain
@@ -23,6 +22,7 @@ from ros2_ident.files import (
     write_text,
 )
 from ros2_ident.recording import Stream, write_bag
+from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.write import require_room, Topic
 from ros2_ident.report.style import (
     BLUE,
@@ -128,7 +128,7 @@ def _trajectory(found: Excitation, lead: float) -> dict[str, Any]:
 
 
 def _serialised(message: dict[str, Any]) -> bytes:
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = typestore()
     types = store.types
     duration = types['builtin_interfaces/msg/Duration']
     points = [

@@ -8,7 +8,7 @@ A position that jumps and stays is only reported: which side is right is unknown
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -27,64 +27,33 @@ _ENOUGH = 1 << 15
 _STAYS_RATIO, _AROUND = 8.0, 25
 
 
-@dataclass(frozen=True)
-class Rule:
-    """Thresholds of a jump of one kind of signal.
+class _Rule(NamedTuple):
+    """Thresholds of a jump of one kind of signal."""
 
-    Attributes:
-        run: Samples that may jump in a row.
-        ratio: So many times farther off than the worst of the samples around.
-        share: Share of the signal's range that is no jump.
-        slip: Sampling periods by which a stamp may be off: a fast motion is no jump.
-    """
-
-    run: int
-    ratio: float
-    share: float
-    slip: float
+    run: int  # samples that may jump in a row
+    ratio: float  # so many times farther off than the worst of the samples around
+    share: float  # of the signal's range, which is no jump
+    slip: float  # sampling periods by which a stamp may be off: a fast motion is no jump
 
 
 # A set-point is exact, a position nearly so; velocities and efforts are rough by themselves.
-_EXACT, _FINE, _ROUGH = Rule(3, 8.0, 1e-4, 0.0), Rule(3, 8.0, 1e-4, 1.0), Rule(1, 12.0, 0.05, 1.0)
+_EXACT, _FINE, _ROUGH = (
+    _Rule(3, 8.0, 1e-4, 0.0), _Rule(3, 8.0, 1e-4, 1.0), _Rule(1, 12.0, 0.05, 1.0),
+)  # fmt: skip
 # A jump's neighbours are off by this share of it at most.
 _ALONE = 0.2
 # So many steps of a signal's resolution are no jump either.
 _STEPS, _FEW = 4.0, 9
 
 
-def rule_of(role: str, field: str) -> Rule:
-    """Return the rule for a field of a stream."""
-    if field == 'effort':
-        return _ROUGH
-    if role == 'command':
-        return _EXACT
-    return _FINE if field == 'position' else _ROUGH
+# Samples that jump (N,), the largest jump, and whether each is shorter than a machine can do.
+_Jumps = tuple[IntArray, float, bool]
 
 
-@dataclass(frozen=True)
-class Jumps:
-    """Jumps of one signal.
+def _lone(stamp: IntArray, values: FloatArray, rule: _Rule) -> _Jumps | None:
+    """Return the samples of a signal (T,) that jump away and back.
 
-    Attributes:
-        rows: The samples that jump (N,).
-        size: The largest jump, in the signal's unit.
-        short: Whether each is over before a machine could do that.
-    """
-
-    rows: IntArray
-    size: float
-    short: bool = True
-
-
-def find_lone(stamp: IntArray, values: FloatArray, rule: Rule) -> Jumps | None:
-    """Find the samples of one signal that jump away and back.
-
-    Args:
-        stamp: Stamps (T,), ns, increasing.
-        values: The signal (T,), NaN where not measured.
-
-    Returns:
-        The samples, or None where there are none, or so many that the signal is like that.
+    None where there are none, or so many that the signal is like that.
     """
     there = np.flatnonzero(np.isfinite(values))
     if there.size < 2 * _SIDE + 1:
@@ -108,10 +77,10 @@ def find_lone(stamp: IntArray, values: FloatArray, rule: Rule) -> Jumps | None:
             longest = max(longest, float(time[run[-1] + 1] - time[run[0] - 1]) * 1e-9)
     if not rows or len(rows) > most:
         return None
-    return Jumps(there[np.array(rows)], largest, longest <= _SHORT)
+    return there[np.array(rows)], largest, longest <= _SHORT
 
 
-def _floor(x: FloatArray, rule: Rule) -> float:
+def _floor(x: FloatArray, rule: _Rule) -> float:
     """Return the least that is a jump: a few steps of the resolution, some of the range."""
     few = x[:: max(1, x.size // _ENOUGH)]
     low, high = np.quantile(few, (0.005, 0.995))
@@ -124,7 +93,7 @@ def _floor(x: FloatArray, rule: Rule) -> float:
     return max(_STEPS * step, rule.share * float(high - low), 1e-300)
 
 
-def _candidates(x: FloatArray, rule: Rule, least: float) -> IntArray:
+def _candidates(x: FloatArray, rule: _Rule, least: float) -> IntArray:
     """Return where a cubic through two samples on each side is far off, and not so beside it."""
     far = 8
     # a run of samples shows half its jump at its edges
@@ -141,7 +110,7 @@ def _candidates(x: FloatArray, rule: Rule, least: float) -> IntArray:
 
 
 def _run_at(
-    time: IntArray, x: FloatArray, at: int, rule: Rule, least: float
+    time: IntArray, x: FloatArray, at: int, rule: _Rule, least: float
 ) -> tuple[list[int], float]:
     """Return the samples of a lone jump near a place, none where it is none, and its size."""
     begin, end = max(0, at - _JUDGED), min(x.size, at + _JUDGED + 1)
@@ -172,13 +141,8 @@ def _run_at(
     return wrong.tolist(), size
 
 
-def find_lasting(stamp: IntArray, values: FloatArray) -> Jumps | None:
-    """Find where a position jumps farther than it ever moves, and stays.
-
-    Args:
-        stamp: Stamps (T,), ns, increasing.
-        values: The position (T,), NaN where not measured.
-    """
+def _lasting(stamp: IntArray, values: FloatArray) -> _Jumps | None:
+    """Return where a position (T,) jumps farther than it ever moves, and stays."""
     there = np.flatnonzero(np.isfinite(values))
     if there.size < 4 * _AROUND:
         return None
@@ -192,7 +156,7 @@ def find_lasting(stamp: IntArray, values: FloatArray) -> Jumps | None:
     fastest = np.partition(change, -min(_MANY, change.size))[-min(_MANY, change.size)]
     rows = np.flatnonzero(change > _STAYS_RATIO * max(float(fastest), _floor(x, _FINE)))
     rows = rows[[_alone(change, int(k)) for k in rows]] if rows.size else rows
-    return Jumps(there[rows + 1], float(change[rows].max())) if rows.size else None
+    return (there[rows + 1], float(change[rows].max()), False) if rows.size else None
 
 
 def _alone(change: FloatArray, at: int) -> bool:
@@ -221,16 +185,14 @@ def leave_out(
         for column, name in enumerate(names):
             signal = values[:, column]
             what = f'{role}: {field} of {name}'
-            lone = find_lone(stamp, signal, rule_of(role, field))
-            if lone is not None:
-                if lone.short:
-                    signal[lone.rows] = np.nan
-                then = _LEFT_OUT if lone.short else _USED
+            rule = _EXACT if role == 'command' else _FINE if field == 'position' else _ROUGH
+            if lone := _lone(stamp, signal, rule):
+                rows, _, short = lone
+                if short:
+                    signal[rows] = np.nan
+                then = _LEFT_OUT if short else _USED
                 said.append(f'{what} {_where(stamp, lone)} and back; {then}')
-            lasting = None
-            if (role, field) == ('state', 'position'):
-                lasting = find_lasting(stamp, signal)
-            if lasting is not None:
+            if (role, field) == ('state', 'position') and (lasting := _lasting(stamp, signal)):
                 said.append(f'{what} {_where(stamp, lasting)} and stays there; {_KEPT}')
     return said
 
@@ -240,9 +202,10 @@ _USED = 'it is used as it is: look whether that was so, or cut the log there'
 _KEPT = 'it is used as it is: look whether the encoder slipped, or cut the log there'
 
 
-def _where(stamp: IntArray, jumps: Jumps) -> str:
+def _where(stamp: IntArray, jumps: _Jumps) -> str:
     """Return size and place of jumps for a sentence."""
-    at = float(stamp[jumps.rows[0]] - stamp[0]) * 1e-9
-    if jumps.rows.size == 1:
-        return f'jumps by {jumps.size:.3g} at {at:.4f} s'
-    return f'jumps by up to {jumps.size:.3g} at {jumps.rows.size} samples, first at {at:.4f} s,'
+    rows, size, _ = jumps
+    at = float(stamp[rows[0]] - stamp[0]) * 1e-9
+    if rows.size == 1:
+        return f'jumps by {size:.3g} at {at:.4f} s'
+    return f'jumps by up to {size:.3g} at {rows.size} samples, first at {at:.4f} s,'

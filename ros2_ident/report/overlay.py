@@ -8,7 +8,6 @@ from pathlib import Path
 import time
 
 import numpy as np
-from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.arrays import Array, plain
 from ros2_ident.errors import ErrorCode, IdentError
@@ -19,6 +18,7 @@ from ros2_ident.identify.result import Identification, Outcome, ParameterEstimat
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.identify.setup import problem_of
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
+from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
 from ros2_ident.recording.write import remove_bag, require_room, Topic
@@ -196,7 +196,7 @@ def _said(found: Identification | Diagnosis, stamp: int) -> list[Topic]:
         values |= {f'where {k}': where(x) for k, x in enumerate(found.localisation, 1)}
         values |= {f'advice {k}': text for k, text in enumerate(advice(found), 1)}
         document = to_mapping(found)
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = typestore()
     types = store.types
     pair = types['diagnostic_msgs/msg/KeyValue']
     status = types['diagnostic_msgs/msg/DiagnosticStatus']

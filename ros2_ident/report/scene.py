@@ -13,7 +13,6 @@ import math
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
@@ -21,6 +20,8 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.kind import Figure
 from ros2_ident.models.registry import kind_of, make_model
 from ros2_ident.recording import Stream
+from ros2_ident.recording.cdr import typestore
+from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.recording.streams import FloatArray, IntArray
 
 MARKERS = 'visualization_msgs/msg/MarkerArray'
@@ -32,7 +33,7 @@ SHOWN = 0.25
 TOP = 95.0
 _CUBES, _STRIP, _LINES, _TEXT = 6, 4, 5, 9
 Msg = Any
-_STORE = get_typestore(Stores.ROS2_JAZZY)
+_STORE = typestore()
 
 Colour = tuple[float, float, float, float]
 GREY: Colour = (0.45, 0.45, 0.45, 1.0)
@@ -96,7 +97,7 @@ def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0)
     own = problem.own(segment, theta)[0].tolist()
     names = (p.name for p in problem.models[segment].parameters)
     values = dict(zip(names, own, strict=True)) | problem.fixed
-    position = np.stack([_filled(dataset.position[d])[cycle] for d in order])
+    position = np.stack([fill_gaps(dataset.position[d])[cycle] for d in order])
     figure = draw(machine.with_values(values), position)
     if figure is None:
         return None
@@ -112,11 +113,6 @@ def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0)
         np.interp(stamp, residual.stamp[there], gap[there], np.nan, np.nan),
         machine.effort_unit,
     )
-
-
-def _filled(row: FloatArray) -> FloatArray:
-    there = np.flatnonzero(np.isfinite(row))
-    return np.interp(np.arange(row.size), there, row[there])
 
 
 def _simulated(
