@@ -7,7 +7,6 @@ executor back at once and goes on when the run has ended.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -34,57 +33,6 @@ REQUESTS = qos_profile_parameters
 _STATES = {ErrorCode.OK: Status.STATE_DONE, ErrorCode.CANCELLED: Status.STATE_CANCELLED}
 
 
-@dataclass(frozen=True)
-class Kind:
-    """Own part of one action.
-
-    Attributes:
-        action: Its type.
-        doing: What the node does meanwhile, as a word.
-        state: The node's meanwhile.
-        field: Name of the result's field, which holds a message with an error code.
-        topic: Where that message goes as well, latched.
-        what: Its name, and what `run.carry_out` does.
-        feedback: Makes a progress a feedback, and a sentence of it.
-        message: Makes the end of a run a message; see `conversion.result_message`.
-        sentence: Returns what such a message says was found.
-    """
-
-    action: Any
-    doing: str
-    state: int
-    field: str
-    topic: str
-    what: Literal['identify', 'diagnose']
-    feedback: Callable[..., tuple[Any, str]]
-    message: Callable[..., Any]
-    sentence: Callable[[Any], str]
-
-
-IDENTIFY = Kind(
-    Identify,
-    'identifying',
-    Status.STATE_IDENTIFYING,
-    'identification',
-    'result',
-    'identify',
-    conversion.identify_feedback,
-    conversion.result_message,
-    lambda message: message.outcome_sentence,
-)
-DIAGNOSE = Kind(
-    Diagnose,
-    'diagnosing',
-    Status.STATE_DIAGNOSING,
-    'gap',
-    'gap',
-    'diagnose',
-    conversion.diagnose_feedback,
-    conversion.gap_message,
-    conversion.gap_sentence,
-)
-
-
 class GoalServer:
     """An action of which one goal runs at a time, beside whatever else keeps the node busy.
 
@@ -96,17 +44,35 @@ class GoalServer:
         open: How many accepted goals have no result yet.
     """
 
-    def __init__(self, node: Any, kind: Kind) -> None:
+    # The action, its name and what `run.carry_out` does.
+    action: Any
+    what: Literal['identify', 'diagnose']
+    # What the node does meanwhile, and its state.
+    doing: str
+    state: int
+    # Field of the result that holds the message of a run's end, and the latched topic it goes to.
+    field: str
+    topic: str
+
+    # Makes a progress a feedback and a sentence, and the end of a run that message.
+    feedback: Callable[..., tuple[Any, str]]
+    message: Callable[..., Any]
+
+    @staticmethod
+    def sentence(message: Any) -> str:
+        """Return what was found."""
+        return str(message.outcome_sentence)
+
+    def __init__(self, node: Any) -> None:
         self.node = node
-        self.kind = kind
         self.pending = False
         self.open = 0
         self._finish: Says | None = None
         self._given_up = False
         self._server = ActionServer(
             node,
-            kind.action,
-            f'~/{kind.what}',
+            self.action,
+            f'~/{self.what}',
             self._execute,
             goal_callback=self._answer,
             cancel_callback=self._answer_cancel,
@@ -154,7 +120,7 @@ class GoalServer:
             else:
                 # The end of the node stops a run, too, but no client has asked for it.
                 handle.abort()
-            return self.kind.action.Result(**{self.kind.field: message})
+            return self.action.Result(**{self.field: message})
         finally:
             self.open -= 1
 
@@ -219,15 +185,15 @@ class GoalServer:
             node.worker.post(lambda: node.outlet.series(*series))
 
         def job(cancel: Cancel, say: Says) -> tuple[Any, ...]:
-            done = run.carry_out(self.kind.what, wanted, received, cancel, say, preview)
+            done = run.carry_out(self.what, wanted, received, cancel, say, preview)
             # a result is not lost with its file
             return done, excitation(done.logs.fit), *attempt(lambda: run.save(done))
 
         def said(progress: Any) -> None:
-            feedback, node.board.sentence = self.kind.feedback(
+            feedback, node.board.sentence = self.feedback(
                 progress, wanted.machine, self._stamp
             )
-            if self.kind is IDENTIFY:
+            if self.what == 'identify':
                 node.diagnostics.progress = feedback.progress
                 node.outlet.progress.publish(feedback.progress)
             tell(feedback)
@@ -241,8 +207,8 @@ class GoalServer:
 
         node.diagnostics.progress = None  # an earlier run's would pass for this one's
         source = ' + '.join(wanted.bags) or 'the data received'
-        what = f'{self.kind.doing} {", ".join(wanted.drives or ())} from {source}'
-        node.board.change(self.kind.state, what)
+        what = f'{self.doing} {", ".join(wanted.drives or ())} from {source}'
+        node.board.change(self.state, what)
         node.worker.start(job, said, ended, rate=now['progress_rate'])
 
     def _ended(self, value: Any, error: BaseException | None) -> Any:
@@ -264,14 +230,14 @@ class GoalServer:
             fault = IdentError(code, message.error_message) if code else None
             unwritten = unwritten and node.board.unwritten(unwritten)
             state = _STATES.get(code, Status.STATE_FAILED)
-            node.board.change(state, self.kind.sentence(message), fault or unwritten)
+            node.board.change(state, self.sentence(message), fault or unwritten)
             for sentence in message.warnings:
                 node.get_logger().warning(sentence)
             if unwritten is not None:
                 message.warnings = [*message.warnings, unwritten.message]
             node.pages.start(path)
-        setattr(node.diagnostics, self.kind.topic, message)
-        getattr(node.outlet, self.kind.topic).publish(message)
+        setattr(node.diagnostics, self.topic, message)
+        getattr(node.outlet, self.topic).publish(message)
         return message
 
     def _compare(self, found: Identified, path: str) -> None:
@@ -291,8 +257,27 @@ class GoalServer:
             node.worker.chore(lambda: run.compare(found, path), done)
 
     def _message(self, found: Any, error: IdentError | None, path: str = '') -> Any:
-        return self.kind.message(found, error, self._stamp, path)
+        return self.message(found, error, self._stamp, path)
 
     @property
     def _stamp(self) -> Any:
         return self.node.get_clock().now().to_msg()
+
+
+class IdentifyServer(GoalServer):
+    """The action ~/identify."""
+
+    action, what, doing, state = Identify, 'identify', 'identifying', Status.STATE_IDENTIFYING
+    field, topic = 'identification', 'result'
+    feedback = staticmethod(conversion.identify_feedback)
+    message = staticmethod(conversion.result_message)
+
+
+class DiagnoseServer(GoalServer):
+    """The action ~/diagnose."""
+
+    action, what, doing, state = Diagnose, 'diagnose', 'diagnosing', Status.STATE_DIAGNOSING
+    field, topic = 'gap', 'gap'
+    feedback = staticmethod(conversion.diagnose_feedback)
+    message = staticmethod(conversion.gap_message)
+    sentence = staticmethod(conversion.gap_sentence)

@@ -22,7 +22,7 @@ from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, RecordingBuilder, Stream, Topics
 from ros2_ident.recording.spool import Spool
 from ros2_ident.ros import parameters
-from ros2_ident.ros.actions import DIAGNOSE, GoalServer, IDENTIFY, REQUESTS
+from ros2_ident.ros.actions import DiagnoseServer, IdentifyServer, REQUESTS
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter
@@ -63,8 +63,8 @@ class Identifier(Node):
         self._due = False  # a stream has ended while a run was going on
         self._ticks = 0
         self._explained = time.monotonic()
-        self.identifying = GoalServer(self, IDENTIFY)
-        self._servers = self.identifying, GoalServer(self, DIAGNOSE)
+        self.identifying = IdentifyServer(self)
+        self._servers = self.identifying, DiagnoseServer(self)
         self.create_service(Trigger, '~/clear_data', self._clear_data, qos_profile=REQUESTS)
         # it awaits what other callbacks bring, and would shut them out in the node's own group
         self.create_service(
