@@ -24,7 +24,7 @@ with_peers() {
 mkdir -p build
 exec > >(tee build/figures.md)
 printf '# Figures\n\n%s, commit %s, %s processors\n' \
-  "$(date +%F)" "$(git describe --always --dirty)" "$(nproc)"
+  "$(date +%F)" "$(git describe --always --dirty)" "$(getconf _NPROCESSORS_ONLN)"
 for name; do
   printf '\n## %s\n\nload %s\n\n```\n' "$name" "$(cut -d ' ' -f 1-3 /proc/loadavg)"
   SECONDS=0

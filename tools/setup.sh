@@ -185,8 +185,9 @@ if ! is install/.stamp "$build_stamp"; then
   defines=(-DPython3_EXECUTABLE="$root/.venv/bin/python")
   [ "$mode" = sourced ] || defines+=(-DWITHOUT_CPP=ON) # nothing here is built against the wheels
   step 'The packages could not be built.' \
-    env MAKEFLAGS="-j$(nproc)" .venv/bin/python "$(command -v colcon)" --log-base build/log build \
-    --symlink-install --event-handlers console_direct+ --cmake-args "${defines[@]}"
+    env MAKEFLAGS="-j$(getconf _NPROCESSORS_ONLN)" \
+    .venv/bin/python "$(command -v colcon)" --log-base build/log build --symlink-install \
+    --event-handlers console_direct+ --cmake-args "${defines[@]}"
   echo "$build_stamp" > install/.stamp
 fi
 # The first run on a kind of machine compiles its simulation: let that be done by whom nobody waits

@@ -109,7 +109,7 @@ def measure(seconds: float, workers: int, search: bool, realtime: bool) -> dict[
     stop = threading.Event()
     bag = Identify.Goal(data_source=Identify.Goal.DATA_SOURCE_BAG, bag_path=str(BAG))
     if search:
-        node.begin(bag)
+        node.identifying.begin(bag)
         while node.diagnostics.progress is None:  # compiled, and in its first generation
             executor.spin_once()
         latencies.clear()

@@ -25,6 +25,7 @@ def run(args: argparse.Namespace) -> int:
     """Copy the files and print the next commands."""
     import shlex
     import shutil
+    import sys
 
     from ros2_ident.files import replacing_directory
 
@@ -37,7 +38,8 @@ def run(args: argparse.Namespace) -> int:
                 shutil.copyfile(file, folder / 'config' / file.name)
     print(f'written: {out}; now:')
     machine = out / 'config' / 'emps.yaml'
+    program = 'ros2-ident' if sys.argv[0].endswith('ros2-ident') else 'ident'  # as uvx knows it
     for command, results in (('identify', 'axis'), ('diagnose', 'gap')):
         words = (command, out / _BAG, '--machine', machine, '--out', out / results)
-        print('  ident ' + shlex.join(map(str, words)))
+        print(f'  {program} ' + shlex.join(map(str, words)))
     return 0
