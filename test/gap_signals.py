@@ -1,40 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions, residuals and floors made for the tests of the gap's parts."""
 
-from dataclasses import dataclass
-import json
-from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 
 from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.floor import Floor
-from ros2_ident.models import DriveModel, load_machine, make_model
-from ros2_ident.recording import align, Dataset, read_bag
 from ros2_ident.search.noise import NoiseModel
 
 CYCLE = 5e-4
 NOISE = 0.01
-ROOT = Path(__file__).parents[1]
-PRACTICE = Path(__file__).parents[2] / 'shared' / 'blind' / 'practice'
-
-needs_practice = pytest.mark.skipif(
-    not PRACTICE.is_dir(), reason='the practice cases are not beside the repository'
-)
-
-_NAMES = {
-    'measurement_delay': 'dT',
-    'gear_stiffness': 'c_G',
-    'gear_damping_ratio': 'zeta_G',
-    'tool_mass': 'm_t',
-    'drive_inertia': 'J_D',
-    'coulomb_torque': 'M_C',
-    'viscous_torque': 'M_V',
-}
-
-
 def white(deviation: float) -> NoiseModel:
     return NoiseModel(np.empty(0), deviation**2, deviation**2, 0)
 
@@ -86,29 +62,3 @@ def residual(
     if planted is not None:
         out[drive] += planted
     return out
-
-
-@dataclass(frozen=True)
-class Case:
-    """A practice case at its true nominal parameters: what is left is its effect."""
-
-    label: dict
-    data: Dataset
-    model: DriveModel
-    theta: np.ndarray
-    residual: np.ndarray
-
-
-def practice_case(number: int, bag: str = 'fit') -> Case:
-    folder = PRACTICE / f'case_{number:03d}'
-    label = json.loads((folder / 'label.json').read_text())
-    machine = load_machine(ROOT / 'config' / 'tripod.yaml')
-    data = align(read_bag(folder / bag)[0], machine.drives, machine.number('cycle'))
-    model = make_model(machine, data)
-    theta = []
-    for parameter in model.parameters:
-        *drive, name = parameter.name.split('.')
-        index = machine.drives.index(drive[0]) if drive else 0
-        theta.append(label['theta'][index][_NAMES[name]])
-    values = np.array(theta)
-    return Case(label, data, model, values, model.measured - model.simulate(values[None])[0])

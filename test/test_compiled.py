@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A compiled function is made anew when a function of another file that it calls changes."""
+"""Compiled functions are made anew when one they call changes; what libraries are asked for."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,10 @@ import subprocess
 import sys
 import tempfile
 
+import pytest
+
 from ros2_ident.compiled import _own_folder
+from ros2_ident.threads import ONE_THREAD
 
 CALLEE = '''
 from pathlib import Path
@@ -54,3 +57,19 @@ def test_a_cache_for_want_of_another_place_is_its_users_alone(tmp_path, monkeypa
     os.rename(found, tmp_path / 'elsewhere')
     os.symlink(tmp_path / 'elsewhere', found)
     assert _own_folder() == ''
+
+
+@pytest.mark.parametrize(('stated', 'found'), [(None, '1'), ('3', '3')])
+def test_the_command_takes_one_thread_unless_told_otherwise(stated, found):
+    environment = {k: v for k, v in os.environ.items() if k not in ONE_THREAD}
+    if stated is not None:
+        environment['OPENBLAS_NUM_THREADS'] = stated
+    code = (
+        'import os, sys; import ros2_ident.cli.main as m; assert "numpy" not in sys.modules; '
+        'm.main(["new-machine", "--kind", "linear_axis"]); '
+        'print(os.environ["OPENBLAS_NUM_THREADS"])'
+    )
+    run = subprocess.run(
+        [sys.executable, '-c', code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.splitlines()[-1] == found

@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of the user: in files of their own and in other packages."""
 
-from dataclasses import replace
 import os
 from pathlib import Path
 import re
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from ros2_ident.effects import (
@@ -19,31 +17,11 @@ from ros2_ident.effects import (
 )
 from ros2_ident.errors import IdentError
 from ros2_ident.kernel import rows
-from ros2_ident.recording import read_bag, write_bag
 
 ROOT = Path(__file__).parents[2]
 MACHINE = ROOT / 'config/emps.yaml'
 PAGE = (ROOT / 'docs/extend.md').read_text(encoding='utf-8')
 SOURCE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)[2]
-SPAWNED = '''
-from concurrent.futures import ProcessPoolExecutor
-import multiprocessing
-from ros2_ident.cli.main import main
-from ros2_ident.effects import add_effect_files
-
-def known(name):
-    from ros2_ident.kernel.hooks import sources_digest
-    from ros2_ident.kernel.rows import KERNEL_EFFECTS
-    return name in {e.id for e in KERNEL_EFFECTS}, sources_digest()
-
-if __name__ == '__main__':
-    add_effect_files(['rubber_buffer.py'])
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context('spawn')) as pool:
-        there = pool.submit(known, 'rubber_buffer').result()
-    print(there == known('rubber_buffer'), there[0])
-'''
-
-
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / 'rubber_buffer.py'
@@ -66,27 +44,16 @@ def run(folder: Path, *words: str, path: str = '', **variables: str) -> str:
     return done.stdout
 
 
-def bag(folder: Path) -> str:
-    """Write the log of an axis whose carriage runs into a soft pad at 0.05 m."""
-    (recording,) = read_bag(ROOT / 'bags/axis_reversals')
-    state, effort = recording.state, recording.effort
-    depth = np.maximum(np.interp(effort.stamp, state.stamp, state.position[:, 0]) - 0.05, 0.0)
-    pushed = replace(effort, effort=effort.effort + 3e4 * depth[:, None] ** 2)
-    write_bag(folder / 'bag', replace(recording, effort=pushed))
-    return str(folder / 'bag')
-
-
-def test_a_log_is_made_with_it(file: Path, tmp_path: Path) -> None:
-    code = 'from ros2_ident.effects import add_effect_files; '
+def test_a_log_is_made_with_it_and_workers_learn_of_it(file: Path, tmp_path: Path) -> None:
+    code = 'import subprocess, sys; from ros2_ident.effects import add_effect_files; '
     code += 'from ros2_ident.simulate.bag import read_effect; '
     code += f'add_effect_files(["{file.name}"]); '
-    code += f'print(read_effect("{file.name}:stiffness=3e4,place=0.15"))'
-    assert 'rubber_buffer' in run(tmp_path, '-c', code)
-
-
-def test_workers_learn_of_the_file(file: Path, tmp_path: Path) -> None:
-    (tmp_path / 'spawned.py').write_text(SPAWNED, encoding='utf-8')
-    assert run(tmp_path, 'spawned.py') == 'True True\n'
+    code += f'print(read_effect("{file.name}:stiffness=3e4,place=0.15"), flush=True); '
+    worker = 'from ros2_ident.kernel.rows import KERNEL_EFFECTS; '
+    worker += 'print("there:", "rubber_buffer" in {e.id for e in KERNEL_EFFECTS})'
+    code += f'subprocess.run([sys.executable, "-c", {worker!r}], check=True)'
+    here, there = run(tmp_path, '-c', code).splitlines()
+    assert 'rubber_buffer' in here and there == 'there: True'
 
 
 def test_the_digest_of_the_kernels_covers_the_file(file: Path, tmp_path: Path) -> None:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A number that the machine file states wrong is found, with what fits instead."""
 
-from identify_cases import recording_of, tripod, tripod_bag, TRIPOD_TRUTH
+import math
+
+from identify_cases import axis, recording_of, ROOT, tripod, tripod_bag, TRIPOD_TRUTH
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.refusal import fitted_constants
 from ros2_ident.identify.data import gather
+from ros2_ident.identify.run import read_data
 from ros2_ident.words.verdict import sentence
 
 
@@ -48,3 +51,15 @@ def test_a_number_that_is_off_by_what_does_not_count_is_given_and_not_named() ->
     assert 'Or load_mass of the machine file is wrong: ' in sentence(found)
     mass = found.parameters['load_mass']
     assert mass.low < true < mass.high < 1.01 * true
+
+
+def test_the_bundled_axis_needs_no_limit() -> None:
+    # Bounds of effects follow the logged effort.
+    fit = read_data(str(ROOT / 'bags/axis_reversals'), axis()).datasets
+    machines = axis(), axis().with_constants(torque_limit=math.inf)
+    stated, unstated = (diagnose(m, fit, seed=1) for m in machines)
+    assert (unstated.effect, unstated.where) == (stated.effect, stated.where)
+    assert sentence(unstated) == sentence(stated)
+    assert unstated.not_testable == stated.not_testable
+    for name, value in stated.parameters.items():
+        assert unstated.parameters[name].value == pytest.approx(value.value, rel=1e-9)

@@ -3,12 +3,10 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from gap_signals import needs_practice, NOISE, practice_case
 import numpy as np
 import pytest
 
 from ros2_ident.gates.controller import check_law
-from ros2_ident.gates.examine import examine_models
 from ros2_ident.gates.law import fit_law
 from ros2_ident.gates.log import check_streams
 from ros2_ident.identify.run import read_data
@@ -69,15 +67,6 @@ def test_a_gain_that_no_delay_makes_right_is_named(gain):
     (gate,) = check_law(MACHINE, law, 'drive_1', 0.01)
     assert (gate.key, gate.contradicts) == ('velocity_gain', True)
     assert gate.number == pytest.approx(gain, rel=0.05)
-
-
-@needs_practice
-def test_a_null_passes_all_gates():
-    case = practice_case(15)
-    report = examine_models([case.model], case.theta, np.full(3, NOISE))
-    assert report.level == 'ok'
-    assert {g.gate for g in report.gates} >= {'missing', 'jitter', 'sign', 'limit', 'law', 'step'}
-    assert max(g.number for g in report.of('step')) < 0.1
 
 
 @pytest.mark.parametrize(('missing', 'level'), [(0, 'ok'), (50, 'warn'), (500, 'fail')])

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
-from gap_signals import CYCLE, floor_of, motion, needs_practice, practice_case, residual
+from gap_signals import CYCLE, floor_of, motion, residual
 import numpy as np
 import pytest
 
 from ros2_ident.gap.coordinates import (
     direction,
-    motion_of,
 )
 from ros2_ident.gap.localise import localise
 from ros2_ident.words.finding import where
@@ -54,7 +53,6 @@ def test_sentences_say_where():
     assert text.startswith('drive_1: ')
     assert 'changing sign with the direction of motion' in text
     assert '% of the gap above the noise' in text
-    found = localise(OF, residual(OF, PLANTED['motor angle'], 1), floor_of())
     ripple = residual(OF, 0.03 * np.sin(3.0 * 78.54 * OF.position[1]), 1)
     found = localise(OF, ripple, floor_of())
     assert 'drive_2: periodic in the motor angle, order 3 per turn' in where(found[0])
@@ -68,31 +66,3 @@ def test_coloured_noise_gives_no_more_false_findings_than_stated(phi):
         # A floor below the noise: everything counts as explainable, and as material.
         false += bool(localise(OF, row, floor_of(value=0.004), seed=seed, flips=999))
     assert false <= 2  # at most 5 % expected; 3 or more of 8 has a probability below 0.6 %
-
-
-def _of_case(number):
-    case = practice_case(number)
-    return case, localise(motion_of(case.model, case.theta), case.residual, floor_of(3))
-
-
-@needs_practice
-@pytest.mark.parametrize(
-    ('number', 'coordinates'),
-    [
-        (0, {'velocity, odd', 'phase', 'distance since reversal, odd'}),
-        (4, {'motor angle'}),
-        (6, {'position', 'offset, even'}),
-        (9, {'size by acceleration', 'recent acceleration', 'frequency', 'size by phase'}),
-        (11, {'frequency'}),
-    ],
-)
-def test_practice_cases_are_localised(number, coordinates):
-    case, found = _of_case(number)
-    if case.label['where'] != ['all']:
-        assert found[0].drive == case.label['where'][0]
-    assert coordinates & {f.coordinate for f in found[:3]}
-
-
-@needs_practice
-def test_a_practice_null_has_nothing_to_localise():
-    assert _of_case(15)[1] == ()

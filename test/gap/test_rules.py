@@ -7,7 +7,6 @@ from pathlib import Path
 import re
 from types import SimpleNamespace
 
-from identify_cases import tripod
 import numpy as np
 import pytest
 
@@ -17,7 +16,6 @@ from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
-from ros2_ident.gap.screen import Start
 from ros2_ident.gap.verdict import judge, NONE, Temperatures, UNKNOWN
 from ros2_ident.models import EffectAt
 
@@ -28,34 +26,6 @@ RULES = Rules(
     material=0.5, unknown=0.8, step=0.4, share=0.1, closed=0.6, rival=0.1, alike=0.02, most=3
 )
 STRIBECK, DRAG = EffectAt('stribeck', 'one'), EffectAt('quadratic_drag', 'two')
-
-
-class Attribution:
-    """Fits by number: what `refit` returns is told beforehand."""
-
-    def __init__(self):
-        part = SimpleNamespace(drive=np.repeat([0, 1], SAMPLES), models=[self])
-        self.case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
-        self.floor = np.ones(2)
-        self.refits = {}
-        self.errors = np.inf
-        self.limits = {}
-        self.machine, self.noise, self.thinned = None, 0.1, False
-
-    def standing(self, before, after):
-        return self.errors
-
-    def scaled(self, at):
-        """Return an effect's parameters, all in shares of one."""
-        return [
-            replace(p, low=-1.0, high=1.0, neutral=0.0) for p in get_effect(at.effect).parameters
-        ]
-
-    def stopped(self):
-        return False
-
-    def refit(self, effects, theta):
-        return self.refits[tuple(effects)]
 
 
 def made(gap, effects=()):
@@ -82,15 +52,19 @@ def found(chain, rounds=(), rivals=(), rests=(), remaining=0.0, complete=True):
     return Explained(tuple(chain), tuple(rounds), tuple(rivals), tuple(rests), remaining, complete)
 
 
-@pytest.fixture
-def attribution():
-    return Attribution()
+def scaled(at):
+    """Return an effect's parameters, all in shares of one."""
+    return [replace(p, low=-1.0, high=1.0, neutral=0.0) for p in get_effect(at.effect).parameters]
 
 
 @pytest.fixture
-def explainer(attribution):
+def explainer():
     """Return the rules on fits by number, under a noise that stays what it is."""
-    rules = Explainer(attribution, floor_of(1.0), RULES)
+    # One that stands for the attribution and for its only model.
+    of = SimpleNamespace(limits={}, machine=None, noise=0.1, thinned=False, scaled=scaled)
+    part = SimpleNamespace(drive=np.repeat([0, 1], SAMPLES), models=[of])
+    of.case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
+    rules = Explainer(of, floor_of(1.0), RULES)
     rules.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
     return rules
 
@@ -104,25 +78,6 @@ def test_the_rules_are_those_that_the_docs_state():
         stated |= dict(zip(re.findall(r'\w+', names), numbers, strict=True))
     rules = vars(Rules())
     assert {k: v for k, v in stated.items() if k in rules} == rules
-
-
-def test_an_effect_on_a_drive_is_looked_for_on_those_of_its_make(explainer, attribution):
-    attribution.machine = tripod()
-    one, two = (EffectAt('quadratic_drag', drive) for drive in DRIVES)
-    chain = [made((2.0, 0.0)), made((0.0, 0.1), effects=[one])]
-    start = Start((two,), chain[-1].theta, np.array([0.4]), 100.0, 1.0)
-    attribution.look = lambda base, candidates: {two: [start]}
-
-    def on_both(size, errors=5.0):
-        wide = made((0.0, 0.0), effects=[one, two])
-        wide.theta[-1] = size
-        attribution.errors = errors
-        attribution.refits = {(one, two): wide, (one,): chain[-1]}
-        return explainer.on_like_drives(chain, [one, two])[-1].effects
-
-    assert on_both(0.4) == (one, two)
-    assert on_both(0.15) == (one,)  # less than a third of the other's size
-    assert on_both(0.4, errors=1.5) == (one,)  # no more than noise makes
 
 
 # ---------------------------------------------------------------------- the answer

@@ -3,7 +3,7 @@
 
 from dataclasses import replace
 
-from identify_cases import axis, axis_data, AXIS_TRUTH, identified, QUICK, recording_of
+from identify_cases import axis, axis_bag, axis_data, AXIS_TRUTH, identified, QUICK, recording_of
 import numpy as np
 import pytest
 
@@ -88,7 +88,7 @@ def test_a_check_bag_is_judged_on_and_not_fitted_to(found) -> None:
 
 
 def test_a_value_of_its_own_in_every_bag_predicts_no_other() -> None:
-    both = gather([recording_of_(k) for k in 'ab'], axis())
+    both = gather([recording_of(axis_bag(), source=k) for k in 'ab'], axis())
     with pytest.raises(IdentError, match='moving_mass has a value of its own') as caught:
         identify(
             axis(),
@@ -98,12 +98,6 @@ def test_a_value_of_its_own_in_every_bag_predicts_no_other() -> None:
             check=another(),
         )
     assert caught.value.code is ErrorCode.INVALID_GOAL
-
-
-def recording_of_(name: str):
-    from identify_cases import axis_bag
-
-    return recording_of(axis_bag(), source=name)
 
 
 def test_the_command_writes_and_says_it(found, tmp_path, capsys) -> None:

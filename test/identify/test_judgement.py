@@ -20,7 +20,6 @@ from ros2_ident.identify.run import FLOORS, identify, LARGE, NOTE
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.machine.machine import Parameter
 from ros2_ident.models.protocol import Output
-from ros2_ident.report.schema import from_mapping, to_mapping
 from ros2_ident.words.identification import message
 
 
@@ -44,12 +43,6 @@ def test_a_wrong_gain_is_the_headline_and_nothing_is_identified(without_force_co
     assert not any(p.identifiable for p in result.parameters)
     assert {p.note for p in result.parameters} == {NOTE}
     assert result.gates[0].key == 'velocity_gain'
-
-
-def test_the_gates_come_back_from_a_file(without_force_constant, tmp_path):
-    again = from_mapping(to_mapping(without_force_constant), tmp_path)
-    assert again.gates[0] == without_force_constant.gates[0]
-    assert again.outcome is Outcome.CONTRADICTED
 
 
 def test_a_gain_that_is_a_little_off_comes_first_and_leaves_the_result():

@@ -63,19 +63,6 @@ def test_drives_are_named(tmp_path, capsys):
     assert 'a tripod has three drives, drives lists 2' in capsys.readouterr().err
 
 
-def test_from_a_new_machine_file_to_a_result(tmp_path, capsys):
-    file, bag, out = (str(tmp_path / name) for name in ('axis.yaml', 'bag', 'out'))
-    assert main(['new-machine', '--kind', 'linear_axis', '--drives', 'x', '--out', file]) == 0
-    assert main(['simulate', bag, '--machine', file, '--seconds', '2', '--seed', '3']) == 0
-    assert main(['check', bag, '--machine', file]) == 0
-    assert '\nwarn' not in capsys.readouterr().out
-    words = ['--population', '128', '--generations', '6', '--no-overlay', '--quiet']
-    assert main(['identify', bag, '--machine', file, '--out', out, *words]) == 0
-    found = yaml.safe_load((tmp_path / 'out' / 'result.yaml').read_text())
-    inertia = found['parameters']['x.drive_inertia']['value']
-    assert inertia == pytest.approx(2e-5 + 0.25 * 28e-5, rel=0.05)  # simulate's: a quarter up
-
-
 TURNING = '''
 machine: linear_axis
 drives: [shoulder]
@@ -305,14 +292,11 @@ def test_a_good_pair_has_no_warning(capsys):
     ('kind', 'old', 'new'),
     [
         ('linear_axis', r'effort_noise: *[\d.e-]+', f'effort_noise: 0x{"f" * 5000}'),
-        ('linear_axis', r'\bcycle: *[\d.e-]+', f'cycle: 1{"0" * 309}'),
         ('linear_axis', r'moving_mass: *\[[^,]*,', f'moving_mass: [1{"0" * 5000},'),
         ('linear_axis', r'machine: *\w+', 'machine: "\\e[31mred"'),
         ('linear_axis', r'machine: *\w+', f'machine: {"x" * 5000}'),
         ('linear_axis', r'effort_noise:', f'"\\e{"y" * 500}": 1\neffort_noise:'),
-        ('linear_axis', r'effort_noise:', f'0x{"f" * 5000}: 1\neffort_noise:'),
         ('serial', r'geometry:', f'geometry:\n  description: {"é" * 300}.urdf'),
-        ('serial', r'geometry:', 'geometry:\n  description: "a\\0b"'),
         ('serial', r'geometry:', f'geometry:\n  description: 0x{"f" * 5000}'),
     ],
 )

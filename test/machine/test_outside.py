@@ -32,6 +32,7 @@ from ros2_ident.machine.draft import Remark
 from ros2_ident.machine.keys import keys_of
 from ros2_ident.machine.kind import Kind
 from ros2_ident.models.drives.model import DriveModel
+from ros2_ident.models.protocol import FullModel
 
 STEPS = 4
 
@@ -42,32 +43,14 @@ class TwoMass(DriveModel):
     rigid = False
 
     _state = 0
+    costs, residuals, simulate_at = FullModel.costs, FullModel.residuals, FullModel.simulate_at
+    extensions, finer, work = FullModel.extensions, FullModel.finer, FullModel.work
 
     def _run(self, group, begin, end, task):
         raise NotImplementedError
 
     def simulate(self, theta):
         return self.moved(theta)[0]
-
-    def simulate_at(self, theta, there):
-        return self.simulate(theta)[:, there]
-
-    def residuals(self, theta):
-        there = ~np.isnan(self.measured)
-        return self.measured[there] - self.simulate_at(theta, there)
-
-    def costs(self, theta, limit=np.inf, stop=None):
-        square = (self.simulate(theta) - self.measured) ** 2
-        return np.sqrt(np.nanmean(square, axis=2)).mean(axis=1)
-
-    def work(self, theta):
-        return np.ones(len(np.atleast_2d(theta)), dtype=np.int64)
-
-    def extensions(self):
-        return ()
-
-    def finer(self, theta):
-        return None
 
     def moved(self, theta):
         """Return force, position and speed (S, D, K) of the motors."""

@@ -12,7 +12,6 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 from models.test_serial import BOXES, described, middle, moving  # noqa: E402
 from ros2_ident.export.content import effort_of, links_of  # noqa: E402
 from ros2_ident.models import make_model  # noqa: E402
-from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 from ros2_ident.models.serial.cone import nearest, pseudo_inertia  # noqa: E402
 
 ROTORS = {**BOXES, 'drive_inertia': [0.0, 1.0, 'kg m^2']}
@@ -40,15 +39,6 @@ def rotors(model, theta: np.ndarray) -> np.ndarray:
     return np.array(sizes)[:, None] * model.motion[2]
 
 
-def test_a_body_is_what_its_link_says(tmp_path: Path) -> None:
-    bodies = arm_of(described(tmp_path)).bodies
-    assert [body.name for body in bodies] == ['column', 'carriage', 'upper', 'hand']
-    mass, centre, inertia = bodies[2].inertial(bodies[2].inertials)
-    assert mass == pytest.approx(3.0)
-    np.testing.assert_allclose(centre, [0.2, 0.0, 0.01], atol=1e-12)
-    assert np.trace(inertia) == pytest.approx(0.1)
-
-
 def test_links_ask_what_the_candidate_asks(model) -> None:
     rng = np.random.default_rng(0)
     low, high = np.array([(p.low, p.high) for p in model.parameters]).T
@@ -60,19 +50,6 @@ def test_links_ask_what_the_candidate_asks(model) -> None:
     np.testing.assert_allclose(asked, expected, rtol=0, atol=1e-9)
     # Flat: its inertia about z is the sum of the two others.
     assert found.mended == ('upper',)
-
-
-def test_what_a_fit_knows_stays_and_what_it_does_not_is_the_descriptions(model) -> None:
-    low, high = np.array([(p.low, p.high) for p in model.parameters]).T
-    names = [p.name for p in model.parameters]
-    theta = middle(model)
-    known, unknown = names.index('elbow.link_moment_x'), names.index('wrist.link_inertia_xx')
-    theta[[known, unknown]] += [0.3, 2.0]
-    sure = np.full(len(names), 1e-4)
-    sure[unknown] = 50.0
-    found = links_of(model, theta, np.diag(sure**-2.0), 0.3)
-    assert found.theta[known] == pytest.approx(theta[known], abs=1e-3)
-    assert found.theta[unknown] == pytest.approx(middle(model)[unknown], abs=0.05)
 
 
 def test_friction_moves_with_what_it_is_correlated_with(model) -> None:

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pace of a replay, and the worker: parts that need no DDS."""
+"""The pace of a replay, and what it plays."""
 
 from pathlib import Path
-import threading
 import time
 
 import pytest
@@ -26,13 +25,6 @@ def test_messages_come_in_order_and_at_their_times() -> None:
     late = sorted((at - came[0][0]) - k * STEP for k, (at, _) in enumerate(came))
     assert late[0] > -STEP, 'never early'
     assert late[len(late) // 2] < STEP, 'half of them within a period, on a busy machine too'
-
-
-def test_stop_ends_it() -> None:
-    came = []
-    for message in paced(messages(5), stopped=lambda: len(came) == 2):
-        came.append(message)
-    assert len(came) == 2
 
 
 @pytest.mark.parametrize(
@@ -91,50 +83,3 @@ def test_clock_remaps_and_a_paused_start() -> None:
     assert 50 <= len(clocks) <= 110, 'a hundred a second of wall time'
     first = states[0].header.stamp
     assert abs(seconds[0] - first.sec - 1e-9 * first.nanosec) < 0.1
-
-
-@pytest.fixture
-def station():
-    """A node with a worker, in a thread that spins."""
-    from rclpy.node import Node
-
-    from ros2_ident.ros.worker import Worker
-
-    def make(context):
-        node = Node('worker', context=context)
-        node.worker = Worker(node)
-        return node
-
-    made = Station(make, new_domain())
-    yield made
-    made.close()
-
-
-@pytest.mark.ros
-def test_the_worker_tells_everything_in_the_executors_thread(station) -> None:
-    said, done, threads = [], [], set()
-    worker = station.node.worker
-
-    def job(cancel, say):
-        for k in range(50):
-            say(k)
-        cancel.wait(10.0)
-        return 'result'
-
-    def on_said(what) -> None:
-        threads.add(threading.current_thread().name)
-        said.append(what)
-
-    worker.start(job, on_said, lambda *x: done.append(x), rate=1.0)
-    assert worker.busy
-    with pytest.raises(RuntimeError):
-        worker.start(job, on_said, lambda *x: None)
-    station.until(lambda: said, 'the first')
-    worker.chore(lambda: 1 / 0, lambda *x: done.append(x))
-    worker.cancel()
-    station.until(lambda: len(done) == 2, 'the end')
-    assert said == [0, 49], 'the first, and the last that was held back'
-    assert done[0] == ('result', None)
-    assert isinstance(done[1][1], ZeroDivisionError)
-    assert threads == {station._thread.name}
-    assert not worker.busy and worker.join(5.0)

@@ -65,38 +65,23 @@ class Killed(BaseException):
     """The end of the process."""
 
 
-@pytest.fixture
-def dying(monkeypatch):
-    """Return a function after which a run dies at one of its records, and what undoes it."""
-    real = Journal.put
-
-    def at(count):
-        left = count
-
-        def put(self, values, *what):
-            nonlocal left
-            left -= 1
-            if left < 0:
-                raise Killed
-            return real(self, values, *what)
-
-        monkeypatch.setattr(Journal, 'put', put)
-        return lambda: monkeypatch.setattr(Journal, 'put', real)
-
-    return at
-
-
 def left_in(directory):
     return sorted(x.name for x in (directory / 'unfinished').iterdir())
 
 
-def test_a_goal_that_is_sent_again_after_a_kill_goes_on(wanted, tmp_path, dying, monkeypatch):
+def test_a_goal_that_is_sent_again_after_a_kill_goes_on(wanted, tmp_path, monkeypatch):
     wanted = replace(wanted, output_directory=str(tmp_path))
     whole = identify(replace(wanted, output_directory=''), None).result
-    revive = dying(3)
-    with pytest.raises(Killed):
+    put, records = Journal.put, iter(range(3))
+
+    def dying(self, *what):
+        if next(records, None) is None:
+            raise Killed
+        put(self, *what)
+
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(Journal, 'put', dying)
         identify(wanted, None)
-    revive()
     assert len(left_in(tmp_path)) == 1
     simulated = 0
     real = Problem.costs

@@ -9,7 +9,7 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search import fit as module
-from ros2_ident.search.driver import Budget
+from ros2_ident.search import ThreadedEvaluator
 from ros2_ident.search.evaluators import Threads
 from ros2_ident.search.fit import fit, FitSettings
 from ros2_ident.search.genetic import GeneticSettings
@@ -82,23 +82,12 @@ def test_every_candidate_is_counted_and_kept(whole):
     assert 0.0 < found.seconds < 60.0
 
 
-@pytest.mark.parametrize(
-    ('whole', 'search'),
-    [
-        (100, 70),  # the refinement keeps three tenths
-        (12, 7),  # the last Jacobian keeps five; one is left to refine by
-        (3, 1),
-    ],
-)
-def test_a_budget_of_candidates_is_shared_and_kept(whole, search):
-    found = run(budget=Budget(evaluations=whole), genetic=replace(GENETIC, generations=40))
-    assert found.ga.evaluations == search
-    assert found.evaluations <= max(whole, search + 5)
-    assert found.left_out == (whole == 3)
-    alone = run(
-        budget=Budget(evaluations=100), genetic=replace(GENETIC, generations=40), refine=False
-    )
-    assert alone.ga.evaluations == 95 and alone.evaluations == 100
+def test_an_error_in_a_thread_reaches_the_caller():
+    def broken(theta):
+        raise ValueError('broken')
+
+    with ThreadedEvaluator(broken, 2) as evaluate, pytest.raises(ValueError, match='broken'):
+        evaluate(np.zeros((40, 2)))
 
 
 # ---------------------------------------------------------------------- limits

@@ -49,15 +49,23 @@ def test_several_starts_find_the_best_of_several_minima():
     assert result.evaluations == sum(s.evaluations for s in result.starts) + 4
 
 
-@pytest.mark.parametrize(('best', 'ends'), [(-1.0, 0.0), (5.0, 4.0)])
-def test_what_lies_beyond_a_bound_ends_at_it(best, ends):
-    slopes = np.linspace(1.0, 2.0, 20)
-    found = refine(
-        lambda theta: np.stack([(t[0] - best) * slopes + (t[1] - 1.0) for t in theta]),
-        [[2.0, 1.5]], [0.0, 0.0], [4.0, 4.0],
-    )  # fmt: skip
-    assert found.theta[0] == pytest.approx(ends, abs=1e-15)
-    assert ((found.theta >= 0.0) & (found.theta <= 4.0)).all()
+@pytest.mark.parametrize(('truth', 'ends'), [([5.0, 1.0], [2.0, 1.0]), ([-7.0, 9.0], [-2.0, 6.0])])
+def test_a_bound_that_the_fit_leans_on_is_kept_and_the_rest_goes_on(truth, ends):
+    seen, low, high = [], np.array([-2.0, -4.0]), np.array([2.0, 6.0])
+
+    def tilted(theta):
+        seen.append(theta)
+        off = theta - truth
+        # The parameters trade: at the bound the other one's best is another.
+        return np.stack([off[:, 0], off[:, 1], 0.5 * off.sum(axis=1)], axis=1)
+
+    found = local_fit(tilted, np.zeros(2), low, high, iterations=30, tolerance=1e-12)
+    every = np.concatenate(seen)
+    assert (every >= low - 1e-12).all() and (every <= high + 1e-12).all()
+    assert found.theta[0] == ends[0]
+    # Where the first stays at its bound, 1.25 y + 0.25 x is to be least.
+    free = truth[1] - 0.25 / 1.25 * (ends[0] - truth[0])
+    assert found.theta[1] == pytest.approx(np.clip(free, low[1], high[1]), abs=1e-3)
 
 
 def test_what_the_data_leave_open_stays_in_the_middle_of_its_box():
