@@ -69,7 +69,9 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
     # What starts or stops is slow as well, and loads the joint by its acceleration.
     rest = maximum_filter1d(np.abs(np.gradient(others, motion.period, axis=1)), near, axis=1)
     there = moving & (rest < slow).all(axis=0) & np.isfinite(motion.effort)
-    power = _power(motion, effort, others, there)
+    turns = np.count_nonzero(np.diff(np.sign(motion.velocity[moving])))
+    # There and back once, direction is a function of time: what drifts looks like friction.
+    power = _power(motion, effort, others, there) if turns > 1 else np.nan
     certain = student.isf(_CHANCE, _BLOCKS - 1)
     top = float(np.percentile(effort, 99))
     if effort.min() >= -_PASSES * top:

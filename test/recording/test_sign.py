@@ -53,3 +53,12 @@ def test_one_way_an_unknown_load_leaves_the_sign_open(change):
     for seed in range(5):
         log = constant_speeds(seed, both=False)
         assert sign_of(replace(log, effort=change(log.effort))) == 'open', seed
+
+
+def test_there_and_back_once_the_sign_is_open():
+    for seed in range(5):
+        log = constant_speeds(seed)
+        end = int(5.5 / log.period)
+        rows = {n: getattr(log, n)[..., :end] for n in ('position', 'velocity', 'acceleration')}
+        once = replace(log, **rows, effort=log.effort[:end], beside=log.beside[:, :end])
+        assert sign_of(once) == sign_of(replace(once, effort=-once.effort)) == 'open', seed
