@@ -323,7 +323,7 @@ class Attribution:
                 (key, (*base.effects, *at), *_numbers(start), n) for at, start, n in tasks
             ]
             for number, e in enumerate(self._run(run, 'begin', tasks, keys), 1):
-                if e and (e.effects not in leaders or e.cost < leaders[e.effects].cost):
+                if e and e.cost < (leaders[e.effects].cost if e.effects in leaders else np.inf):
                     leaders[e.effects] = e
                 share = 0.5 + 0.3 * number / len(tasks)
                 self.on_step(share, f'fitted {_named(tasks[number - 1][0])}')

@@ -284,7 +284,10 @@ class Explainer(Criteria):
     def rivals(
         self, chain: Sequence[Explanation], rounds: Sequence[Round]
     ) -> tuple[Explanation, ...]:
-        """Put the rivals of the first effect in its place in the final model."""
+        """Put the rivals of the first effect in its place in the final model.
+
+        In another's place one may make it diverge: that is no rival.
+        """
         final = chain[-1]
         if not final.effects:
             return ()
@@ -308,4 +311,4 @@ class Explainer(Criteria):
             rest = np.delete(final.theta, self.columns(final, 0))
             theta = np.concatenate([rest, e.theta[-count:]])
             models.append(self.attribution.refit((*final.effects[1:], at), theta))
-        return tuple(sorted(models, key=lambda e: e.loss))
+        return tuple(sorted((e for e in models if e.loss < np.inf), key=lambda e: e.loss))
