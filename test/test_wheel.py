@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wheel in an environment of its own: no ROS, no page, and only TMPDIR to write to."""
 
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -11,10 +12,12 @@ import subprocess
 import sys
 import zipfile
 
-from effects.test_files import bag, MACHINE, SOURCE
+from effects.test_files import MACHINE, SOURCE
+import numpy as np
 import pytest
 
 from ros2_ident.effects import CATALOGUE, VARIABLE
+from ros2_ident.recording import read_bag, write_bag
 
 ROOT = Path(__file__).parents[1]
 UV = Path(sys.prefix, 'bin/uv')
@@ -27,6 +30,16 @@ def run(*words, **how):
     done = subprocess.run(words, capture_output=True, text=True, timeout=300, **how)
     assert done.returncode == 0, done.stderr
     return done
+
+
+def bag(folder: Path) -> str:
+    """Write the log of an axis whose carriage runs into a soft pad at 0.05 m."""
+    (recording,) = read_bag(ROOT / 'bags/axis_reversals')
+    state, effort = recording.state, recording.effort
+    depth = np.maximum(np.interp(effort.stamp, state.stamp, state.position[:, 0]) - 0.05, 0.0)
+    pushed = replace(effort, effort=effort.effort + 3e4 * depth[:, None] ** 2)
+    write_bag(folder / 'bag', replace(recording, effort=pushed))
+    return str(folder / 'bag')
 
 
 @pytest.fixture(scope='module')

@@ -22,6 +22,8 @@ ROOT = Path(__file__).parents[2]
 MACHINE = ROOT / 'config/emps.yaml'
 PAGE = (ROOT / 'docs/extend.md').read_text(encoding='utf-8')
 SOURCE = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)[2]
+
+
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / 'rubber_buffer.py'

@@ -40,7 +40,7 @@ def step(problem: Any, cost: float, share: float = 0.5, elapsed: float = 3.0) ->
     theta = problem.low + share * (problem.high - problem.low)
     names = tuple(p.name for p in problem.parameters)
     return IdentifyProgress(
-        'search', 2, 12, 1100, 1728, cost, 'N', names, theta, 0.1, elapsed, 9.0
+        'search', 2, 12, 1100, 1728, cost, theta, 0.1, elapsed, 9.0, unit='N', names=names
     )
 
 
