@@ -7,7 +7,7 @@ function of the position alone, periodic with the step: what the controller comm
 should have, taken over the position in the log, has a line there and nowhere else.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,11 +75,11 @@ def coarse_readings(case: Case, theta: Array) -> tuple[CoarseReading, ...]:
     found = []
     unit, per_metre = case.fit.models[0].travel
     for drive in case.drives:
-        fit, check = (_missed(part, theta, drive) for part in (case.fit, case.check))
-        for one, other in ((fit, check), (check, fit)):
-            step, error = _step_in(one, per_metre)
+        for one, other in ((case.fit, case.check), (case.check, case.fit)):
+            step, error = _step_in(_missed(one, theta, drive), per_metre)
             # A line that chance or another cause makes is not there again at the same period.
-            if step and any(_power_at(step, *way) >= _AGAIN for way in other):
+            again = (_power_at(step, *way) >= _AGAIN for way in _missed(other, theta, drive))
+            if step and any(again):
                 found.append(CoarseReading(drive, step, error, unit))
                 break
     return tuple(found)
@@ -95,6 +95,8 @@ def made_by(readings: Sequence[CoarseReading], case: Case, theta: Array) -> Arra
         case: The recordings.
         theta: (N,) the nominal fit.
     """
+    if not readings:
+        return np.zeros(len(case.drives))
     joint = case.whole.with_effects([r.at for r in readings])
     both = np.append(theta, np.zeros(len(readings))), np.append(theta, [r.step for r in readings])
     without, there = joint.residual(np.stack(both))
@@ -103,16 +105,15 @@ def made_by(readings: Sequence[CoarseReading], case: Case, theta: Array) -> Arra
 
 
 def _step_in(
-    missed: Sequence[tuple[Array, Array, Array]], per_metre: float
+    missed: Iterable[tuple[Array, Array, Array]], per_metre: float
 ) -> tuple[float, float]:
     """Return the step of the clearest line and its error; 0 where none stands clear of all."""
     least = 3.0 * SMALLEST * per_metre
-    spans = [float(np.ptp(way[0])) for way in missed]
-    lines = [
+    lines = (
         (*_clearest(*way, per_metre), span)
-        for way, span in zip(missed, spans, strict=True)
-        if span >= least
-    ]
+        for way in missed
+        if (span := float(np.ptp(way[0]))) >= least
+    )
     step, power, stands, span = max(lines, key=lambda x: (x[2], x[1]), default=(0.0, 0.0, 0, 1.0))
     return (step, step**2 / span) if stands and power >= CLEAR else (0.0, 0.0)
 
@@ -120,14 +121,14 @@ def _step_in(
 def _power_at(step: float, position: Array, velocity: Array, fast: Array) -> float:
     """Return the power of a step's line, in units of the mean of all, about its period."""
     span = float(np.ptp(position))
-    turns = (position - position.min()) * (span / step + _NEAR)[:, None] / max(span, 1e-300)
-    wave = np.exp(2j * np.pi * turns)
-    power = np.maximum(*(np.abs(wave @ x) ** 2 for x in (fast, fast * np.sign(velocity))))
-    return float(power.max()) / max(float(fast @ fast), 1e-300)
+    turn = 2j * np.pi * (position - position.min()) / max(span, 1e-300)
+    both = np.stack([fast, fast * np.sign(velocity)])
+    power = max(np.abs(both @ np.exp(n * turn)).max() ** 2 for n in span / step + _NEAR)
+    return float(power) / max(float(fast @ fast), 1e-300)
 
 
-def _missed(part: Part, theta: Array, drive: str) -> list[tuple[Array, Array, Array]]:
-    """Return position, velocity and what the controllers miss of the log, for each lag.
+def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield position, velocity and what the controllers miss of the log, for each lag.
 
     Where the controllers cannot be replayed, for too few of their cycles are logged, the nominal
     fit's residual stands for what they miss: the machine hardly answers to steps.
@@ -137,7 +138,6 @@ def _missed(part: Part, theta: Array, drive: str) -> list[tuple[Array, Array, Ar
         theta: (N,) the nominal fit, for how late the effort is logged.
         drive: The drive.
     """
-    out = []
     joint = part.with_effects(())
     for number, model in enumerate(joint.models):
         drives = model.data.names if model.machine is None else model.machine.drives
@@ -162,8 +162,7 @@ def _missed(part: Part, theta: Array, drive: str) -> list[tuple[Array, Array, Ar
         ways = motion.values.reshape(2, len(drives), count)[:, drives.index(drive)]
         for lag in _LAGS:
             position, velocity = (np.interp(logged - lag, np.arange(count), x) for x in ways)
-            out.append((position, velocity, fast))
-    return out
+            yield position, velocity, fast
 
 
 def _logged(model: FullModel, drives: Sequence[str]) -> RecordedMotion | None:
