@@ -11,8 +11,7 @@ from scipy.special import ndtr
 from ros2_ident.arrays import Array
 from ros2_ident.gap.facts import Event
 from ros2_ident.gap.floor import Floor
-from ros2_ident.gap.localise import Finding
-from ros2_ident.gap.region import Region
+from ros2_ident.gap.localise import Finding, Region
 from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size
 from ros2_ident.gates.scale import STANDS_OUT

@@ -311,29 +311,6 @@ def _orders(position: Array, gear: float) -> list[Coordinate]:
     return [Coordinate('motor angle', '', 'per turn', columns, place, pick=2)]
 
 
-def places(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate]:
-    """Return coordinates that cut a drive's motion into regions, to see where the gap is large.
-
-    Args:
-        motion: What the drives did.
-        drive: Number of the drive.
-        at: (T,) cycles.
-    """
-    d, travel = drive, motion.travel
-    phase = phases(motion.velocity[d], motion.acceleration[d])[at]
-    speed: Array = np.abs(motion.velocity[d, at])
-    way = since_reversal(motion.position[d], motion.velocity[d])[at]
-    return [
-        _named('phase', phase, np.zeros(at.size)),
-        _binned('velocity', '', f'{travel}/s', speed, None, _graded(speed)),
-        _binned('position', '', travel, motion.position[d, at], None, 8),
-        _binned('acceleration', '', f'{travel}/s^2', np.abs(motion.acceleration[d, at]), None, 6),
-        _binned('load', '', motion.effort_unit, motion.load[d, at], None, 8),
-        _binned('distance since reversal', '', travel, way, None, _graded(way)),
-        _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 6),
-    ]
-
-
 def _graded(values: Array) -> Array:
     """Return edges that lie closer towards zero, of bins that are not too thinly filled."""
     top = float(values.max(initial=1e-12))
@@ -357,11 +334,10 @@ def _linear(name: str, labels: tuple[str, ...], rows: Sequence[Array]) -> Coordi
 def _named(name: str, index: NDArray[np.int64], heading: Array) -> Coordinate:
     """Return a column for each phase, and one for each that changes sign with the direction."""
     there = [i for i in range(len(PHASES)) if (index == i).sum() >= 5]
+    moving = [i for i in there if i != 0]
     columns = [(index == i).astype(float) for i in there]
-    labels = tuple(PHASES[i] for i in there)
-    if heading.any():
-        columns += [(index == i) * heading for i in there if i != 0]
-        labels += tuple(PHASES[i] for i in there if i != 0)
+    columns += [(index == i) * heading for i in moving]
+    labels = tuple(PHASES[i] for i in (*there, *moving))
     return Coordinate(
         name, '', '', np.stack(columns, axis=1), np.full((len(labels), 2), np.nan), labels
     )

@@ -10,12 +10,13 @@ is coherent from block to block is lost then; what is coherent within a block is
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import false_discovery_control
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Above, Array, Below
 from ros2_ident.gap.blocks import averages, FEWEST
 from ros2_ident.gap.coordinates import (
     Coordinate,
@@ -24,11 +25,9 @@ from ros2_ident.gap.coordinates import (
     Parity,
     PHASES,
     phases,
-    places,
 )
 from ros2_ident.gap.facts import Event
 from ros2_ident.gap.floor import Floor
-from ros2_ident.gap.region import concentration, phase_of, Region, region_of, Trend
 from ros2_ident.gap.spectrum import find_peak, motion_band
 from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.search.noise import correlation_time
@@ -37,14 +36,21 @@ from ros2_ident.search.noise import correlation_time
 _FLIPS = 3999
 # False findings among the findings, in the mean.
 LEVEL = 0.05
-# What explains less than this, as RMS over the floor, is of no matter, however certain; nor is a
-# place whose share of a gap is above its share of the time by less.
+# What explains less than this, as RMS over the floor, is of no matter, however certain.
 MATERIAL = 0.2
 # A coordinate with this share leads: what it leaves is taken for the noise. Where none is certain
 # among so many, one that leads is told, if it would be certain by itself.
 _LEADING = 0.4
 # A block is so many times as long as the residual's memory.
 _TIMES = 12.0
+# The regions that hold this share of what is explained are named.
+_MOST = 0.75
+# Phases that hold this share of it, and so many times their share of the time, are named.
+_MAINLY, _DENSER = 0.5, 1.5
+# A region wider than this share of the coordinate is all of it.
+_WIDE = 0.8
+
+Trend = Literal['', 'rising', 'falling']
 
 
 @dataclass(frozen=True)
@@ -167,6 +173,23 @@ def thrown(signs: Array, parts: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class Region:
+    """A part of a coordinate.
+
+    Attributes:
+        low: Lower end; minus infinity where it reaches to the coordinate's end.
+        high: Upper end likewise.
+        unit: Unit of both.
+        labels: The parts' names where the coordinate has no numbers.
+    """
+
+    low: Below = -math.inf
+    high: Above = math.inf
+    unit: str = ''
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Finding:
     """One coordinate that a drive's residual follows.
 
@@ -181,12 +204,10 @@ class Finding:
         beyond: Share that it still explains once the drive's leading coordinate is taken out.
         significant: Whether it holds after the correction for many coordinates, and matters.
         likely: Whether it explains most on a drive with a large gap, and is not certain.
-        by_size: Whether it is where the residual is large, whatever its sign.
         parity: Whether the residual changes sign with the direction of motion.
         unit: Unit of the gap.
         trend: Whether the residual grows along the coordinate.
         phase: Phase of the motion in which most of it lies; empty for none.
-        time: Share of the time that the region takes; NaN where that is not compared.
         value: Mean of an offset [`unit`], frequency of a swing [Hz], or the highest burst over
             the residual elsewhere.
         events: Bursts: what pushed the drive, or effort that was not commanded.
@@ -203,21 +224,17 @@ class Finding:
     beyond: float
     significant: bool
     likely: bool = False
-    by_size: bool = False
     parity: Parity = ''
     unit: str = ''
     trend: Trend = ''
     phase: str = ''
-    time: float = math.nan
     value: float = math.nan
     events: tuple[Event, ...] = ()
     commanded: bool = True
 
     @property
     def coordinate(self) -> str:
-        """Name of the coordinate with its parity, or as one by which the size differs."""
-        if self.by_size and not self.events:
-            return f'size by {self.along}'
+        """Name of the coordinate with its parity."""
         return f'{self.along}, {self.parity}' if self.parity else self.along
 
 
@@ -261,10 +278,7 @@ def localise(
     found = [
         replace(
             f,
-            significant=bool(p <= LEVEL * (1.0 + 1e-9))
-            and f.over_floor >= MATERIAL
-            # A place where the gap is large has to stand out from the rest of the time.
-            and not (f.by_size and f.statistic < MATERIAL),
+            significant=bool(p <= LEVEL * (1.0 + 1e-9)) and f.over_floor >= MATERIAL,
         )
         for f, p in zip(found, chance, strict=True)
     ]
@@ -279,7 +293,7 @@ def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:
     """Return what explains most on drives with a large gap where no coordinate is certain."""
     out = []
     for drive in drives:
-        means = [f for f in found if f.drive == drive and not f.by_size]
+        means = [f for f in found if f.drive == drive]
         best = max(means, key=lambda f: f.statistic, default=None)
         if best is None or any(f.significant for f in means):
             continue
@@ -308,7 +322,6 @@ def _drive(
     values = [coarse.value, *([centred] * (len(every) - 1))]
     block, widen = coarse.block, coarse.widen
     signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
-    sizes = _sizes(motion, d, coarse, noise, signs)
     fits = [
         max(((float(((g.T @ v) ** 2).sum()), i) for i, g in enumerate(groups)))
         for v, groups in zip(values, bases, strict=True)
@@ -323,7 +336,7 @@ def _drive(
         signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
     found = tested(values, bases, block, widen, signs, coarse.explainable)
     leading = max((f for f in found if f[1] <= LEVEL), default=(0.0, 1.0, one), key=lambda f: f[0])
-    out = sizes
+    out = []
     for coordinate, value, (share, p_value, basis) in zip(every, values, found, strict=True):
         fitted = basis @ (basis.T @ value)
         left = value - leading[2] @ (leading[2].T @ value)
@@ -344,38 +357,6 @@ def _drive(
     return out
 
 
-def _sizes(
-    motion: Motion, d: int, coarse: Coarse, noise: float, signs: Array
-) -> list[Finding]:
-    """Look where the gap is large, whatever its sign: impacts and ringing have none."""
-    power = coarse.value**2 - noise**2
-    total = float(power.sum())
-    if total < (MATERIAL * noise) ** 2 * float(coarse.weight.sum()):
-        return []
-    centred = power - power.mean()
-    number = signs.shape[1]
-    size = math.sqrt(total / float(coarse.weight.sum()))
-    out = []
-    for coordinate in places(motion, d, coarse.at):
-        inside = np.abs(coordinate.columns) > 0.0
-        time = inside.sum(axis=0).astype(float)
-        parts = np.zeros((number, time.size))
-        np.add.at(parts, coarse.block, inside * centred[:, None])
-        observed = float((parts.sum(axis=0) ** 2 / time).sum())
-        chance = (thrown(signs, parts) ** 2 / time).sum(axis=1)
-        p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
-        region, held, lasts = concentration(coordinate, inside.T @ power, time)
-        share = min(1.0, max(0.0, held - lasts))
-        out.append(
-            Finding(
-                motion.drives[d], coordinate.name, region, share, p_value,
-                size * math.sqrt(share), size * math.sqrt(share) / noise, share, False,
-                by_size=True, unit=motion.unit, time=lasts,
-            )
-        )  # fmt: skip
-    return out
-
-
 def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: Coarse) -> list[Finding]:
     peak = find_peak(row, motion.cycle, noise, motion_band(motion.acceleration[d], motion.cycle))
     if peak is None:
@@ -387,3 +368,92 @@ def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: Coarse) -> 
             peak.size, peak.size / noise, share, False, unit=motion.unit, value=peak.frequency,
         )
     ]  # fmt: skip
+
+
+def region_of(
+    coordinate: Coordinate, fitted: Array, weight: Array, noise: float
+) -> tuple[Region, Trend]:
+    """Return where along a coordinate a fitted residual lies, and whether it grows along it.
+
+    Args:
+        coordinate: The coordinate.
+        fitted: (T,) part of the residual that it explains, in the effort's unit.
+        weight: (T,) samples that each entry stands for.
+        noise: Noise floor.
+    """
+    if coordinate.pick:
+        order = _order(coordinate, fitted, coordinate.pick)
+        return Region(order, order, coordinate.unit), ''
+    if coordinate.name in ('offset', 'recent acceleration'):
+        return Region(), ''
+    sides = np.sign(coordinate.columns)
+    inside = np.abs(coordinate.columns) > 0.0
+    if coordinate.labels and coordinate.name != 'phase':
+        size = np.abs((coordinate.columns / coordinate.columns.std(axis=0)).T @ fitted)
+        return Region(labels=(coordinate.labels[int(np.argmax(size))],)), ''
+    if coordinate.labels:
+        held = dict(zip(coordinate.labels, (weight * fitted**2) @ inside, strict=True))
+        names = sorted(held, key=lambda name: -held[name])
+        most = np.cumsum([held[name] for name in names]) >= _MOST * sum(held.values())
+        return Region(labels=tuple(names[: 1 + int(np.argmax(most))])), ''
+    counts = np.array([float(weight[c].sum()) for c in inside.T])
+    means = np.array(
+        [
+            float(np.average((fitted * s)[c], weights=weight[c]))
+            for s, c in zip(sides.T, inside.T, strict=True)
+        ]
+    )
+    power = np.maximum(counts * means**2 - noise**2, 0.0)
+    return _narrowest(coordinate, power), _trend(means, coordinate.place.mean(axis=1), counts)
+
+
+def phase_of(power: Array, time: Array) -> str:
+    """Return the phase that holds most of it; empty where none holds much more than its time.
+
+    Args:
+        power: (P,) what is explained in each phase.
+        time: (P,) samples in each phase.
+    """
+    total, whole = float(power.sum()), float(time.sum())
+    if total <= 0.0:
+        return ''
+    held, lasts = power / total, time / whole
+    top = int(np.argmax(held))
+    return PHASES[top] if held[top] >= max(_MAINLY, _DENSER * lasts[top]) else ''
+
+
+def _order(coordinate: Coordinate, fitted: Array, size: int) -> float:
+    """Return the motor order whose lines hold most."""
+    columns = coordinate.columns / np.linalg.norm(coordinate.columns, axis=0)
+    power = (columns.T @ fitted) ** 2
+    groups = power.reshape(-1, size).sum(axis=1)
+    return float(coordinate.place[size * int(np.argmax(groups)), 0])
+
+
+def _narrowest(coordinate: Coordinate, power: Array) -> Region:
+    """Return the shortest region that holds most of the power (B,)."""
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    size = len(power)
+    best = (size, 0.0, 0, size - 1)
+    for first in range(size if total[-1] > 0.0 else 0):
+        enough = np.flatnonzero(total[first + 1 :] - total[first] >= _MOST * total[-1])
+        if enough.size:
+            last = first + int(enough[0])
+            best = min(best, (last - first, -(total[last + 1] - total[first]), first, last))
+    first, last = best[2:]
+    if last - first + 1 > _WIDE * size:
+        return Region()
+    low = coordinate.place[first, 0] if first else -math.inf
+    high = coordinate.place[last, 1] if first == 0 or last < size - 1 else math.inf
+    return Region(float(low), float(high), coordinate.unit)
+
+
+def _trend(means: Array, centres: Array, counts: Array) -> Trend:
+    """Return whether the means go up or down along the coordinate."""
+    if means.size < 4:
+        return ''
+    a = centres - np.average(centres, weights=counts)
+    b = means - np.average(means, weights=counts)
+    spread = np.sqrt(np.average(a**2, weights=counts) * np.average(b**2, weights=counts))
+    slope = float(np.average(a * b, weights=counts)) / max(float(spread), 1e-300)
+    return 'rising' if slope > 0.9 else 'falling' if slope < -0.9 else ''

@@ -22,8 +22,8 @@ class Gate:
 
     Attributes:
         gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `set_point`, `offset`,
-            `names`, `coupling`, `reach`, `asked`, `not_asked`, `step`, or the id of the effect
-            that a late set-point shows.
+            `names`, `coupling`, `reach`, `asked`, `not_asked`, or the id of the effect that a late
+            set-point shows.
         drive: The drive, empty for the log as a whole.
         level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).
         number: What was measured.

@@ -276,10 +276,6 @@ class FullModel(Model):
         """Return the motor angle per travel of a place [rad/m]; 0 where it is not known."""
         return 0.0
 
-    def finer(self, theta: Array) -> 'FullModel | None':
-        """Return the model with half the integration step of a candidate (N,); None for none."""
-        return None
-
     # ------------------------------------------------------------------ effects
 
     def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:

@@ -55,14 +55,6 @@ def where(f: Finding) -> str:
             f'{f.drive}: {of} at {region(f)}; up to {f.value:.2g} times the residual elsewhere, '
             f'{percent(f.statistic)} of its power'
         )
-    if f.by_size:
-        gap = figure(f.size / math.sqrt(f.statistic))
-        name = _NAMES.get(f.along, f.along)
-        there = _while(f.region.labels) or f'where the {name} is {region(f)}'
-        return (
-            f'{f.drive}: {percent(f.statistic + f.time)} of the gap of {gap} {f.unit} lies '
-            f'{there}, {percent(f.time)} of the time'
-        )
     doubt = '; not certain, the motion passes there too few times' if f.likely else ''
     return (
         f'{f.drive}: {_along(f)}; {percent(f.statistic)} of the gap above the noise, '

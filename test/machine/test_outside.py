@@ -44,7 +44,7 @@ class TwoMass(DriveModel):
 
     _state = 0
     costs, residuals, simulate_at = FullModel.costs, FullModel.residuals, FullModel.simulate_at
-    extensions, finer, work = FullModel.extensions, FullModel.finer, FullModel.work
+    extensions, work = FullModel.extensions, FullModel.work
 
     def _run(self, group, begin, end, task):
         raise NotImplementedError

@@ -83,10 +83,10 @@ def beside(one, effects=(), values=(), unmodelled=(), quantity='position', relea
     data = Dataset(
         one.drives, 1e-3, 0, position, velocity, seen, None, log.effort, released=release
     )
-    model = make_model(one, data, effects=effects, quantities=(quantity,)).finer(
-        np.array([*truth.values(), *values])
-    )
-    out = model.simulate(np.array([[*truth.values(), *values]]))[0]
+    model = make_model(one, data, effects=effects, quantities=(quantity,))
+    theta = np.array([[*truth.values(), *values]])
+    model.substeps = 2 * int(model.work(theta)[0])
+    out = model.simulate(theta)[0]
     return log, out
 
 

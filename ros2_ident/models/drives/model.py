@@ -154,11 +154,6 @@ class DriveModel(MachineModel):
         """Return the model of the same recording with these effects and no others."""
         return self._again(effects=effects)
 
-    def finer(self, theta: Array) -> 'DriveModel | None':
-        """Return the model with half the integration step of a candidate (N,)."""
-        steps = int(self._steps(self.rows(np.atleast_2d(theta)))[0])
-        return self._again(substeps=2 * steps)
-
     def carrying(self, held: Array) -> 'DriveModel':
         """Return the model with a payload that is carried when `held` (K,) says so."""
         return self._again(held=held)

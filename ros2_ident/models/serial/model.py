@@ -168,10 +168,6 @@ class Serial(DriveModel):
         balance = np.reshape(self.transmission.coefficients(own, count), (-1, count)).T
         return np.concatenate([block, self.inertials.coefficients(own, count), balance], axis=1)
 
-    def finer(self, theta: Array) -> None:
-        """Return None: nothing is integrated."""
-        return None
-
     def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
         return np.ones(len(block), dtype=np.int64)
 

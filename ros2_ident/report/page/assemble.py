@@ -177,7 +177,7 @@ def _leading(d: Diagnosis) -> tuple[list[str], list[str]]:
     """Return where the gap lies: the findings that matter and do not overlap, then the rest."""
     told: list[Finding] = []
     for f in d.localisation:
-        if f.drive not in [x.drive for x in told] or (not f.by_size and f.beyond >= FURTHER):
+        if f.drive not in [x.drive for x in told] or f.beyond >= FURTHER:
             told.append(f)
     told = sorted(told, key=lambda f: -f.over_floor)[:LEADING]
     missing = [drive for drive in words.worst(d) if all(f.drive != drive for f in told)]
