@@ -16,6 +16,7 @@ from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import compared_of, kind_of
 from ros2_ident.recording import check, Dataset, Finding, Recording, Report, scale_effort
+from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.quality import DriveSummary, Level
 
 # What a finding on the bag may owe to the machine file.
@@ -88,7 +89,7 @@ def check_both(
             found.append(Finding('warn', 'align', '', text))
     findings = [_with_line(x, file, recordings) for x in found] + [*own]
     if data is not None and all(x.level != 'error' for x in own):
-        judged = [*_fit(report, machine, file), *_gates(data, machine, file, drives)]
+        judged = [*_fit(recordings, report, machine, file), *_gates(data, machine, file, drives)]
         # The machine file shows which drives load each other.
         findings = [x for x in findings if x.code != 'effort_sign'] + judged
         for dataset in data.datasets:
@@ -117,17 +118,20 @@ def _with_line(finding: Finding, file: MachineFile, recordings: Sequence[Recordi
     return replace(finding, sentence=said)
 
 
-def _fit(report: Report, machine: Machine, file: MachineFile) -> Iterator[Finding]:
-    """Compare what the summaries of the streams say with the machine file."""
+def _fit(
+    recordings: Sequence[Recording], report: Report, machine: Machine, file: MachineFile
+) -> Iterator[Finding]:
+    """Compare the rate of the set-points and the strokes with the machine file."""
     cycle = machine.number('cycle')
-    for stream in report.streams:
-        if stream.role == 'command' and stream.rate * cycle > 1.5:
+    for command in filter(None, (x.command for x in recordings)):
+        period = sample_period(command.stamp)
+        if period and cycle > 1.5 * period:
             yield Finding(
                 'warn',
                 'machine',
                 'command',
                 f'{file.place(("controller", "cycle"))}: cycle is {cycle:g} s but set-points come '
-                f'every {1.0 / stream.rate:.3g} s; write the period of the velocity controller',
+                f'every {period:.3g} s; write the period of the velocity controller',
             )
     for drive in report.drives:
         if drive.stroke > _LONG and machine.travel_unit == 'm':

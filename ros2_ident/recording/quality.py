@@ -4,10 +4,10 @@
 Did the streams arrive whole, is there enough motion, and can the effort be a torque?
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -63,76 +63,20 @@ def about(subject: str, said: Iterable[Said]) -> list[Finding]:
 
 
 @dataclass(frozen=True)
-class StreamSummary:
-    """How one stream of one recording arrived.
-
-    Attributes:
-        recording: Number of the recording, from 0.
-        role: `state`, `effort` or `command`.
-        joints: The joints' names.
-        fields: The fields that were measured.
-        samples: Samples.
-        duration: From the first to the last, s.
-        rate: Typical rate, Hz; 0 for a single sample.
-        jitter: Standard deviation of the steps from sample to sample about the typical one, s,
-            gaps left out.
-        gaps: Steps of at least 1.5 typical ones.
-        longest_gap: The longest step, s.
-        missing: Samples that would fill the gaps.
-        nan: Samples without a value per measured field and joint, where some but not all are.
-        silent: Measured fields and joints without any value, as `effort drive_2`.
-    """
-
-    recording: int
-    role: str
-    joints: tuple[str, ...]
-    fields: tuple[str, ...]
-    samples: int
-    duration: float
-    rate: float
-    jitter: float
-    gaps: int
-    longest_gap: float
-    missing: int
-    nan: tuple[tuple[str, int], ...]
-    silent: tuple[str, ...]
-
-    @property
-    def missing_share(self) -> float:
-        """Missing samples as a share of those expected."""
-        return self.missing / max(1, self.samples + self.missing)
-
-
-@dataclass(frozen=True)
 class DriveSummary:
-    """How one drive moved in one recording.
+    """How far one drive moved in one recording.
 
     Attributes:
         recording: Number of the recording, from 0.
         drive: Joint name.
         stroke: Largest less smallest position, rad or m.
-        top_speed: Largest speed, rad/s or m/s.
-        reversals: Changes of the direction of motion.
-        rest_share: Share of the time at rest.
-        effort_low: Smallest effort, N m or N; NaN where not measured, as the next three.
-        effort_high: Largest effort.
-        effort_rest: Mean effort at rest.
-        effort_lag: How much the effort is late behind the motion, s, as far as a fit can tell.
-        explained: Share of the effort's variance that inertia, friction, offset and position
-            explain.
+        effort_rest: Mean effort at rest, N m or N; NaN where not measured.
     """
 
     recording: int
     drive: str
     stroke: float
-    top_speed: float
-    reversals: int
-    rest_share: float
-    effort_low: float
-    effort_high: float
     effort_rest: float
-    effort_lag: float
-    explained: float
 
 
 @dataclass(frozen=True)
@@ -141,13 +85,11 @@ class Report:
 
     Attributes:
         source: Where they come from.
-        streams: One entry per stream.
         drives: One entry per drive whose motion was measured.
         findings: Everything found, worst first.
     """
 
     source: str
-    streams: tuple[StreamSummary, ...] = ()
     drives: tuple[DriveSummary, ...] = ()
     findings: tuple[Finding, ...] = ()
 
@@ -183,7 +125,6 @@ def check(
     Returns:
         The report; its findings carry sentences with the remedy.
     """
-    streams: list[StreamSummary] = []
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
     if not recordings:
@@ -200,83 +141,52 @@ def check(
         if not number:
             findings += [Finding('ok', 'topics', '', text) for text in recording.notes]
         for role, stream in recording.streams.items():
-            streams.append(summarise(number, role, stream))
-            findings += about(role, _of_stream(streams[-1]))
+            findings += about(role, _of_stream(role, stream))
         findings += _judge_recording(recording)
         found, said = _judge_drives(number, recording, wanted, gravity)
         drives += found
         findings += said
     if 'effort' not in need:
         findings = [f for f in findings if not f.code.startswith('effort_')]
-    return Report(recordings[0].source, tuple(streams), tuple(drives), tuple(findings))
+    return Report(recordings[0].source, tuple(drives), tuple(findings))
 
 
-def summarise(number: int, role: str, stream: Stream) -> StreamSummary:
-    """Describe how a stream of the recording of a number arrived."""
-    steps = np.diff(stream.stamp) * 1e-9
+def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
+    """Judge rate, gaps and missing values of one stream."""
+    steps, samples = np.diff(stream.stamp) * 1e-9, stream.stamp.size
     period = sample_period(stream.stamp)
     gap = steps > 1.5 * period
-    nan: list[tuple[str, int]] = []
-    silent: list[str] = []
-    for field, values in stream.fields.items():
-        for name, count in zip(stream.names, np.isnan(values).sum(axis=0).tolist(), strict=True):
-            if count == stream.stamp.size:
-                silent.append(f'{field} {name}')
-            elif count:
-                nan.append((f'{field} {name}', count))
-    return StreamSummary(
-        recording=number,
-        role=role,
-        joints=stream.names,
-        fields=tuple(stream.fields),
-        samples=stream.stamp.size,
-        duration=stream.duration,
-        rate=1.0 / period if period else 0.0,
-        jitter=float(np.std(steps[~gap])) if (~gap).any() else 0.0,
-        gaps=int(gap.sum()),
-        longest_gap=float(steps.max()) if steps.size else 0.0,
-        missing=int((np.round(steps[gap] / period) - 1).clip(0).sum()) if period else 0,
-        nan=tuple(nan),
-        silent=tuple(silent),
+    missing = int((np.round(steps[gap] / period) - 1).sum()) if period else 0
+    share = missing / (samples + missing)
+    scatter = float(np.std(steps[~gap])) if (~gap).any() else 0.0
+    text = (
+        f'{samples} samples of {"+".join(stream.fields)} in {stream.duration:.4g} s, at '
+        f'{1.0 / period if period else 0.0:.6g} Hz, {missing or "none"} missing, stamps scatter '
+        f'by {scatter * 1e3:.3g} ms'
     )
-
-
-def _of_stream(x: StreamSummary) -> Iterator[Said]:
-    """Judge rate, gaps and missing values of one stream."""
-    text = f'{x.samples} samples at {x.rate:.6g} Hz'
-    period = 1.0 / x.rate if x.rate else 0.0
-    if period and x.jitter > 0.15 * period and x.gaps > 0.02 * x.samples:
+    level: Level = 'ok'
+    if share > _MISSING_WARN:
+        level = 'error' if share > _MISSING_ERROR else 'warn'
         text += (
-            f', but the steps scatter by {x.jitter * 1e3:.3g} ms and {x.gaps} are far longer; log '
-            'from the control loop itself where that is possible'
+            f'; {100.0 * share:.3g} % are missing, the longest gap lasts {steps.max():.3g} s: '
+            'record on the machine itself, or with a larger cache'
         )
-        yield 'warn', 'irregular', text
-    elif x.missing_share > _MISSING_WARN:
-        text += (
-            f', {100.0 * x.missing_share:.3g} % of the samples are missing, the longest gap lasts '
-            f'{x.longest_gap:.3g} s; record on the machine itself, or with a larger cache'
-        )
-        yield 'error' if x.missing_share > _MISSING_ERROR else 'warn', 'missing', text
-    else:
-        text += f', {x.missing or "none"} missing, stamps scatter by {x.jitter * 1e3:.3g} ms'
-        yield 'ok', 'rate', text
-    for name in x.silent:
-        remedy = ': it was not measured'
-        if x.role != 'effort' and name.startswith('effort'):
-            remedy = '; name the topic that carries the effort, or switch its measurement on'
-        yield 'warn', 'nan', f'every value of the {_of(name)} is NaN{remedy}'
-    for name, count in x.nan:
-        if (share := count / x.samples) > _MISSING_WARN:
-            text = (
-                f'{100.0 * share:.3g} % of the values of the {_of(name)} are missing or NaN; they '
-                'are left out; check the driver if you expected them'
-            )
-            yield 'warn', 'nan', text
-
-
-def _of(name: str) -> str:
-    """Return `effort of a` for `effort a`, a field and its joint."""
-    return name.replace(' ', ' of ', 1)
+    yield level, 'missing', text
+    for field, values in stream.fields.items():
+        shares = np.isnan(values).mean(axis=0).tolist()
+        for name, share in zip(stream.names, shares, strict=True):
+            what = f'{field} of {name}'
+            if share == 1.0:
+                remedy = ': it was not measured'
+                if role != 'effort' and field == 'effort':
+                    remedy = '; name the topic that carries it, or switch its measurement on'
+                yield 'warn', 'nan', f'every value of the {what} is NaN{remedy}'
+            elif share > _MISSING_WARN:
+                text = (
+                    f'{100.0 * share:.3g} % of the values of the {what} are missing or NaN; they '
+                    'are left out; check the driver if you expected them'
+                )
+                yield 'warn', 'nan', text
 
 
 def _judge_recording(recording: Recording) -> Iterator[Finding]:
@@ -346,73 +256,53 @@ def _judge_drive(
         motion = motion_of(recording, name)
     except IdentError as exc:
         return None, [Finding('error', exc.code.name.lower(), name, exc.message)]
-    stroke = float(np.ptp(motion.position))
-    moves = stroke > 1e-6 * float(np.abs(motion.position).max())
-    low = high = at_rest = lag = explained = math.nan
-    effort = motion.effort
-    if effort is not None and np.isfinite(effort).sum() >= _FEWEST:
-        low, high = float(np.nanmin(effort)), float(np.nanmax(effort))
+    at_rest, effort = math.nan, motion.effort
+    if effort is not None:
         rest = motion.resting & np.isfinite(effort)
         at_rest = float(np.mean(effort[rest])) if rest.sum() >= _FEWEST else math.nan
-    varies = high - low > 1e-9 * max(abs(high), abs(low), 1e-300)
-    if moves and varies:
-        lag, explained = _explained(motion)
-    drive = DriveSummary(
-        number,
-        name,
-        stroke,
-        float(np.abs(motion.velocity).max()),
-        count_reversals(motion) if moves else 0,
-        float(motion.resting.mean()) if moves else 1.0,
-        low,
-        high,
-        at_rest,
-        lag,
-        explained,
-    )
-    return drive, about(name, _judged(drive, motion, gravity, moves, varies, wanted))
+    drive = DriveSummary(number, name, float(np.ptp(motion.position)), at_rest)
+    return drive, about(name, _judged(drive, motion, gravity, wanted))
 
 
-def _judged(
-    drive: DriveSummary, motion: Motion, gravity: float, moves: bool, varies: bool, wanted: bool
-) -> Iterator[Said]:
+def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -> Iterator[Said]:
     """Yield what is to be said of a drive."""
+    moves = drive.stroke > 1e-6 * float(np.abs(motion.position).max())
     if moves:
-        yield _of_motion(drive)
+        yield _of_motion(drive, motion)
         yield from _of_velocity(motion)
     else:
         text = 'does not move; move it through its working range while recording'
         yield 'error' if wanted else 'warn', 'no_motion', text
-    if math.isfinite(drive.effort_low) and not varies:
+    effort = motion.effort
+    if effort is None or np.isfinite(effort).sum() < _FEWEST:
+        return
+    if np.nanmax(effort) - np.nanmin(effort) <= 1e-9 * np.nanmax(np.abs(effort)):
         text = (
-            f'the effort is {drive.effort_high:g} all the time; switch its measurement on in the '
+            f'the effort is {np.nanmax(effort):g} all the time; switch its measurement on in the '
             'drive, or name the topic that carries it'
         )
         yield 'error', 'effort_constant', text
-    elif varies and moves and motion.effort is not None:
-        yield from _of_effort(drive, motion, motion.effort)
+    elif moves:
+        yield from _of_effort(motion, effort)
         if gravity and math.isfinite(drive.effort_rest):
-            yield _of_gravity(drive.effort_rest, float(np.nanstd(motion.effort)), gravity)
+            yield _of_gravity(drive.effort_rest, float(np.nanstd(effort)), gravity)
 
 
-def _of_motion(drive: DriveSummary) -> Said:
+def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
     """Judge whether a drive moved in a way that tells its parameters apart."""
-    if drive.reversals == 0:
-        text = (
-            'moves in one direction only, so Coulomb friction cannot be told from a constant '
-            'force; record the way back too'
-        )
+    turns = count_reversals(motion)
+    text = (
+        f'stroke {drive.stroke:.3g}, top speed {np.abs(motion.velocity).max():.3g}, {turns} '
+        f'reversals, {100.0 * motion.resting.mean():.0f} % of the time at rest'
+    )
+    if turns == 0:
+        text += '; Coulomb friction cannot be told from a constant force: record the way back too'
         return 'warn', 'one_way', text
-    if drive.reversals < 3:
-        text = (
-            f'reverses only {("once", "twice")[drive.reversals - 1]}; four or more reversals at '
-            'different speeds tell friction, inertia and offset apart'
+    if turns < 3:
+        text += (
+            '; four or more reversals at different speeds tell friction, inertia and offset apart'
         )
         return 'warn', 'few_reversals', text
-    text = (
-        f'stroke {drive.stroke:.3g}, top speed {drive.top_speed:.3g}, {drive.reversals} '
-        f'reversals, {100.0 * drive.rest_share:.0f} % of the time at rest'
-    )
     return 'ok', 'excitation', text
 
 
@@ -444,20 +334,19 @@ def _of_velocity(motion: Motion) -> Iterator[Said]:
         yield 'ok', 'velocity', 'the reported velocity is the derivative of the position'
 
 
-def _explained(motion: Motion) -> tuple[float, float]:
-    """Return the lag of the effort, s, and what share of its variance the motion explains."""
-    assert motion.effort is not None
+def _explained(motion: Motion, effort: FloatArray) -> tuple[float, float]:
+    """Return the lag of an effort, s, and what share of its variance the motion explains."""
     friction = np.tanh(motion.velocity / (0.02 * np.abs(motion.velocity).max()))
     place = motion.position - motion.position.mean()
     rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), place])
-    effort = motion.slowly(fill_gaps(motion.effort))
-    lag, _, share = best_lag(motion.slowly(rows).T, effort, motion.period, 0.0)
+    smooth = motion.slowly(fill_gaps(effort))
+    lag, _, share = best_lag(motion.slowly(rows).T, smooth, motion.period, 0.0)
     # a fit that is best at the very edge, or poor, knows nothing of a delay
     known = lag <= LATEST - 2.0 * motion.period and share >= 0.85
     return lag if known else math.nan, share
 
 
-def _of_effort(drive: DriveSummary, motion: Motion, effort: FloatArray) -> Iterator[Said]:
+def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
     """Judge sign and kind of the effort from what accelerations and velocities say."""
     # A recording does not show which of its joints load each other.
     sign = sign_of(motion, alone=True)
@@ -474,17 +363,17 @@ def _of_effort(drive: DriveSummary, motion: Motion, effort: FloatArray) -> Itera
             'effort_unit with torque_constant or rated_torque in the machine file'
         )
         yield 'warn', 'effort_unit', text
-    if drive.explained < 0.3:
+    lag, explained = _explained(motion, effort)
+    if explained < 0.3:
         text = (
             'inertia, friction and gravity of this joint alone explain '
-            f'{100.0 * drive.explained:.0f} % of its effort; other joints load it, or the effort '
+            f'{100.0 * explained:.0f} % of its effort; other joints load it, or the effort '
             'is no torque of this drive'
         )
         yield 'warn', 'effort_unexplained', text
         return
-    lag = drive.effort_lag
     late = f', about {lag * 1e3:.2g} ms late' if lag > max(motion.period, 2e-3) else ''
-    text = f'inertia, friction and offset explain {100.0 * drive.explained:.0f} % of the effort'
+    text = f'inertia, friction and offset explain {100.0 * explained:.0f} % of the effort'
     yield 'ok', 'effort', text + late
 
 
@@ -508,48 +397,5 @@ def _of_gravity(at_rest: float, spread: float, gravity: float) -> Said:
 
 def render(report: Report) -> list[str]:
     """Return a report as lines of text."""
-    lines = [report.source or 'recording', '']
-    for columns, entries in ((_STREAM, report.streams), (_DRIVE, report.drives)):
-        if entries:
-            rows = [[text(x) for text in columns.values()] for x in entries]
-            lines += [*_table([list(columns), *rows]), '']
-    return lines + [f'{x.level:5s} {x.sentence}' for x in report.findings]
-
-
-def _known(value: float, text: str) -> str:
-    """Return the text on a value, a dash where it is not known."""
-    return '-' if value != value else text
-
-
-# Columns of a report's tables.
-_STREAM: Mapping[str, Callable[[Any], str]] = {
-    'segment': lambda x: str(x.recording + 1),
-    'stream': lambda x: x.role,
-    'joints': lambda x: str(len(x.joints)),
-    'fields': lambda x: '+'.join(x.fields),
-    'samples': lambda x: str(x.samples),
-    'time': lambda x: f'{x.duration:.2f} s',
-    'rate': lambda x: f'{x.rate:.6g} Hz',
-    'jitter': lambda x: f'{x.jitter * 1e3:.3g} ms',
-    'missing': lambda x: f'{100.0 * x.missing_share:.2g} %',
-}
-_DRIVE: Mapping[str, Callable[[Any], str]] = {
-    'segment': lambda x: str(x.recording + 1),
-    'drive': lambda x: x.drive,
-    'stroke': lambda x: f'{x.stroke:.4g}',
-    'top speed': lambda x: f'{x.top_speed:.3g}',
-    'reversals': lambda x: str(x.reversals),
-    'at rest': lambda x: f'{100.0 * x.rest_share:.0f} %',
-    'effort': lambda x: _known(x.effort_low, f'{x.effort_low:.3g} .. {x.effort_high:.3g}'),
-    'late': lambda x: _known(x.effort_lag, f'{x.effort_lag * 1e3:.0f} ms'),
-    'explained': lambda x: _known(x.explained, f'{100.0 * x.explained:.0f} %'),
-}
-
-
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return lines with aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        '  '.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
+    findings = [f'{x.level:5s} {x.sentence}' for x in report.findings]
+    return [report.source or 'recording', '', *findings]
