@@ -10,40 +10,31 @@ from ros2_ident.cli.arguments import wished
 from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
-    from ros2_ident.fleet import Entry, Row, Wish
-
-
-def wish_of(args: argparse.Namespace) -> 'Wish':
-    """Return how the bags are to be run."""
-    from ros2_ident.fleet import Wish
-    from ros2_ident.identify.settings import IdentifySettings
-    from ros2_ident.search import Budget
-
-    budget = Budget(evaluations=args.evaluations, seconds=args.seconds)
-    return Wish(
-        diagnosed=not args.no_diagnosis,
-        settings=IdentifySettings(budget=budget),
-        **wished(args),
-    )
+    from ros2_ident.fleet.summary import Row
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
     from ros2_ident.cli.progress import Meter
     from ros2_ident.cli.runs import answered, interrupts, page_line
-    from ros2_ident.fleet import read_fleet, run_fleet, sound
+    from ros2_ident.fleet.run import read_fleet, run_fleet
+    from ros2_ident.fleet.summary import sound
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.search import Budget
 
     entries = read_fleet(args.list, args.machine)
+    budget = Budget(evaluations=args.evaluations, seconds=args.seconds)
+    how = {'settings': IdentifySettings(budget=budget), **wished(args)}
     rows: list[Row] = []
 
-    def begun(entry: 'Entry') -> None:
-        gone = sum(row['name'] != entry.name for row in rows)
-        meter(gone / len(entries), f'{gone} of {len(entries)}: {entry.name}')
+    def begun(entry: 'Row') -> None:
+        gone = sum(row['name'] != entry['name'] for row in rows)
+        meter(gone / len(entries), f'{gone} of {len(entries)}: {entry["name"]}')
 
     def done(row: 'Row') -> None:
         # one that is fitted once more for the comparison takes its own place
         kept = {x['name']: x for x in (*rows, row)}
-        rows[:] = [kept[entry.name] for entry in entries if entry.name in kept]
+        rows[:] = [kept[x['name']] for x in entries if x['name'] in kept]
         meter.note(f'{row["name"]} {row["state"]} {_said(row)}')
 
     with (
@@ -55,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         run_fleet(
             entries,
             args.out,
-            wish=wish_of(args),
+            {**how, 'diagnosed': not args.no_diagnosis},
             scheduler=args.scheduler,
             cancel=cancel,
             on_start=begun,
@@ -73,7 +64,7 @@ def _said(row: 'Row') -> str:
 
 def _print(rows: 'list[Row]') -> None:
     from ros2_ident.cli.table import columns
-    from ros2_ident.fleet import summarise
+    from ros2_ident.fleet.summary import summarise
 
     lines = [('bag', 'machine', 'date', 'state', 'verdict')] if rows else []
     for row in rows:

@@ -1,36 +1,142 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rows of a fleet: what is found in a bag, here or on a cluster, and the key of its causes."""
+"""The rows of a fleet, one of each bag: what the list gives, and what is found in the bag.
 
-from collections.abc import Callable, Generator, Sequence
+A row is kept in a file of the output directory under a key of everything that it depends on, so
+that the same call goes on where the last one ended, and does anew what has changed. A bad bag
+fails alone.
+"""
+
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from concurrent.futures import as_completed, Future
 from contextlib import closing
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 import hashlib
 import json
+import os
 from pathlib import Path
+import re
 from threading import Event
+from typing import Any, TYPE_CHECKING
 
 from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import make_directory, require_ours, write_text
-from ros2_ident.fleet.entries import Entry, Row, Wish
-from ros2_ident.fleet.summary import effects_named, PAGE, sound, SUMMARY, TABLE, write_summary
+from ros2_ident.files import make_directory, read_yaml, require_ours, write_text
+from ros2_ident.fleet.summary import (
+    effects_named,
+    PAGE,
+    Row,
+    sound,
+    SUMMARY,
+    TABLE,
+    write_summary,
+)
 from ros2_ident.search.evaluators import Cancel
 
-Tasks = Sequence[tuple[Entry, Row | None]]
-# Ids, each with its place.
-Effects = Sequence[Sequence[str]]
-MARKED = {'format': 'ros2_ident.row'}
+if TYPE_CHECKING:
+    from ros2_ident.jobs import Request
+
+# How every bag is run: fields of a `jobs.Request`, and whether it is `diagnosed`, too.
+How = Mapping[str, Any]
+Tasks = Sequence[tuple[Row, Row | None]]
+_LARGEST = 1 << 24  # of a list, bytes
+_KEYS = {'bag', 'check', 'machine_file', 'machine', 'date', 'labels'}
+
+
+# ---------------------------------------------------------------------- the list
+
+
+def read_fleet(path: str | Path, machine_file: str | None = None) -> list[Row]:
+    """Read a list file, or take the bags of a directory.
+
+    Args:
+        path: A YAML file, paths in it relative to it, or a directory of bags.
+        machine_file: For bags whose entry names none.
+
+    Returns:
+        The begin of each row, in the order of the list or of their names: `name`, unique; `bag`,
+        `more` further ones for the same fit, `check`, `machine_file`, all absolute, for a worker
+        may run in another folder; `machine`, `date`, `labels`.
+
+    Raises:
+        IdentError: NO_DATA or INVALID_GOAL naming the entry and the remedy.
+    """
+    path = Path(path)
+    base = path if path.is_dir() else path.parent
+    if path.is_dir():
+        bags = sorted(x for x in path.iterdir() if _is_bag(x))
+        listed: Any = [{'bag': x.name, 'machine': x.stem} for x in bags]
+    else:
+        try:
+            content = read_yaml(path, _LARGEST)
+        except ValueError as error:
+            raise IdentError(
+                ErrorCode.NO_DATA,
+                f'{path}: {error}; give a YAML list of bags or a directory of them',
+            ) from None
+        listed = content.get('bags') if isinstance(content, Mapping) else None
+        if isinstance(content, Mapping) and 'machine_file' in content:
+            machine_file = str(base / str(content['machine_file']))
+    if not isinstance(listed, list) or not listed:
+        raise IdentError(
+            ErrorCode.NO_DATA, f'{path}: holds no bag; write them in a list below `bags:`'
+        )
+    rows: dict[str, Row] = {}
+    for number, given in enumerate(listed, 1):
+        row = _begun(f'{path}: entry {number}', base, given, machine_file, rows)
+        rows[row['name']] = row
+    return [*rows.values()]
+
+
+def _is_bag(path: Path) -> bool:
+    return path.suffix in ('.mcap', '.db3', '.bag') or (
+        path.is_dir() and any(x.suffix in ('.mcap', '.db3', '.zstd') for x in path.iterdir())
+    )
+
+
+def _begun(
+    where: str, base: Path, given: Any, machine_file: str | None, taken: Collection[str]
+) -> Row:
+    """Return the begin of a row from its entry in the list."""
+    if not isinstance(given, Mapping) or not given.get('bag') or set(given) - _KEYS:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{where} is not understood; give it `bag`, and of {", ".join(sorted(_KEYS))} what '
+            'you know',
+        )
+    own = given.get('machine_file')
+    file = str(base / str(own)) if own else machine_file
+    if not file:
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{where} names no machine file; add `machine_file` to it or to the list, or give '
+            '--machine',
+        )
+    bag, *more = map(str, given['bag'] if isinstance(given['bag'], list) else [given['bag']])
+    stem = re.sub(r'[^\w.-]+', '_', bag).strip('._') or 'bag'
+    names = (stem, *(f'{stem}_{k}' for k in range(2, len(taken) + 2)))
+    return {
+        'name': next(name for name in names if name not in taken),
+        'bag': os.path.abspath(base / bag),
+        'machine_file': os.path.abspath(file),
+        'check': os.path.abspath(base / str(given['check'])) if given.get('check') else '',
+        'machine': str(given.get('machine') or Path(bag).stem),
+        'date': str(given.get('date') or ''),
+        'labels': {str(k): str(v) for k, v in (given.get('labels') or {}).items()},
+        'more': [os.path.abspath(base / x) for x in more],
+    }
+
+
+# ---------------------------------------------------------------------- the rows
 
 
 def run_fleet(
-    entries: Sequence[Entry],
+    entries: Sequence[Row],
     out: str | Path,
+    how: How,
     *,
-    wish: Wish | None = None,
     scheduler: str | None = None,
     cancel: Cancel | None = None,
-    on_start: Callable[[Entry], None] = lambda entry: None,
+    on_start: Callable[[Row], None] = lambda entry: None,
     on_row: Callable[[Row], None] = lambda row: None,
 ) -> list[Row]:
     """Run what is not done yet, and write the summary.
@@ -38,7 +144,6 @@ def run_fleet(
     Args:
         entries: From `read_fleet`.
         out: Output directory; holds a file for each row, `fleet.json` and `fleet.csv`.
-        wish: How; as a command without options where None.
         scheduler: Address of a Dask scheduler whose workers see the same files; a bag is one task.
         cancel: Looked at between bags; rows that are done stay.
         on_start: Called before a bag is begun in this process.
@@ -48,61 +153,55 @@ def run_fleet(
         The rows that are there, in the order of the entries.
 
     Raises:
-        IdentError: INVALID_GOAL where something is there that is not ours to replace; or, when all
-            is worked out, where a file could not be written.
+        IdentError: INVALID_GOAL where something is there that is not ours to replace, or a file
+            cannot be written.
     """
-    wish, cancel = wish or Wish(), cancel or Event()
-    files = {x.name: make_directory(Path(out) / 'rows') / f'{x.name}.json' for x in entries}
+    cancel = cancel or Event()
+    files = {x['name']: make_directory(Path(out) / 'rows') / f'{x["name"]}.json' for x in entries}
     require_ours([*(Path(out) / name for name in (SUMMARY, TABLE, PAGE)), *files.values()])
     rows: dict[str, Row] = {}
-    unwritten: list[IdentError] = []
 
     def work(tasks: Tasks) -> None:
-        with closing(_worked(tasks, wish, scheduler, on_start)) as found:
+        with closing(_worked(tasks, how, scheduler, on_start)) as found:
             while not cancel.is_set() and (row := plain(next(found, None))) is not None:
                 rows[row['name']] = row
                 on_row(row)
-                text = json.dumps({**MARKED, **row}, indent=1, allow_nan=False) + '\n'
-                try:
-                    write_text(files[row['name']], text)
-                except IdentError as error:  # the others are worked out all the same
-                    unwritten.append(error)
+                text = json.dumps({'format': 'ros2_ident.row', **row}, indent=1, allow_nan=False)
+                write_text(files[row['name']], text + '\n')
 
     for entry in entries:
-        if (known := _kept(files[entry.name], entry, wish)) is not None:
-            rows[entry.name] = known
+        if (known := _kept(files[entry['name']], entry, how)) is not None:
+            rows[entry['name']] = known
             on_row(known)
-    work([(entry, None) for entry in entries if entry.name not in rows])
+    work([(entry, None) for entry in entries if entry['name'] not in rows])
     # Values are compared of one model on all logs: with every effect that was named on any.
     common = effects_named(rows.values())
-    done = [(e, rows[e.name]) for e in entries if e.name in rows and sound(rows[e.name])]
+    done = [(e, r) for e in entries if (r := rows.get(e['name'])) is not None and sound(r)]
     work([(e, {**r, 'common': common}) for e, r in done if r.get('common', []) != common])
-    ordered = [rows[entry.name] for entry in entries if entry.name in rows]
-    if unwritten:
-        raise unwritten[0]
+    ordered = [rows[entry['name']] for entry in entries if entry['name'] in rows]
     write_summary(Path(out), ordered)
     return ordered
 
 
-def _kept(path: Path, entry: Entry, wish: Wish) -> Row | None:
+def _kept(path: Path, entry: Row, how: How) -> Row | None:
     """Return a row of an earlier run that still holds; failed ones are tried again."""
     try:
         row: Row = json.loads(path.read_text(encoding='utf-8'))
         row.pop('format', None)
-        holds = row['state'] == 'done' and row['key'] == key_of(entry, wish)
+        holds = row['state'] == 'done' and row['key'] == key_of(entry, how)
     except (OSError, ValueError, KeyError, TypeError, IdentError):
         return None
     return row if holds else None
 
 
 def _worked(
-    tasks: Tasks, wish: Wish, scheduler: str | None, on_start: Callable[[Entry], None]
+    tasks: Tasks, how: How, scheduler: str | None, on_start: Callable[[Row], None]
 ) -> Generator[Row]:
     """Yield each row as it is there, from this process or from the workers of a scheduler."""
     if scheduler is None:
         for entry, known in tasks:
             on_start(entry)
-            yield run_entry(entry, wish, '', known)
+            yield run_entry(entry, how, known)
         return
     from ros2_ident.identify.problem import sources
     from ros2_ident.search.evaluators import connect
@@ -111,57 +210,73 @@ def _worked(
         return
     client = connect(scheduler)
     try:
-        executor = client.get_executor(pure=False)
-        futures: dict[Future[Row], Entry] = {
-            executor.submit(run_entry, entry, wish, sources(), known): entry
-            for entry, known in tasks
+        submit, here = client.get_executor(pure=False).submit, sources()
+        futures: dict[Future[Row], Row] = {
+            submit(run_entry, entry, how, known, here): entry for entry, known in tasks
         }
         for future in as_completed(futures):
             try:
                 yield future.result()
             except Exception as error:
                 lost = f'the worker was lost ({error}); run the same command again'
-                yield _failed(_named(futures[future]), ErrorCode.INTERNAL, lost)
+                yield _failed(futures[future], ErrorCode.INTERNAL, lost)
     finally:
         client.close()
 
 
-def key_of(entry: Entry, wish: Wish) -> str:
+def key_of(entry: Row, how: How) -> str:
     """Return a digest of what a row depends on.
 
-    That is what the list says, the settings, the sources of everything that has a part in a
+    That is what the list gives, what is asked for, the sources of everything that has a part in a
     result, the versions of the libraries, and the bytes of the machine file and of the bags.
+
+    Raises:
+        IdentError: As `load_machine`, or where a bag is not there.
     """
     from ros2_ident.identify.problem import sources
     from ros2_ident.recording.storage import digest, storage_files
 
-    total = hashlib.sha256(f'{json.dumps(asdict(entry), default=dict)}{wish!r}'.encode())
+    asked = {k: v for k, v in vars(_request(entry, how)).items() if k != 'machine'}
+    total = hashlib.sha256(f'{json.dumps(entry)}{asked}{how.get("diagnosed", True)}'.encode())
     total.update(sources().encode())
-    total.update(Path(entry.machine_file).read_bytes())
-    for bag in filter(None, (entry.bag, *entry.more, entry.check)):
+    total.update(Path(entry['machine_file']).read_bytes())
+    for bag in filter(None, (entry['bag'], *entry['more'], entry['check'])):
         total.update(digest(storage_files(bag)[0]).encode())
     return total.hexdigest()
 
 
-def run_entry(entry: Entry, wish: Wish, asked: str = '', known: Row | None = None) -> Row:
+def _request(entry: Row, how: How) -> 'Request':
+    from ros2_ident.jobs import Request
+    from ros2_ident.models import load_machine
+
+    return Request(
+        load_machine(entry['machine_file']),
+        bags=(entry['bag'], *entry['more']),
+        check=(entry['check'],) if entry['check'] else (),
+        machine_file=entry['machine_file'],
+        **{name: value for name, value in how.items() if name != 'diagnosed'},
+    )
+
+
+def run_entry(entry: Row, how: How, known: Row | None = None, here: str = '') -> Row:
     """Identify and diagnose one bag; an error is part of the row.
 
     Args:
-        asked: What `identify.problem.sources` has to return here; empty for anything.
         known: A row whose parameters alone are fitted anew, beside those of its `common` effects.
+        here: What `identify.problem.sources` has to return here; empty for anything.
     """
-    row = {**(known or {}), **_named(entry)}
+    row = {**(known or {}), **entry, 'key': ''}
     try:
-        if asked:
+        if here:
             from ros2_ident.identify.problem import require_sources
 
-            require_sources(asked)
-        row['key'] = key_of(entry, wish)
-        return {**row, **_found(entry, wish, None if known is None else known['common'])}
+            require_sources(here)
+        row['key'] = key_of(entry, how)
+        return {**row, **_found(entry, how, None if known is None else known['common'])}
     except IdentError as error:
         return _failed(row, error.code, error.message)
     except OSError as error:
-        where = f'{error.filename or entry.bag}: cannot be read ({error.strerror})'
+        where = f'{error.filename or entry["bag"]}: cannot be read ({error.strerror})'
         return _failed(row, ErrorCode.NO_DATA, f'{where}; correct the path in the list')
     except Exception as error:
         # A defect in one bag's run shall not cost the others theirs.
@@ -169,33 +284,23 @@ def run_entry(entry: Entry, wish: Wish, asked: str = '', known: Row | None = Non
         return _failed(row, ErrorCode.INTERNAL, what)
 
 
-def _named(entry: Entry) -> Row:
-    return {**asdict(entry), 'labels': dict(entry.labels), 'key': ''}
-
-
 def _failed(row: Row, code: ErrorCode, message: str) -> Row:
-    return {**row, 'state': 'failed', 'code': code.name, 'message': message}
+    return {'key': '', **row, 'state': 'failed', 'code': code.name, 'message': message}
 
 
-def _found(entry: Entry, wish: Wish, common: Effects | None) -> Row:
+def _found(entry: Row, how: How, common: Sequence[Sequence[str]] | None) -> Row:
     """Return what is found in a bag; only the parameters beside common effects where given."""
     from ros2_ident import jobs
-    from ros2_ident.models import EffectAt, load_machine
+    from ros2_ident.models import EffectAt
     from ros2_ident.words.identification import message
     from ros2_ident.words.verdict import sentence
 
-    request = jobs.Request(
-        load_machine(entry.machine_file),
-        bags=(entry.bag, *entry.more),
-        check=(entry.check,) if entry.check else (),
-        machine_file=entry.machine_file,
-        **{x.name: getattr(wish, x.name) for x in fields(wish) if x.name != 'diagnosed'},
-    )
+    request = _request(entry, how)
     logs = jobs.read(request)
     known = request.problem(logs.fit).models[0].extensions() if common else ()
     effects = [at for at in (EffectAt(*x) for x in common or ()) if at in known]
     result = jobs.identify(replace(request, effects=tuple(effects)), logs).result
-    values: Row = {
+    found: Row = {
         'parameters': {
             p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
             for p in result.parameters
@@ -203,8 +308,8 @@ def _found(entry: Entry, wish: Wish, common: Effects | None) -> Row:
         'beside': [[at.effect, at.where] for at in effects],
     }
     if common is not None:
-        return values
-    found: Row = {
+        return found
+    found |= {
         'state': 'done',
         'code': result.outcome.error_code.name,
         'message': message(result),
@@ -212,27 +317,16 @@ def _found(entry: Entry, wish: Wish, common: Effects | None) -> Row:
         'model': result.model,
         'residual': {x.drive: x.rms for x in result.residuals},
         'unit': result.cost.unit,
-        **values,
     }
-    if not wish.diagnosed:
+    if not how.get('diagnosed', True):
         return found
     verdict = jobs.diagnose(request, logs).result
     return {
         **found,
         'effect': verdict.effect,
         'where': list(verdict.where),
-        'also': [{'effect': x.effect, 'where': x.where} for x in verdict.also],
+        'also': [asdict(x) for x in verdict.also],
         'probability': verdict.probability,
         'verdict': sentence(verdict),
-        'gap': {
-            name: {
-                'before': g.before,
-                'after': g.after,
-                'share_before': g.shares[0],
-                'share_after': g.shares[1],
-            }
-            for name, g in verdict.per_drive.items()
-            if g.torque_rms > 0.0
-        },
         'complete': verdict.complete,
     }

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the machines of a fleet compare: drift, differences, effects."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import json
 import math
 from pathlib import Path
@@ -12,10 +12,11 @@ import numpy as np
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_table, write_text
-from ros2_ident.fleet.entries import Row
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 
+# What was found in a bag, as its file holds it.
+Row = dict[str, Any]
 # Its files; the page is made of the first.
 SUMMARY, TABLE, PAGE = 'fleet.json', 'fleet.csv', 'report.html'
 # Probability that a drift is said where there is none, over all comparisons of a fleet.
@@ -66,28 +67,24 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         for of_one in by_machine.values()
         for row in of_one[1:]
         for name in row['parameters']
-        if name in of_one[0]['parameters'] and _alike(row, of_one[0])
+        if name in of_one[0]['parameters'] and row.get('beside') == of_one[0].get('beside')
     ]
-    latest = [of_one[-1] for of_one in by_machine.values()]
-    medians = _medians(latest)
-    machines = []
-    for number, row in enumerate(latest):
+    latest: dict[tuple[str, str], list[Row]] = {}
+    for row in (of_one[-1] for of_one in by_machine.values()):
         for name in row['parameters']:
-            others = [
-                r for r in latest if r is not row and name in r['parameters'] and _alike(row, r)
-            ]
-            # What one of two machines is against the other has been said by the first.
-            if others and not (len(others) == 1 and others[0] in latest[:number]):
-                against, other = others[0]['machine'], others[0]['parameters'][name]
-                median = medians.get((name, str(row.get('beside'))))
-                if median is not None:
-                    against, other = 'median of the machines', median
-                machines.append((name, row, other, against))
+            latest.setdefault((name, str(row.get('beside'))), []).append(row)
+    machines = []
+    for (name, _), of in latest.items():
+        values = [row['parameters'][name] for row in of]
+        if len(of) == 2:
+            machines.append((name, of[0], values[1], of[1]['machine']))
+        elif len(of) > 2:
+            median = _median(values)
+            machines += [(name, row, median, 'median of the machines') for row in of]
     effects: dict[str, list[str]] = {}
     for row in done:
-        if row.get('effect') not in (None, 'none'):
-            for effect, drive in _effects_of(row):
-                effects.setdefault(effect, []).append(f'{row["name"]}: {drive}')
+        for effect, drive in _effects_of(row):
+            effects.setdefault(effect, []).append(f'{row["name"]}: {drive}')
     pairs = [(name, row['parameters'][name], other) for name, row, other, _ in drifts + machines]
     return {
         'drifts': _told([_difference(*x) for x in drifts]),
@@ -97,25 +94,12 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def _alike(a: Row, b: Row) -> bool:
-    """Whether the same effects stand in the models of both."""
-    return bool(a.get('beside') == b.get('beside'))
-
-
-def _effects_of(row: Row) -> Iterator[tuple[str, str]]:
-    for drive in row['where'] or ['all']:
-        yield row['effect'], drive
-    for further in row.get('also', ()):
-        yield further['effect'], further['where']
-
-
-def _medians(rows: Sequence[Row]) -> dict[tuple[str, str], Row]:
-    """Return the median of each parameter and model that three machines or more have."""
-    values: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
-        for name, value in row['parameters'].items():
-            values.setdefault((name, str(row.get('beside'))), []).append(value)
-    return {name: _median(of) for name, of in values.items() if len(of) > 2}
+def _effects_of(row: Row) -> list[tuple[str, str]]:
+    """Return the effects that were named, or `unknown`, each with its place."""
+    if row.get('effect') in (None, 'none'):
+        return []
+    first = [(row['effect'], drive) for drive in row['where'] or ['all']]
+    return [*first, *((x['effect'], x['where']) for x in row.get('also', ()))]
 
 
 def _median(values: Sequence[Mapping[str, Any]]) -> Row:
@@ -170,10 +154,8 @@ def write_summary(out: Path, rows: Sequence[Row]) -> None:
     head = ('bag', 'machine', 'date', 'state', 'code', 'message', 'effect', 'where')
     table: list[tuple[object, ...]] = []
     for row in rows:
-        same = [row['name'], *(row.get(k, '') for k in head[1:-1])]
-        same.append(','.join(row.get('where', ())))
+        same = row['name'], *(row.get(k, '') for k in head[1:-1]), ','.join(row.get('where', ()))
         for name, p in row.get('parameters', {'': {}}).items():
-            table.append(
-                (*same, name, *(p.get(k, '') for k in ('value', 'low', 'high', 'unit')))
-            )
+            values = (p.get(k, '') for k in ('value', 'low', 'high', 'unit'))
+            table.append((*same, name, *values))
     write_table(out / TABLE, (*head, 'parameter', 'value', 'low', 'high', 'unit'), table)

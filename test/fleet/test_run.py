@@ -9,14 +9,16 @@ import shutil
 import numpy as np
 import pytest
 
-from ros2_ident import fleet, sources
+from ros2_ident import sources
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.fleet import run as fleet
+from ros2_ident.fleet.summary import Row, summarise
 
 ROOT = Path(__file__).parents[2]
 
 
-def row(name: str, machine: str, date: str, mass: float, effect: str = 'none') -> fleet.Row:
+def row(name: str, machine: str, date: str, mass: float, effect: str = 'none') -> Row:
     return {
         'name': name,
         'machine': machine,
@@ -67,22 +69,21 @@ def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
 
     begun: list[str] = []
     entries = fleet.read_fleet(listed)
-    wish = fleet.Wish(diagnosed=False, fixed={'viscous_friction': 203.5})
-    again = fleet.run_fleet(
-        entries, out, wish=wish, on_start=lambda entry: begun.append(entry.name)
-    )
+    how = {'diagnosed': False, 'fixed': {'viscous_friction': 203.5}}
+    again = fleet.run_fleet(entries, out, how, on_start=lambda x: begun.append(x['name']))
     assert begun == ['bad.mcap']
     assert again[0] == good
 
 
 def test_row_is_done_anew_where_the_bag_has_changed(listed: Path) -> None:
     entry = fleet.read_fleet(listed)[0]
-    before = fleet.key_of(entry, fleet.Wish())
-    assert fleet.key_of(entry, fleet.Wish()) == before
-    assert fleet.key_of(entry, fleet.Wish(seed=2)) != before
-    with Path(entry.machine_file).open('a') as file:
+    before = fleet.key_of(entry, {})
+    assert fleet.key_of(entry, {'seed': 1}) == before
+    for other in ({'seed': 2}, {'diagnosed': False}):
+        assert fleet.key_of(entry, other) != before
+    with Path(entry['machine_file']).open('a') as file:
         file.write('# another machine file\n')
-    assert fleet.key_of(entry, fleet.Wish()) != before
+    assert fleet.key_of(entry, {}) != before
 
 
 def test_one_byte_in_what_a_row_depends_on_changes_its_key(tmp_path: Path) -> None:
@@ -107,7 +108,7 @@ def test_drift_is_told_and_chance_is_not() -> None:
         row('a3', 'a', '2026-03-01', 110.0, 'backlash'),
         row('b1', 'b', '2026-01-01', 100.2),
     ]
-    summary = fleet.summarise(rows)
+    summary = summarise(rows)
     assert [(x['bag'], x['against']) for x in summary['drifts']] == [('a3', 'a1')]
     assert summary['drifts'][0]['change'] == pytest.approx(0.1)
     assert {x['machine']: x['against'] for x in summary['machines']} == {'a': 'b'}
@@ -132,7 +133,7 @@ def test_machines_are_compared_with_the_median_of_all(values, told: str) -> None
     for found, (mass, half) in zip(rows, values, strict=True):
         low, high = (None, None) if half is None else (mass - half, mass + half)
         found['parameters']['mass'].update(low=low, high=high)
-    machines = fleet.summarise(rows)['machines']
+    machines = summarise(rows)['machines']
     assert {(x['machine'], x['against']) for x in machines} == {
         (name, 'median of the machines') for name in told
     }
@@ -147,7 +148,7 @@ def test_of_equal_machines_known_unequally_well_hardly_any_differs() -> None:
             rows.append(row(name, name, '', 100.0 + float(random.normal()) * half / 1.96))
             value = rows[-1]['parameters']['mass']
             value.update(low=value['value'] - half, high=value['value'] + half)
-        told += bool(fleet.summarise(rows)['machines'])
+        told += bool(summarise(rows)['machines'])
     assert told <= 20
 
 
@@ -157,11 +158,11 @@ def test_rows_are_compared_with_the_same_effects_in_the_model_only(
     rows = {'a1': row('a1', 'a', '', 100.0), 'b1': row('b1', 'b', '', 150.0, 'backlash')}
     fitted = []
 
-    def run(entry, wish, asked='', known=None):
+    def run(entry, how, known=None):
         if known is None:
-            return {**rows[entry.name], 'beside': []}
-        fitted.append((entry.name, known['common']))
-        found = row(entry.name, entry.machine, '', 100.0)['parameters']
+            return {**rows[entry['name']], 'beside': []}
+        fitted.append((entry['name'], known['common']))
+        found = row(entry['name'], entry['machine'], '', 100.0)['parameters']
         return {**known, 'parameters': found, 'beside': known['common']}
 
     monkeypatch.setattr('ros2_ident.fleet.run.run_entry', run)
@@ -174,20 +175,20 @@ def test_rows_are_compared_with_the_same_effects_in_the_model_only(
     assert summary['machines'] == [] and summary['smallest']['mass']['change'] > 2.0
     # one that could not be fitted so is not compared
     rows['b1']['beside'] = [['backlash', 'd']]
-    assert fleet.summarise([*rows.values()])['smallest'] == {}
+    assert summarise([*rows.values()])['smallest'] == {}
 
 
 def test_where_nothing_is_missing_the_values_of_the_identification_stay(listed: Path) -> None:
     entry = fleet.read_fleet(listed)[0]
-    alone = fleet.run_entry(entry, fleet.Wish(diagnosed=False))
-    diagnosed = fleet.run_entry(entry, fleet.Wish())
+    alone = fleet.run_entry(entry, {'diagnosed': False})
+    diagnosed = fleet.run_entry(entry, {})
     assert diagnosed['effect'] == 'none'
     assert diagnosed['parameters'] == alone['parameters']
 
 
 def test_a_worker_with_other_sources_is_refused(listed: Path) -> None:
     entry = fleet.read_fleet(listed)[0]
-    found = fleet.run_entry(entry, fleet.Wish(diagnosed=False), asked='other')
+    found = fleet.run_entry(entry, {}, here='other')
     assert (found['state'], found['code']) == ('failed', 'INVALID_GOAL')
     assert 'same version' in found['message']
 
@@ -196,7 +197,7 @@ def test_directory_needs_a_machine_file(listed: Path) -> None:
     with pytest.raises(IdentError, match='--machine') as caught:
         fleet.read_fleet(listed.parent)
     assert caught.value.code is ErrorCode.INVALID_GOAL
-    names = [x.name for x in fleet.read_fleet(listed.parent, 'machine.yaml')]
+    names = [x['name'] for x in fleet.read_fleet(listed.parent, 'machine.yaml')]
     assert names == ['bad.mcap', 'good']
 
 

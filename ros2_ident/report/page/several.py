@@ -16,18 +16,10 @@ from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.models import EffectAt
 from ros2_ident.report.files import content, FLEET, load, PAGE
 from ros2_ident.report.page import answer, steps
-from ros2_ident.report.page.numbers import (
-    change,
-    from_to,
-    percent,
-    quantity,
-    shares,
-    some,
-    unit_of,
-)
+from ros2_ident.report.page.numbers import change, percent, quantity, some
 from ros2_ident.report.page.render import render
 from ros2_ident.report.schema import to_mapping
-from ros2_ident.words.figures import capital, compared, joined
+from ros2_ident.words.figures import capital
 from ros2_ident.words.verdict import named
 
 COMPARISON = 'comparison.html'
@@ -237,31 +229,6 @@ def differences(summary: Mapping[str, Any]) -> Iterator[str]:
         yield f'{name}: found {count} ({"; ".join(places)})'
 
 
-def verdicts(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield what is missing in which recording, how sure that is, and how far the gap closes."""
-    found = [row for row in rows if row.get('effect') in CATALOGUE]
-    for row in found[:OPEN]:
-        chance = row.get('probability')
-        sure = '' if chance is None else f', probability {percent(chance)}'
-        also = [title_at(x['effect'], [x['where']]) for x in row.get('also', ())]
-        named = joined([title_at(row['effect'], row['where']), *also])
-        closes = '; '.join(_closes(row))
-        first = named if closes else (row.get('verdict') or named).rstrip('.')
-        yield f'{row["name"]}: {first}{sure}. {closes}'.rstrip()
-    if len(found) > OPEN:
-        yield f'{len(found) - OPEN} more in the table below.'
-
-
-def _closes(row: Mapping[str, Any]) -> Iterator[str]:
-    """Yield how far the gap of each drive closes that an effect was found on."""
-    where = {*row['where'], *(x['where'] for x in row.get('also', ()))}
-    for name, gap in row.get('gap', {}).items():
-        if {name, 'all'} & where and None not in gap.values():
-            part = shares(gap['share_before'], gap['share_after'])
-            size = f'{from_to(gap["before"], gap["after"])} {unit_of(row["unit"])}'
-            yield f'{name}: residual {size}, {part} of the {compared(row["unit"])}'
-
-
 def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     """Write the page on a fleet.
 
@@ -280,7 +247,6 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
             ErrorCode.BAD_VALUES, f'{path}: is no fleet of this package; run `ident fleet` again'
         )
     done = [row for row in data['rows'] if row['state'] == 'done']
-    differ = {**data, 'effects': {}, 'smallest': {}}
     told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
     made = strips([(row['name'], row['parameters']) for row in done], told)
     machines = {row['machine'] for row in data['rows']}
@@ -292,8 +258,7 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
         'level': level,
         'state_of': STATES[level],
         'headline': _fleet_headline(data),
-        'differences': list(differences(differ)),
-        'verdicts': list(verdicts(data['rows'])),
+        'differences': list(differences(data)),
         'steps': list(steps.of_fleet(data, str(directory))),
         'rows': [{**row, 'found': _found(row)} for row in data['rows']],
         'dated': any(row['date'] for row in data['rows']),
@@ -306,10 +271,11 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
 
 
 def _found(row: Mapping[str, Any]) -> str:
-    """Return a row's verdict in short."""
+    """Return a row's verdict, with its probability where it names an effect."""
     if row.get('effect') == 'none' and row['code'] == 'OK':
         return 'nothing found missing above the noise'
-    return str(row.get('verdict') or row['message'])
+    sure = f' Probability: {percent(row["probability"])}.' if row.get('probability') else ''
+    return f'{row.get("verdict") or row["message"]}{sure * (row.get("effect") in CATALOGUE)}'
 
 
 def _fleet_level(data: Mapping[str, Any]) -> answer.Level:
@@ -323,24 +289,15 @@ def _fleet_level(data: Mapping[str, Any]) -> answer.Level:
 def _fleet_headline(data: Mapping[str, Any]) -> str:
     drifted, other = (sorted({x['machine'] for x in data[k]}) for k in ('drifts', 'machines'))
     found = [row for row in data['rows'] if row.get('effect', 'none') in CATALOGUE]
-    parts = []
-    if drifted:
-        parts.append(f'{_named(drifted, "machines")} {"have" if drifted[1:] else "has"} drifted')
+    parts = [f'{some(drifted)} {"have" if drifted[1:] else "has"} drifted'] if drifted else []
     if other:
-        verb = 'differ' if other[1:] else 'differs from the others'
-        parts.append(f'{_named(other, "machines")} {verb}')
+        parts.append(f'{some(other)} {"differ" if other[1:] else "differs"} from the others')
     if found:
         kinds = {title_at(row['effect']) for row in found}
         # a single name is told at once, several are listed below
         what = f'the simulation lacks {kinds.pop()}' if len(kinds) == 1 else 'effects are missing'
-        parts.append(f'{what} in {_named(sorted({row["name"] for row in found}), "recordings")}')
+        parts.append(f'{what} in {some(sorted({row["name"] for row in found}))}')
     if not (drifted or other):
-        smallest = _would_show(data.get('smallest', {}))
-        parts.append(f'no difference shows; {smallest}' if smallest else 'nothing to compare')
+        parts.append('no difference shows' if data.get('smallest') else 'nothing to compare')
     text = '; '.join(parts)
     return f'{text if drifted or other else capital(text)}.'
-
-
-def _named(names: Sequence[str], what: str) -> str:
-    """Return one or two names, or how many there are."""
-    return joined(names) if len(names) < 3 else f'{len(names)} {what}'

@@ -7,7 +7,7 @@ import math
 import shlex
 from typing import Any
 
-from ros2_ident.effects import CATALOGUE, title_at
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnosis import Diagnosis, Value
 from ros2_ident.gap.facts import Cause
 from ros2_ident.gap.verdict import REFUSED
@@ -19,7 +19,7 @@ from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.page.numbers import change, legend, plus_minus, quantity, some
 from ros2_ident.words import verdict as words
 
-# Machines of a fleet, and effects, that its page has steps for.
+# Machines of a fleet that its page has steps for.
 FLEET = 3
 # A parameter that an effect moves by so much of its value is named; where only all numbers
 # together are determined, one that moves by so much.
@@ -247,38 +247,20 @@ def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
     """
     rows = {row['name']: row for row in data['rows']}
     told = [*data['drifts'], *data['machines']]
-    changed = []
     for machine in list(dict.fromkeys(x['machine'] for x in told))[:FLEET]:
         drifts = [x for x in data['drifts'] if x['machine'] == machine]
         of_it = drifts or [x for x in told if x['machine'] == machine]
-        names = list(dict.fromkeys(x['parameter'] for x in of_it))
-        changed.append(max((x['bag'] for x in of_it), key=lambda bag: str(rows[bag]['date'])))
-        verb = f'{"differs" if len(names) == 1 else "differ"} from the other machines'
-        if drifts:
-            verb = 'changed'
+        row = max((rows[x['bag']] for x in of_it), key=lambda row: str(row['date']))
+        names = some(list(dict.fromkeys(x['parameter'] for x in of_it)))
+        bag, file = row.get('bag') or 'BAG', row.get('machine_file') or 'MACHINE.yaml'
+        words = ['ident', 'diagnose', bag, '--machine', file, '--out', f'{out}/{row["name"]}']
         yield Step(
-            f'Inspect {machine}: {some(names)} {verb}. See where it shows:',
-            code=_diagnose_row(rows[changed[-1]], out),
+            f'Inspect {machine}, for its {names}. See where it shows:', code=shlex.join(words)
         )
-    found = [row for row in data['rows'] if row.get('effect') in CATALOGUE]
-    first = {(row['machine'], row['effect']): row for row in reversed(found)}
-    for row in list(first.values())[::-1][:FLEET]:
-        if row['name'] not in changed:
-            title = title_at(row['effect'], row['where'])
-            yield Step(
-                f'{row["machine"]}: diagnose {title} in full, with its numbers:',
-                code=_diagnose_row(row, out),
-            )
     failed = [row['name'] for row in data['rows'] if row['state'] != 'done']
     if failed:
         text = f'Correct what the table says of {some(failed)}, and run the same command again: '
         yield Step(text + 'it keeps what is done.')
-
-
-def _diagnose_row(row: Mapping[str, Any], out: str) -> str:
-    bag, machine = row.get('bag') or 'BAG', row.get('machine_file') or 'MACHINE.yaml'
-    folder = f'{out}/{row["name"]}'
-    return shlex.join(['ident', 'diagnose', bag, '--machine', machine, '--out', folder])
 
 
 def of_identification(result: Identification, out: str) -> Iterator[Step]:
