@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
 import io
-from itertools import compress, islice
+from itertools import islice
 import math
 from pathlib import Path
 import re
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -28,7 +27,7 @@ from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import digest
-from ros2_ident.recording.streams import FloatArray, IntArray, Recording, Stream
+from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording, Stream
 
 SUFFIXES = ('.csv', '.tsv', '.txt')
 MAP_SUFFIX = '.columns.yaml'
@@ -95,27 +94,22 @@ class Column:
     unsigned: bool = False
 
 
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
-
-
-def _is_choice(value: object) -> bool:
-    return isinstance(value, Mapping) and not any(
-        isinstance(x, list | dict) for x in value.values()
-    )
-
-
-def _is_mark(value: object) -> bool:
-    return isinstance(value, str) and len(value) == 1 and value not in '\r\n\0"'
-
-
+_LINES = 'write the number of lines {} the names'
 # What a map may state beside time and joints: the usual, whether a value fits, what to write else.
 _OPTIONS: Mapping[str, tuple[Any, Callable[[Any], bool], str]] = {
-    'where': ({}, _is_choice, 'write {COLUMN: VALUE} of rows that count'),
-    'delimiter': (',', _is_mark, 'write one character, as ";" or "\\t"'),
+    'where': (
+        {},
+        lambda x: isinstance(x, Mapping) and all(np.isscalar(y) for y in x.values()),
+        'write {COLUMN: VALUE} of rows that count',
+    ),
+    'delimiter': (
+        ',',
+        lambda x: isinstance(x, str) and len(x) == 1 and x not in '\r\n\0"',
+        'write one character, as ";" or "\\t"',
+    ),
     'decimal': ('.', ('.', ',').__contains__, 'write "." or ",", and another one as delimiter'),
-    'skip': (0, _is_count, 'write the number of lines before the names'),
-    'skip_below': (0, _is_count, 'write the number of lines below the names'),
+    'skip': (0, lambda x: type(x) is int and x >= 0, _LINES.format('before')),
+    'skip_below': (0, lambda x: type(x) is int and x >= 0, _LINES.format('below')),
     'header': (True, lambda x: isinstance(x, bool), 'write true or false'),
 }
 OPTIONS = ('time', 'joints', *_OPTIONS)
@@ -169,26 +163,28 @@ def load_columns(path: str | Path) -> ColumnMap:
         _, fits, remedy = _OPTIONS[key]
         if not fits(value) or (key == 'decimal' and value == given['delimiter']):
             raise refuse(path, f'{key} is {short(value)}; {remedy}')
-    header, where = given['header'], given.pop('where')
-    time, digits = _time(path, data.get('time'), header)
+    cell = partial(_cell, path, given['header'])
+    time, where = data.get('time'), given.pop('where')
+    known = isinstance(time, Mapping) and set(time) == {'column', 'unit'}
+    if not known or str(time['unit']) not in _DIGITS:
+        said = 'write {column: NAME, unit: s}, the unit s, ms, us or ns'
+        raise refuse(path, f'time is {short(time)}; {said}')
+    at, digits = cell('time', time['column']), _DIGITS[str(time['unit'])]
     columns = []
     for joint, quantities in data['joints'].items():
+        name = printable(str(joint))
         if not isinstance(quantities, Mapping) or not quantities:
-            raise refuse(
-                path, f'{printable(str(joint))} has no column; write as `position: NAME`'
-            )
-        _known(path, printable(str(joint)), quantities, tuple(QUANTITIES))
+            raise refuse(path, f'{name} has no column; write as `position: NAME`')
+        _known(path, name, quantities, tuple(QUANTITIES))
         for quantity, entry in quantities.items():
-            what = f'{printable(str(joint))}.{quantity}'
             for part in entry if isinstance(entry, list) and entry else [entry]:
-                cell, scale, sign = _entry(path, what, part, header)
-                columns.append(Column(str(joint), str(quantity), cell, scale, sign))
+                columns.append(_column(path, str(joint), quantity, part, cell))
     if len({str(x) for x in data['joints']}) < len(data['joints']):
         raise refuse(path, 'names a joint twice; give each joint its own name')
     if not columns:
         raise refuse(path, 'joints is empty; name at least one joint and its columns')
-    rows = tuple((_cell(path, 'where', x, header), str(y).strip()) for x, y in where.items())
-    return ColumnMap(time, digits, tuple(columns), where=rows, **given)
+    rows = tuple((cell('where', x), str(y).strip()) for x, y in where.items())
+    return ColumnMap(at, digits, tuple(columns), where=rows, **given)
 
 
 def refuse(path: object, text: str) -> IdentError:
@@ -202,21 +198,14 @@ def _known(path: object, what: str, given: Iterable[object], known: tuple[str, .
             raise refuse(path, f'{what} has {short(key)}; choose from {", ".join(known)}')
 
 
-def _time(path: object, entry: object, header: bool) -> tuple[Cell, int]:
-    unit = entry.get('unit') if isinstance(entry, Mapping) else None
-    known = isinstance(unit, str) and unit in _DIGITS
-    if not isinstance(entry, Mapping) or set(entry) != {'column', 'unit'} or not known:
-        raise refuse(
-            path,
-            f'time is {short(entry)}; write {{column: NAME, unit: s}}, the unit s, ms, us or ns',
-        )
-    return _cell(path, 'time', entry['column'], header), _DIGITS[str(unit)]
-
-
-def _entry(path: object, what: str, entry: Any, header: bool) -> tuple[Cell, float, bool]:
+def _column(
+    path: object, joint: str, quantity: str, entry: Any, cell: Callable[[str, Any], Cell]
+) -> Column:
+    """Return what a map has as (a part of) a quantity of a joint: a cell, or more about it."""
+    what = f'{printable(joint)}.{quantity}'
     if not isinstance(entry, Mapping):
-        return _cell(path, what, entry, header), 1.0, False
-    signed = ('sign',) if what.endswith('.effort') else ()
+        return Column(joint, quantity, cell(what, entry))
+    signed = ('sign',) if quantity == 'effort' else ()
     _known(path, what, entry, ('column', 'scale', *signed))
     if entry.get('sign', 'velocity') != 'velocity':
         raise refuse(path, f'{what}.sign is {short(entry["sign"])}; write velocity')
@@ -225,10 +214,8 @@ def _entry(path: object, what: str, entry: Any, header: bool) -> tuple[Cell, flo
     except (TypeError, ValueError, OverflowError):
         scale = math.nan
     if not math.isfinite(scale) or scale == 0.0:
-        raise refuse(
-            path, f'{what}.scale is {short(entry["scale"])}; write a number other than 0'
-        )
-    return _cell(path, what, entry.get('column'), header), scale, 'sign' in entry
+        raise refuse(path, f'{what}.scale is {short(entry["scale"])}; write a number other than 0')
+    return Column(joint, quantity, cell(what, entry.get('column')), scale, 'sign' in entry)
 
 
 def short(value: object) -> str:
@@ -239,8 +226,8 @@ def short(value: object) -> str:
         return 'a value that cannot be shown'
 
 
-def _cell(path: object, what: str, cell: Any, header: bool) -> Cell:
-    number = isinstance(cell, int) and not isinstance(cell, bool) and 1 <= cell <= _MOST_COLUMNS
+def _cell(path: object, header: bool, what: str, cell: Any) -> Cell:
+    number = type(cell) is int and 1 <= cell <= _MOST_COLUMNS
     if number or (header and isinstance(cell, str) and cell):
         return cell if number else str(cell).strip()
     kind = 'the name or the number (from 1)' if header else 'the number (from 1)'
@@ -322,9 +309,6 @@ def _numeric(row: Sequence[str], decimal: str) -> bool:
         return False
 
 
-# ---------------------------------------------------------------------- tables
-
-
 def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
     """Read a table of samples.
 
@@ -395,28 +379,28 @@ def _parse(
     for _ in range(layout.skip_below):
         next(reader, None)
     cells = [layout.time, *(x.cell for x in layout.columns)]
-    where = [_find(path, cell, names) for cell in cells]
+    time, *where = (_find(path, cell, names) for cell in cells)
     asked = {_find(path, cell, names): value for cell, value in layout.where}
-    width = max(*where, *asked) + 1
-    stamps: list[NDArray[np.int64]] = []
+    stamps: list[IntArray] = []
     parts: list[list[FloatArray]] = [[] for _ in layout.columns]
     warnings: list[str] = []
 
-    def nanoseconds(text: str) -> np.int64:
+    def nanoseconds(text: str) -> int:
         # a double has not enough digits
-        return np.int64(round(Decimal(text).scaleb(layout.digits)))
+        stamp = round(Decimal(text).scaleb(layout.digits))
+        if abs(stamp) > LATEST_STAMP:
+            raise OverflowError
+        return stamp
 
-    for rows, numbers in _blocks(path, reader, width, layout.skip, warnings):
-        if asked:
-            met = [all(_equal(row[at], x) for at, x in asked.items()) for row in rows]
-            rows, numbers = list(compress(rows, met)), list(compress(numbers, met))
-        table = list(zip(*rows, strict=False)) or [()] * width
-        read = partial(_converted, path, numbers, layout.decimal)
-        stamps.append(np.array(read(table[where[0]], ': the time', _NO_TIME, nanoseconds)))
-        for part, column, at in zip(parts, layout.columns, where[1:], strict=True):
+    rows = _rows_of(path, reader, max(time, *where, *asked) + 1, layout.skip, warnings)
+    met = (row for row in rows if all(_equal(row[1][at], x) for at, x in asked.items()))
+    while block := list(islice(met, _BLOCK)):
+        read = partial(_converted, path, block, layout.decimal)
+        stamps.append(np.array(read(time, ': the time', _NO_TIME, nanoseconds), dtype=np.int64))
+        for part, column, at in zip(parts, layout.columns, where, strict=True):
             name = f', column {printable(str(column.cell))}:'
             with np.errstate(over='ignore'):
-                part.append(column.scale * np.array(read(table[at], name, _NO_VALUE, _value)))
+                part.append(column.scale * np.array(read(at, name, _NO_VALUE, _value)))
     stamp = np.concatenate(stamps or [np.empty(0, np.int64)])
     if not stamp.size:
         where_ = ' with what `where` asks for' if layout.where else ''
@@ -451,60 +435,49 @@ def _find(path: Path, cell: Cell, names: list[str]) -> int:
     )
 
 
-def _blocks(
+def _rows_of(
     path: Path, reader: Any, width: int, skip: int, warnings: list[str]
-) -> Iterator[tuple[list[list[str]], list[int]]]:
-    """Yield rows of one line each, `width` cells wide, with the numbers of their lines."""
-    rows: list[list[str]] = []
-    numbers: list[int] = []
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield rows of one line each, at least `width` cells wide, after the number of the line."""
     narrow, before = '', reader.line_num
-    while True:
-        try:
-            row = next(reader, None)
-        except csv.Error as exc:
-            raise _bad(path, f'line {skip + reader.line_num} cannot be read ({exc})') from None
-        if row is None:
-            break
-        if reader.line_num > before + 1:
-            text = 'has a quotation mark that is not closed there; correct the line'
-            raise _bad(path, f'line {skip + before + 1} {text}')
-        before = reader.line_num
-        if not any(cell.strip() for cell in row):
-            continue
-        if narrow:
-            raise _bad(path, f'{narrow}, the column map needs {width}; correct the line or the '
-                       'delimiter')  # fmt: skip
-        if len(row) < width:
-            narrow, cut = f'line {skip + before} has {len(row)} cells', skip + before
-            continue
-        rows.append(row[:width])
-        numbers.append(skip + before)
-        if len(rows) == _BLOCK:
-            yield rows, numbers
-            rows, numbers = [], []
-    if rows:
-        yield rows, numbers
+    try:
+        for row in reader:
+            number, before = before + 1, reader.line_num
+            if before > number:
+                text = 'has a quotation mark that is not closed there; correct the line'
+                raise _bad(path, f'line {skip + number} {text}')
+            if not any(cell.strip() for cell in row):
+                continue
+            if narrow:
+                text = f'{narrow}, the column map needs {width}; correct the line or the delimiter'
+                raise _bad(path, text)
+            if len(row) < width:
+                last, narrow = skip + number, f'line {skip + number} has {len(row)} cells'
+                continue
+            yield skip + number, row
+    except csv.Error as exc:
+        raise _bad(path, f'line {skip + reader.line_num} cannot be read ({exc})') from None
     if narrow:  # a log that was cut off ends in the middle of a line
-        warnings.append(f'{path}: its last line {cut} breaks off and is left out')
+        warnings.append(f'{path}: its last line {last} breaks off and is left out')
 
 
 def _converted(
     path: Path,
-    numbers: list[int],
+    rows: list[tuple[int, list[str]]],
     decimal: str,
-    cells: Sequence[str],
+    at: int,
     where: str,
     remedy: str,
     convert: Callable[[str], Any],
 ) -> list[Any]:
-    """Return the cells of a column, in lines of these numbers, as numbers."""
+    """Return the cells of a column as numbers."""
     out = []
-    for cell, number in zip(cells, numbers, strict=True):
-        text = cell if decimal == '.' else cell.replace(',', '.')
+    for number, row in rows:
+        text = row[at] if decimal == '.' else row[at].replace(',', '.')
         try:
             out.append(convert(text.strip().replace('_', 'x')))  # Python reads 1_000
         except (ArithmeticError, ValueError):
-            text = f'line {number}{where} {short(cell)} is no number; {remedy}'
+            text = f'line {number}{where} {short(row[at])} is no number; {remedy}'
             raise _bad(path, text) from None
     return out
 
@@ -566,9 +539,9 @@ def _summed(
             row = row * _directions(path, column.joint, stamp, sums)
         sums[key] = sums[key] + row if key in sums else row
     found = {}
-    for column in layout.columns:
-        role, field = QUANTITIES[column.quantity]
-        found[role, column.joint, field] = sums[column.joint, column.quantity]
+    for joint, quantity in ((x.joint, x.quantity) for x in layout.columns):
+        role, field = QUANTITIES[quantity]
+        found[role, joint, field] = sums[joint, quantity]
     return found
 
 
