@@ -40,7 +40,7 @@ from ros2_ident.models import load_machine
 from ros2_ident.models.serial.arm import arm_of
 from ros2_ident.models.serial.parameters import Inertials
 from ros2_ident.recording import read_bag, Stream
-from ros2_ident.recording.band import told_band
+from ros2_ident.recording.motion import told_band
 from ros2_ident.recording.write import write_bag
 from ros2_ident.search.levenberg import difference_jacobian
 

@@ -12,9 +12,9 @@ from ros2_ident.gates.scale import MORE, near
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.dataset import StreamQuality
 from ros2_ident.recording.motion import motion_in, ROOM
-from ros2_ident.recording.sign import SAID, sign_of, WRONG
+from ros2_ident.recording.quality import SAID, sign_of, WRONG
+from ros2_ident.recording.streams import StreamQuality
 
 # Shares of samples missing from which on a log is suspect, and of no use.
 MISSING, TOO_MANY_MISSING = 0.02, 0.2

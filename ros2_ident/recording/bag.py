@@ -12,13 +12,14 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import mcap_scan, rosbags_scan
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.content import Content, Messages, OTHERWISE, WHY
-from ros2_ident.recording.damage import Damage, Losses
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import (
+    Damage,
     damaged,
     digest,
+    Losses,
     Metadata,
     NAME,
     read_metadata,

@@ -9,11 +9,19 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
-from ros2_ident.recording.damage import Budget, Damage, inflate, ZSTD
 from ros2_ident.recording.limits import Limits
-from ros2_ident.recording.ros2_control import ARRAY, offers, parser, ROLES_OF, TRAJECTORY
+from ros2_ident.recording.ros2_control import (
+    ARRAY,
+    offers,
+    parse_trajectory,
+    parser,
+    ROLES_OF,
+    set_points,
+    TRAJECTORY,
+    Trajectory,
+)
+from ros2_ident.recording.storage import Budget, Damage, inflate, ZSTD
 from ros2_ident.recording.streams import IntArray, LATEST_STAMP
-from ros2_ident.recording.trajectory import parse_trajectory, set_points, Trajectory
 
 # Messages that are decoded at once; fewer would take longer.
 _PIECE = 1 << 14

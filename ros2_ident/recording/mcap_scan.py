@@ -25,7 +25,7 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from ros2_ident.recording.content import Content, Sink
-from ros2_ident.recording.damage import Budget, Damage, inflate, Losses
+from ros2_ident.recording.storage import Budget, Damage, inflate, Losses
 
 HEAD = struct.Struct('<BQ')
 FOOTER_SIZE = HEAD.size + 20 + len(MAGIC)

@@ -23,10 +23,10 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
 from ros2_ident.recording.content import Content, Sink
-from ros2_ident.recording.damage import Budget, Damage, inflate, Losses
 from ros2_ident.recording.limits import Limits
 from ros2_ident.recording.ros2_control import CONTROLLER_STATE
 from ros2_ident.recording.shown import printable
+from ros2_ident.recording.storage import Budget, Damage, inflate, Losses
 
 # The fields of ROS 1's joint_trajectory_controller, which rosbags does not know.
 _CONTROLLER_STATE = '''

@@ -165,11 +165,11 @@ def load_columns(path: str | Path) -> ColumnMap:
             raise refuse(path, f'{key} is {short(value)}; {remedy}')
     cell = partial(_cell, path, given['header'])
     time, where = data.get('time'), given.pop('where')
-    known = isinstance(time, Mapping) and set(time) == {'column', 'unit'}
-    if not known or str(time['unit']) not in _DIGITS:
+    unit = str(time.get('unit')) if isinstance(time, Mapping) else ''
+    if not isinstance(time, Mapping) or set(time) != {'column', 'unit'} or unit not in _DIGITS:
         said = 'write {column: NAME, unit: s}, the unit s, ms, us or ns'
         raise refuse(path, f'time is {short(time)}; {said}')
-    at, digits = cell('time', time['column']), _DIGITS[str(time['unit'])]
+    at, digits = cell('time', time['column']), _DIGITS[unit]
     columns = []
     for joint, quantities in data['joints'].items():
         name = printable(str(joint))

@@ -32,9 +32,16 @@ from sensor_msgs.msg import JointState
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import cdr, LIVE, Recording, RecordingBuilder
 from ros2_ident.recording.content import messages_of, OTHERWISE, Trajectories, WHY
-from ros2_ident.recording.ros2_control import ARRAY, JOINT_STATE, parser, ROLES_OF, TRAJECTORY
-from ros2_ident.recording.spool import Spool
-from ros2_ident.recording.trajectory import set_points, Trajectory
+from ros2_ident.recording.ros2_control import (
+    ARRAY,
+    JOINT_STATE,
+    parser,
+    ROLES_OF,
+    set_points,
+    TRAJECTORY,
+    Trajectory,
+)
+from ros2_ident.recording.write import Spool
 
 TOPICS = {'state': 'joint_states', 'effort': 'effort', 'command': 'joint_command'}
 

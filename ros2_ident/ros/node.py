@@ -20,7 +20,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.jobs import Diagnosed, Identified
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, RecordingBuilder, Stream, Topics
-from ros2_ident.recording.spool import Spool
+from ros2_ident.recording.write import Spool
 from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import DiagnoseServer, IdentifyServer, REQUESTS
 from ros2_ident.ros.capture import Capture

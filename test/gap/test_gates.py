@@ -12,7 +12,7 @@ from ros2_ident.gates.log import check_streams
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import StreamQuality
-from ros2_ident.recording.dataset import Dataset
+from ros2_ident.recording.streams import Dataset
 
 ROOT = Path(__file__).parents[2]
 MACHINE = load_machine(ROOT / 'config/tripod.yaml')

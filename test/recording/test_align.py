@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import align, Dataset, Recording, RecordingBuilder, Stream
-from ros2_ident.recording.setpoint import interpolate_setpoint
+from ros2_ident.recording.align import interpolate_setpoint
 
 CYCLE = 5e-4
 START = 1_700_000_000_000_000_000

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.band import standing, told_band
+from ros2_ident.recording.motion import standing, told_band
 
 RATE, INERTIA, NOISE = 250.0, 8.0, 1.0
 TIME = np.arange(0.0, 20.0, 1.0 / RATE)

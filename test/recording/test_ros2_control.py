@@ -12,9 +12,10 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, render, Topics
 from ros2_ident.recording.ros2_control import (
     ARRAY,
+    parse_trajectory,
+    set_points,
     TRAJECTORY,
 )
-from ros2_ident.recording.trajectory import parse_trajectory, set_points
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000

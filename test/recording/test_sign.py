@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from ros2_ident.recording.motion import Motion, smooth_motion
-from ros2_ident.recording.sign import sign_of
+from ros2_ident.recording.quality import sign_of
 
 
 def constant_speeds(seed, both=True, weight=2.0):

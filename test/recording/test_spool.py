@@ -13,8 +13,8 @@ from ros2_ident.errors import IdentError
 from ros2_ident.recording import read_bag
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.ros2_control import JOINT_STATE
-from ros2_ident.recording.spool import Spool
 from ros2_ident.recording.streams import FIELDS
+from ros2_ident.recording.write import Spool
 
 TOPICS = {'state': '/joint_states', 'effort': '/effort', 'command': '/joint_command'}
 

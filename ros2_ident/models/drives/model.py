@@ -33,8 +33,14 @@ from ros2_ident.models.protocol import (
     RecordedMotion,
 )
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.band import speed_error, standing, told_band
-from ros2_ident.recording.motion import low_pass, settling, smooth_motion
+from ros2_ident.recording.motion import (
+    low_pass,
+    settling,
+    smooth_motion,
+    speed_error,
+    standing,
+    told_band,
+)
 
 # Middle of the time a commanded torque holds, in cycles.
 _HOLD = 0.5
