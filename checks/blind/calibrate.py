@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from checks.blind.score import named, Row, same
 from checks.blind.store import Store
-from ros2_ident.gap.criteria import Rules
+from ros2_ident.gap.explain import Rules
 from ros2_ident.gap.verdict import Temperatures
 
 Array = npt.NDArray[np.float64]

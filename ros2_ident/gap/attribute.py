@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
-from ros2_ident.gap.fits import Explanation, Fits, PROMISING, Trials
-from ros2_ident.gap.screen import limits_shown, share_of_limit, Start
+from ros2_ident.gap.fits import Explanation, Fits, PROMISING, Start, Trials
 from ros2_ident.identify.hidden import MATERIAL, residual_of, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
-from ros2_ident.models import EffectAt
+from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.search import Progress, Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit, FitSettings
@@ -37,6 +37,10 @@ _ALIKE = 3
 _SHOWN = 16
 # Samples times parameters that a step is held against noise on, at most.
 _MOST = 4_000_000
+# Samples of a mean that noise hardly lifts.
+_MEAN = 9
+# Shares of the highest effort that a drive would make without a limit, to start looking below.
+_BELOW = (0.92, 0.8, 0.65, 0.5)
 
 # What a fit depends on: a digest, its effects, and where it starts.
 _Key = tuple[Any, ...]
@@ -48,13 +52,11 @@ class Round:
 
     Attributes:
         base: What was there before.
-        gains: Screened gain of every candidate, best start each.
-        visible: For every candidate what the log would show of it, see `screen.Start`.
+        visible: For every candidate what the log would show of it, see `fits.Start`.
         fitted: The joint fits, the best first.
     """
 
     base: Explanation
-    gains: dict[EffectAt, float]
     visible: dict[EffectAt, float]
     fitted: tuple[Explanation, ...]
 
@@ -84,6 +86,7 @@ class Attribution:
         journal: Gets where every fit ended, and knows those of an earlier run.
 
     Attributes:
+        fits: The fits at the present noise floor.
         limits: Size of the effort at which control laws show drives to be limited.
     """
 
@@ -152,10 +155,11 @@ class Attribution:
         rows = rows_of(second.models, _MOST // len(after.theta))
         left, jacobian = slopes_of(second, after.theta, rows)
         change = residual_of(first, before.theta, rows) - left
-        series: list[list[Array]] = [[] for _ in self.case.drives]
-        for run in rows.runs:
-            series[run.place].append(left[run.start : run.stop])
-        whiten = Whitening(rows.runs, [fit_noise(*s) for s in series])
+        noise = [
+            fit_noise(*(left[r.start : r.stop] for r in rows.runs if r.place == d))
+            for d in range(len(self.case.drives))
+        ]
+        whiten = Whitening(rows.runs, noise)
         basis = np.linalg.qr(whiten(jacobian[:, : len(before.theta)].T).T)[0]
         along, whole = whiten(change), whiten(change + left)
         along = along - basis @ (basis.T @ along)
@@ -280,18 +284,8 @@ class Attribution:
     ) -> dict[EffectAt, list[Start]]:
         new = [c for c in candidates if c not in base.effects]
         found: dict[EffectAt, list[Start]] = {}
-        key, most = self.fits.key(base), np.finfo(float).max
-        wanted = {'starts': Within((None, None), -most, most)}
-        kept = {c: self.journal.get(wanted, 'starts', key, c) for c in new}
-        told = run('starts', [(c,) for c in new if kept[c] is None])
-        for done, candidate in enumerate(new, 1):
-            before = kept[candidate]
-            if before is None:
-                starts = next(told)
-                if not self.stopped():
-                    self.journal.put({'starts': _packed(starts)}, 'starts', key, candidate)
-            else:
-                starts = _unpacked(candidate, before['starts'], len(base.theta))
+        told = run('starts', [(c,) for c in new])
+        for done, (candidate, starts) in enumerate(zip(new, told, strict=True), 1):
             if starts:
                 found[candidate] = starts
             self.on_step(
@@ -338,7 +332,6 @@ class Attribution:
         fitted = [done.get(e.effects, e) for e in best]
         return Round(
             base,
-            {c: s[0].gain for c, s in screened.items()},
             visibility(screened),
             tuple(sorted(fitted, key=lambda e: e.loss)),
         )
@@ -396,7 +389,7 @@ class Attribution:
 
 
 def visibility(screened: dict[EffectAt, list[Start]]) -> dict[EffectAt, float]:
-    """Return for every candidate what the log would show of it, see `screen.Start`."""
+    """Return for every candidate what the log would show of it, see `fits.Start`."""
     return {c: max(one.visible for one in starts) for c, starts in screened.items()}
 
 
@@ -410,13 +403,51 @@ def _numbers(start: Start | Array) -> tuple[Array, ...]:
     return (start.theta, start.phi) if isinstance(start, Start) else (start,)
 
 
-def _packed(starts: Sequence[Start]) -> Array:
-    """Return starts of one candidate as an array, a row each."""
-    rows = [np.concatenate([s.theta, s.phi, [s.gain, s.visible]]) for s in starts]
-    return np.array(rows, ndmin=2)
+def limits_shown(
+    candidate: EffectAt, models: Sequence[FullModel], thetas: Sequence[Array]
+) -> list[Array]:
+    """Return (P,) parameters to start an effort's limit from; none for another effect.
+
+    It acts only below what a drive would do without it: at the highest logged effort; without one
+    below what the model makes.
+
+    Args:
+        candidate: The effect and its place.
+        models: The models without it, one a recording.
+        thetas: (N,) parameters of each.
+    """
+    share = share_of_limit(candidate, models[0])
+    if share is None:
+        return []
+    row = models[0].places.index(candidate.where)
+    top = max(_highest(model, row) for model in models)
+    if top:
+        return [share(top)]
+    pairs = zip(models, thetas, strict=True)
+    most = max(float(np.abs(model.simulated_effort(x)[row]).max()) for model, x in pairs)
+    return list(np.unique([share(x * most) for x in _BELOW], axis=0)) if most > 0.0 else []
 
 
-def _unpacked(candidate: EffectAt, rows: Array, fitted: int) -> list[Start]:
-    """Return starts as they were before `_packed`, by the number of parameters fitted before."""
-    parts = [np.split(row, [fitted, row.size - 2]) for row in rows if row.size]
-    return [Start((candidate,), theta, phi, *map(float, rest)) for theta, phi, rest in parts]
+def _highest(model: FullModel, row: int) -> float:
+    """Return the highest mean of a few samples of an output's logged effort, in size; 0 for none.
+
+    Whatever is compared.
+    """
+    effort, data = model.measured[row], model.data
+    if model.outputs[row].quantity != 'effort':
+        if data.effort is None:
+            return 0.0
+        effort = data.effort[data.names.index(model.places[row])]
+    logged = effort[np.isfinite(effort)]
+    return float(np.abs(uniform_filter1d(logged, _MEAN)).max()) if logged.size else 0.0
+
+
+def share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:
+    """Return what makes an effort an effect's (P,) parameters; None where it is no limit's."""
+    if get_effect(candidate.effect).shown_by != 'flat_top':
+        return None
+    (parameter, *others) = model.scaled(candidate)
+    limit = model.effort_limit(candidate.where)
+    if others or not np.isfinite(limit):
+        return None
+    return lambda effort: np.array([min(max(effort / limit, parameter.low), parameter.high)])

@@ -10,8 +10,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.blocks import Blocks, Interval
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.coordinates import motion_of
-from ros2_ident.gap.criteria import at_bound
-from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
+from ros2_ident.gap.diagnosis import at_bound, Diagnosis, DriveGap, Ranked, Step, Trace, Value
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.facts import Cause, Facts
 from ros2_ident.gap.fits import Explanation, Fits
@@ -154,7 +153,7 @@ def _facts(
         constants=verdict.constants,
         misfit=verdict.misfit,
         contradictions=tuple(i for i, gate in enumerate(gates) if gate.contradicts),
-        tried=len(found.rounds[0].gains) if found.rounds else 0,
+        tried=len(found.rounds[0].visible) if found.rounds else 0,
         best=max(verdict.closed, best, 0.0),
     )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import hashlib
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +20,8 @@ from ros2_ident.gap.clock import Clock
 from ros2_ident.gap.clock import DiagnoseProgress as DiagnoseProgress
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
-from ros2_ident.gap.criteria import Rules
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.fits import Explanation, TIE
 from ros2_ident.gap.floor import predictability
 from ros2_ident.gap.localise import Finding, localise
@@ -242,18 +242,17 @@ class _Passes:
             first, seen = base, predictability(joint, base.theta, clock.stopped, steps)
         floor = seen.floor
         case = self._carrying(case, joint, base.theta, floor.per_drive)
-        attribution = self._attribution(case, floor.per_drive)
-        base = attribution.fits.watch_law(attribution.refit((), base.theta))
+        explainer = Explainer(case, floor, steps=steps, **self._told())
+        base = explainer.fits.watch_law(explainer.refit((), base.theta))
         report = GateReport()
         if not clock.stopped():
             joint = case.fit.with_effects(())
             report = examine_models(
                 joint.models, joint.own(0, base.theta)[0], floor.per_drive
             )
-        attribution.limits = {
+        explainer.limits = {
             law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
         }
-        explainer = Explainer(attribution, floor, steps=steps)
         explainer.knows(first, seen)
         candidates = tuple(case.candidates(self.without))
         return _Pass(explainer, base, report, candidates, readings)
@@ -292,14 +291,16 @@ class _Passes:
         return self._attribution(there, floor).refit((load,), np.append(theta, 0.0))
 
     def _attribution(self, case: Case, floor: Array) -> Attribution:
-        return Attribution(
-            case,
-            floor,
-            stopped=self.clock.stopped,
-            on_step=self.clock.step,
-            workers=self.workers,
-            journal=self.journal,
-        )
+        return Attribution(case, floor, **self._told())
+
+    def _told(self) -> dict[str, Any]:
+        """Return who fits, and who is told."""
+        return {
+            'stopped': self.clock.stopped,
+            'on_step': self.clock.step,
+            'workers': self.workers,
+            'journal': self.journal,
+        }
 
     def _fitted_to_all(self, begun: _Pass) -> Explanation:
         """Return the nominal fit to all blocks, those held out among them."""
@@ -325,7 +326,7 @@ class _Passes:
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
             clock.rounds(explainer.size(e) if explainer.open(e) else 0.0)
 
-        limited = explainer.attribution.limited(begun.candidates, SEARCH, self.seed)
+        limited = explainer.limited(begun.candidates, SEARCH, self.seed)
         found = explainer.explain(begun.base, begun.candidates, note, limited)
         verdict = judge(explainer, found, begun.readings)
         if not clock.stopped():
@@ -351,7 +352,7 @@ class _Passes:
         if found.rounds:
             visible = found.rounds[0].visible
         elif verdict.effect not in REFUSED:
-            visible = visibility(begun.explainer.attribution.look(base, begun.candidates))
+            visible = visibility(begun.explainer.look(base, begun.candidates))
         clock.rounds(0.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()

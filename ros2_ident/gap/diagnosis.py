@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
+from ros2_ident.effects import EffectParameter
 from ros2_ident.gap.blocks import Interval
 from ros2_ident.gap.coordinates import Motion
 from ros2_ident.gap.facts import Facts
@@ -17,6 +18,9 @@ from ros2_ident.gap.localise import Finding
 from ros2_ident.gates import Gate
 from ros2_ident.models import EffectAt
 from ros2_ident.prediction import Prediction
+
+# A value as near to an end of its range as this share of it lies on that end.
+AT_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,18 @@ class Value:
     lower_bound: float = math.nan
     upper_bound: float = math.nan
     kind: str = 'physical'
+
+
+def at_bound(parameter: EffectParameter, value: float) -> bool:
+    """Whether an effect's size ended at a bound of its search, other than at its neutral value.
+
+    Args:
+        parameter: The parameter with its numbers at a place, from `FullModel.scaled`.
+        value: What was fitted, in its unit.
+    """
+    edge = AT_BOUND * (parameter.high - parameter.low)
+    outside = value <= parameter.low + edge or value >= parameter.high - edge
+    return parameter.role == 'size' and outside and abs(value - parameter.neutral) > edge
 
 
 @dataclass(frozen=True)

@@ -4,18 +4,22 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
-from ros2_ident.gap.criteria import Criteria, Rules
+from ros2_ident.gap.case import Case
 from ros2_ident.gap.fits import Explanation, TIE
 from ros2_ident.gap.floor import Floor, NORMAL, Predictability, predictability
 from ros2_ident.gates.scale import ANOTHER, near
+from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.models import EffectAt
 from ros2_ident.models.registry import kind_of
+from ros2_ident.search import intervals
+from ros2_ident.search.evidence import Evidence
 
 # A floor that falls below this share of what it was is taken over.
 _LOWER = 0.97
@@ -47,25 +51,193 @@ class Explained:
         return replace(self, chain=self.chain[:1], rivals=(), rests=())
 
 
-class Explainer(Criteria):
-    """Runs the rounds; see `Criteria` for its arguments.
+@dataclass(frozen=True)
+class Rules:
+    """Thresholds: shares, or RMS in units of the floor; see `docs/diagnosis.md`.
+
+    Attributes:
+        material: Gap of a drive, RMS, below which nothing is missing.
+        step: Least RMS that the first effect has to take away from a drive's gap. For every
+            further one it is `material`: the first one's real form differs from the catalogue's.
+        unknown: Gap of a drive from which something is called missing though nothing closes it.
+        share: Least share of the explainable gap, on held-out data, that an effect has to close.
+        closed: Least share that all effects together have to close for their names to be believed:
+            most of the gap is theirs.
+        rival: How much less of the gap than the best an effect may close and still be taken for
+            confusable.
+        alike: Share of the gap by which two laws may differ and be taken for forms of one effect:
+            then the one with fewer numbers is named. So much the right effect leaves, its real
+            form being another one, and a further one at its place has to close more.
+        most: Most effects; the same one on several drives counts once.
+    """
+
+    material: float = MATERIAL
+    unknown: float = 0.8
+    step: float = 0.4
+    share: float = 0.10
+    closed: float = 0.5
+    rival: float = 0.12
+    alike: float = 0.02
+    most: int = 4
+
+
+class Explainer(Attribution):
+    """Runs the rounds and judges their fits; further arguments as of `Attribution`.
+
+    Args:
+        case: The recordings.
+        floor: The noise that they are fitted under.
+        rules: When something counts.
+        steps: (D,) what steps of encoders put into the floor, RMS.
 
     Attributes:
         shown: Effects that stay since the controllers' log shows them.
-        steps: (D,) what steps of encoders put into the floor, RMS.
     """
 
     def __init__(
         self,
-        attribution: Attribution,
+        case: Case,
         floor: Floor,
         rules: Rules | None = None,
         steps: Array | float = 0.0,
+        **more: Any,
     ) -> None:
-        super().__init__(attribution, floor, rules)
+        super().__init__(case, floor.per_drive, **more)
+        self.floor = floor
+        self.rules = rules or Rules()
         self.shown: tuple[EffectAt, ...] = ()
         self.steps = steps
         self._seen: dict[frozenset[EffectAt], tuple[Explanation, Predictability]] = {}
+        drives = len(case.drives)
+        self.fit_count = np.bincount(case.fit.drive, minlength=drives).astype(float)
+        self.check_count = np.bincount(case.check.drive, minlength=drives).astype(float)
+
+    # ------------------------------------------------------------------ criteria
+
+    def gap(self, e: Explanation) -> Array:
+        """Return (D,) mean square of each drive's gap, in units of the floor squared."""
+        out: Array = (e.fit + e.check) / (self.fit_count + self.check_count) - 1.0
+        return out
+
+    def size(self, e: Explanation) -> float:
+        """Return the RMS of the worst drive's gap in units of the floor."""
+        return float(np.sqrt(np.maximum(self.gap(e), 0.0)).max())
+
+    def certain_size(self, e: Explanation) -> float:
+        """Return `size` where the noise is at the upper end of its 95 % interval."""
+        lower = (self.gap(e) + 1.0) * (self.floor.per_drive / self.floor.high) ** 2 - 1.0
+        return float(np.sqrt(np.maximum(lower, 0.0)).max())
+
+    def share(self, before: Explanation, after: Explanation, held_out: bool = False) -> float:
+        """Return the share of the gap of `before` that `after` closes; 0 where there is none.
+
+        On all data, or on those `held_out` alone.
+        """
+        one, two, counts = before.check, after.check, self.check_count
+        if not held_out:
+            one, two, counts = before.fit + one, after.fit + two, self.fit_count + counts
+        explainable = float((one - counts).sum())
+        return float((one - two).sum()) / explainable if explainable > 0.0 else 0.0
+
+    def material(self, before: Explanation, after: Explanation) -> bool:
+        """Whether a step closes enough to count, on all data and on the data held out."""
+        large = self.reduced(before, after) >= self.least(before)
+        closes = self.share(before, after) >= self.rules.share
+        return large and closes and self.confirmed(before, after)
+
+    def reduced(self, before: Explanation, after: Explanation) -> float:
+        """Return the RMS that a step takes away from the drive it helps most, in floors."""
+        fall = self.gap(before) - self.gap(after)
+        return float(np.sqrt(np.maximum(fall, 0.0)).max())
+
+    def least(self, before: Explanation) -> float:
+        """Return the RMS that a step has to take away at least."""
+        return self.rules.material if before.effects else self.rules.step
+
+    def confirmed(self, before: Explanation, after: Explanation) -> bool:
+        """Whether the data held out speak for a step.
+
+        Where their motion does not excite what the step explains, they cannot; then they must at
+        least not speak against it.
+        """
+        if self.share(before, after, held_out=True) >= self.rules.share:
+            return True
+        drive = int((self.gap(before) - self.gap(after)).argmax())
+        rest = before.check / self.check_count - 1.0
+        worse = (after.check - before.check) / self.check_count
+        silent = rest[drive] < self.rules.material**2
+        return bool(silent and worse.max() < (0.5 * self.rules.material) ** 2)
+
+    def closes(self, chain: Sequence[Explanation], after: Explanation) -> float:
+        """Return what a step closes, as a share of the gap of the chain's first fit."""
+        explainable = self.gap(chain[0]).sum()
+        fall = (self.gap(chain[-1]) - self.gap(after)).sum()
+        return float(fall / explainable) if explainable > 0.0 else 0.0
+
+    @staticmethod
+    def beside(before: Explanation, after: Explanation) -> bool:
+        """Whether what is new sits where earlier effects do and may only mend their form."""
+        earlier = {at.where for at in before.effects}
+        new = {at.where for at in after.effects[len(before.effects) :]}
+        return bool(earlier) and (new <= earlier or 'all' in new | earlier)
+
+    def ends(self, e: Explanation, evidence: Evidence | None) -> tuple[Array, ...]:
+        """Return (N,) both ends of each parameter's 95 % interval, and of that by noise alone.
+
+        Args:
+            e: The fit.
+            evidence: Of what it leaves; without it the intervals are those by noise.
+        """
+        case = self.case
+        joint = case.fit.with_effects(e.effects)
+        rows = len(self.fits.weight)
+        found = intervals(
+            e.jacobian[:rows] / (joint.high - joint.low),
+            e.residual[:rows],
+            e.theta,
+            joint.low,
+            joint.high,
+            series=[int(s) for mask in case.fit.masks for s in mask.sum(axis=1)],
+        )
+        noise = found.low, found.high
+        if evidence is None:
+            return *noise, *noise
+        return *evidence.ends(e.theta, joint.low, joint.high, *noise), *noise
+
+    def score(self, e: Explanation) -> float:
+        """Return what is minimised over models: loss on both parts, and BIC's penalty."""
+        samples = self.fit_count.sum() + self.check_count.sum()
+        return e.loss + float(np.log(samples)) * len(e.theta)
+
+    def best(self, round_: Round) -> Explanation | None:
+        """Return the best fit, a simple effect before one that is hardly better.
+
+        An effect on several drives has to count beside the same one on any of them alone.
+        """
+        alone, first = round_.alone, len(round_.base.effects)
+        fitted = [
+            e
+            for e in round_.fitted
+            if all(at not in alone or self.material(alone[at], e) for at in e.effects[first:])
+            or len(e.effects) == first + 1
+        ]
+        if not fitted:
+            return None
+        best = min(fitted, key=self.score)
+        # No law of the catalogue is exactly the machine's: one more number closes a little more.
+        share = self.share(round_.base, best) - self.rules.alike
+        alike = [
+            e
+            for e in fitted
+            if self.share(round_.base, e) >= share and self.reduced(e, best) < self.rules.step
+        ]
+        return min([best, *alike], key=lambda e: (len(e.theta), self.score(e)))
+
+    def open(self, e: Explanation) -> bool:
+        """Whether what is left counts, so that more may be missing."""
+        return self.size(e) >= self.rules.material
+
+    # ------------------------------------------------------------------ selection
 
     def explain(
         self,
@@ -85,14 +257,13 @@ class Explainer(Criteria):
         chain, rounds = [base], list[Round]()
         if limited is not None:
             self.shown = limited.effects
-            chain, rounds = self.steps_to(limited, chain), [Round(base, {}, {}, (limited,))]
+            chain, rounds = self.steps_to(limited, chain), [Round(base, {}, (limited,))]
             # How far a limited drive moves hangs on each instant of its limit: what the fit leaves
             # there is taken for anything.
             places = {at.where for at in self.shown}
             candidates = [c for c in candidates if c.where not in places]
-        stopped = self.attribution.stopped
-        while len(rounds) < self.rules.most and self.open(chain[-1]) and not stopped():
-            round_ = self.attribution.round(chain[-1], candidates)
+        while len(rounds) < self.rules.most and self.open(chain[-1]) and not self.stopped():
+            round_ = self.round(chain[-1], candidates)
             rounds.append(round_)
             best = self.best(round_)
             if best is None or not self.counts(chain[-1], best):
@@ -104,16 +275,16 @@ class Explainer(Criteria):
                 chain = before
                 break
             on_best(chain[-1])
-            if not stopped():
+            if not self.stopped():
                 chain, rounds = self.with_new_floor(chain, rounds)
-        if chain[-1].effects and not stopped():
+        if chain[-1].effects and not self.stopped():
             chain = self.on_like_drives(chain, candidates)
         rests = self.rests(chain)
-        if not stopped():
+        if not self.stopped():
             chain, rests = self.ordered(chain, rests)
         rivals = self.rivals(chain, rounds)
         return Explained(
-            tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not stopped()
+            tuple(chain), tuple(rounds), rivals, rests, self.size(chain[-1]), not self.stopped()
         )
 
     def counts(self, before: Explanation, after: Explanation) -> bool:
@@ -127,7 +298,7 @@ class Explainer(Criteria):
         reduced = self.reduced(before, after)
         if reduced > 1.0:
             return True
-        errors = self.attribution.standing(before, after)
+        errors = self.standing(before, after)
         return reduced * (1.0 - NORMAL / max(errors, NORMAL)) >= self.least(before)
 
     def on_like_drives(
@@ -143,11 +314,11 @@ class Explainer(Criteria):
             return chain
         names = {at.effect for at in final.effects if at.where in self.case.drives}
         more = [at for at in candidates if at.effect in names and at.where in self.case.drives]
-        starts = [s[0] for s in self.attribution.look(final, more).values() if s[0].gain > TIE]
-        while starts and not self.attribution.stopped():
+        starts = [s[0] for s in self.look(final, more).values() if s[0].gain > TIE]
+        while starts and not self.stopped():
             new = tuple(at for s in starts for at in s.effects)
             phi = [s.phi for s in starts]
-            wide = self.attribution.refit(
+            wide = self.refit(
                 (*final.effects, *new), np.concatenate([final.theta, *phi])
             )
             kept = [s for s in starts if self.like_others(wide, s.effects[0])]
@@ -170,7 +341,7 @@ class Explainer(Criteria):
         if not any(near(own / (x or math.inf), ANOTHER) for x in sizes.values()):
             return False
         less = self.without(e, e.effects.index(at))
-        return self.attribution.standing(less, e) > NORMAL
+        return self.standing(less, e) > NORMAL
 
     def with_new_floor(
         self, chain: list[Explanation], rounds: list[Round]
@@ -179,12 +350,12 @@ class Explainer(Criteria):
 
         What an effect does beyond a straight line is no noise, though it looked like it before.
         """
-        attribution, floor = self.attribution, self.noise_of(chain[-1]).floor
+        floor = self.noise_of(chain[-1]).floor
         if not (floor.per_drive < _LOWER * self.fits.floor).any():
             return chain, rounds
         self.floor = floor
-        chain, rounds = attribution.renew(floor.per_drive, chain, rounds)
-        return [*chain[:-1], attribution.refit(chain[-1].effects, chain[-1].theta)], rounds
+        chain, rounds = self.renew(floor.per_drive, chain, rounds)
+        return [*chain[:-1], self.refit(chain[-1].effects, chain[-1].theta)], rounds
 
     def noise_of(self, e: Explanation) -> Predictability:
         """Return what can be predicted of what a fit leaves on all recordings, and what cannot.
@@ -194,9 +365,9 @@ class Explainer(Criteria):
         """
         key = frozenset(e.effects)
         if key not in self._seen:
-            self.attribution.on_step(1.0, 'telling noise from what the motion predicts')
+            self.on_step(1.0, 'telling noise from what the motion predicts')
             joint = self.case.whole.with_effects(e.effects)
-            self.knows(e, predictability(joint, e.theta, self.attribution.stopped, self.steps))
+            self.knows(e, predictability(joint, e.theta, self.stopped, self.steps))
         made, seen = self._seen[key]
         if made is e:
             return seen
@@ -242,15 +413,15 @@ class Explainer(Criteria):
         steps, end = [chain[0]], nominal
         for count in range(1, len(effects)):
             end += len(columns[count])
-            steps.append(self.attribution.refit(effects[:count], theta[:end]))
-        steps.append(self.attribution.refit(effects, theta))
+            steps.append(self.refit(effects[:count], theta[:end]))
+        steps.append(self.refit(effects, theta))
         return steps, tuple(rests[i] for i in order)
 
     def without(self, e: Explanation, index: int) -> Explanation:
         """Refit a model with one effect taken out."""
         effects = tuple(x for i, x in enumerate(e.effects) if i != index)
         theta = np.delete(e.theta, self.columns(e, index))
-        return self.attribution.refit(effects, theta)
+        return self.refit(effects, theta)
 
     def columns(self, e: Explanation, index: int) -> list[int]:
         """Return the columns of theta that hold an effect's parameters."""
@@ -262,7 +433,7 @@ class Explainer(Criteria):
         """Return the chain to a fit, without the effects that its last one makes superfluous."""
         kept = best
         for index in range(len(best.effects) - 2, -1, -1):
-            if self.attribution.stopped():
+            if self.stopped():
                 break
             if best.effects[index] in self.shown:
                 continue
@@ -278,7 +449,7 @@ class Explainer(Criteria):
         steps = list(chain) if same else chain[:1]
         for count in range(len(steps), len(e.effects)):
             theta = e.theta[: self.columns(e, count)[0]]
-            steps.append(self.attribution.refit(e.effects[:count], theta))
+            steps.append(self.refit(e.effects[:count], theta))
         return [*steps, e]
 
     def rivals(
@@ -305,10 +476,10 @@ class Explainer(Criteria):
         ][:4]
         models = [final]
         for at, e in near:
-            if self.attribution.stopped():
+            if self.stopped():
                 break
             count = len(get_effect(at.effect).parameters)
             rest = np.delete(final.theta, self.columns(final, 0))
             theta = np.concatenate([rest, e.theta[-count:]])
-            models.append(self.attribution.refit((*final.effects[1:], at), theta))
+            models.append(self.refit((*final.effects[1:], at), theta))
         return tuple(sorted((e for e in models if e.loss < np.inf), key=lambda e: e.loss))

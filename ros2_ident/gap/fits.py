@@ -11,10 +11,9 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Case, Joint
-from ros2_ident.gap.screen import screen, Start
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
-from ros2_ident.models.trials import orders_shown
+from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, LocalFit
 
@@ -60,18 +59,24 @@ class Explanation:
 
 
 @dataclass(frozen=True)
-class Left:
-    """Rest of a fit: its residual (R,), a basis of its Jacobian (R, N), and its inverse."""
+class Start:
+    """Start of a joint fit.
 
-    residual: Array
-    basis: Array
-    inverse: Array
+    Attributes:
+        effects: The effect at its place; one of several drives at each.
+        theta: (N,) parameters fitted so far, moved along with the effect.
+        phi: (P,) the effects' own parameters.
+        gain: Decrease of the sum of squared weighted residuals that the linearised fit promises.
+        visible: RMS, in units of the floor, of what a large effect of this kind (a sixth of its
+            range, or a start) leaves after the fitted parameters imitate it as far as they can,
+            over the drives it sits on; well below 1 the log cannot show the effect.
+    """
 
-    @classmethod
-    def of(cls, residual: Array, jacobian: Array) -> 'Left':
-        """Return what a fit leaves by its residual (R,) and Jacobian (R, N)."""
-        basis, triangle = np.linalg.qr(jacobian)
-        return cls(residual, basis, np.linalg.pinv(triangle, rcond=1e-9) @ basis.T)
+    effects: tuple[EffectAt, ...]
+    theta: Array
+    phi: Array
+    gain: float
+    visible: float
 
 
 class Fits:
@@ -229,9 +234,11 @@ class Trials:
 
     def __init__(self, fits: Fits, base: Explanation) -> None:
         self.fits, self.base = fits, base
-        self.left = Left.of(base.residual, base.jacobian)
+        # (R, N) orthonormal basis of the Jacobian, and (N, R) its pseudo-inverse.
+        self.basis, triangle = np.linalg.qr(base.jacobian)
+        self.inverse = np.linalg.pinv(triangle, rcond=1e-9) @ self.basis.T
         # (R', N) basis of the Jacobian's rows that are the outputs'.
-        self.outputs, rows = self.left.basis, len(fits.weight)
+        self.outputs, rows = self.basis, len(fits.weight)
         if len(base.residual) > rows:
             self.outputs = np.linalg.qr(base.jacobian[:rows])[0]
 
@@ -241,34 +248,87 @@ class Trials:
         self.fits.evaluate(joint)(0.5 * (joint.low + joint.high))
 
     def starts(self, candidate: EffectAt) -> list[Start]:
-        """Screen one candidate against what the base leaves."""
+        """Screen one candidate: one start for each group of its trials, the most promising first.
+
+        How the output changes, less what the parameters fitted already can imitate, is compared
+        with the residual.
+        """
         if self.fits.stopped():
             return []
-        base, left = self.base, self.left
+        base, basis, outputs = self.base, self.basis, self.outputs
         joint = self.fits.case.fit.with_effects((*base.effects, candidate))
-        count = len(base.theta)
-        return screen(
-            candidate, joint.models, self.fits.evaluate(joint), base.theta, left.residual,
-            left.basis, left.inverse, self.outputs, joint.low[:count], joint.high[:count],
-            self._orders_of(candidate, joint),
-        )  # fmt: skip
+        model = joint.models[0]
+        theta, residual, count = base.theta, base.residual, len(base.theta)
+        low, high = joint.low[:count], joint.high[:count]
+        groups = trials(candidate, model, self._orders_of(candidate, joint))
+        parameters = model.scaled(candidate)
+        neutral = np.array([p.neutral for p in parameters])
+        size = np.array([p.role == 'size' for p in parameters])
+        points = np.array([point for group in groups for point in group])
+        values = self.fits.evaluate(joint)(
+            np.hstack([np.repeat(theta[None], len(points), axis=0), points])
+        )
+        changes = (residual[None] - values).T
+        free = residual - basis @ (basis.T @ residual)
+        nonlinear = any(p.role == 'size' and p.starts for p in parameters)
+        samples = len(outputs) / (1 if candidate.where == 'all' else len(model.places))
+        starts = []
+        at = 0
+        for group in groups:
+            columns = changes[:, at : at + len(group)]
+            vectors = points[at : at + len(group)]
+            at += len(group)
+            if not np.isfinite(columns).all():
+                continue
+            rest = columns - basis @ (basis.T @ columns)
+            if not (rest**2).sum() > 1e-9:
+                continue
+            factor = np.linalg.lstsq(rest, free, rcond=1e-9)[0]
+            if len(group) == 1 and nonlinear:
+                # A trial far from neutral stands for itself; the straight line through it is no
+                # guide far away.
+                factor = np.clip(factor, 0.02, 3.0)
+            phi = vectors[0].copy()
+            phi[size] = neutral[size]
+            phi = phi + factor @ np.where(size, vectors - neutral, 0.0)
+            clipped = np.clip(phi, joint.low[count:], joint.high[count:])
+            # What the bounds cut off is lost; with several sizes the largest cut counts.
+            moved, kept = ((x - neutral)[size] for x in (phi, clipped))
+            cuts = np.abs(kept) / np.maximum(np.abs(moved), 1e-300)
+            ratio = float(np.min(cuts, where=moved != 0.0, initial=1.0))
+            factor = factor * (ratio if np.sign(moved) @ np.sign(kept) > 0 else 0.0)
+            gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
+            shift = self.inverse @ (residual - columns @ factor)
+            left = columns[: len(outputs)]
+            left = left - outputs @ (outputs.T @ left)
+            enlarge = 1.0 if nonlinear else LARGE / TRIAL
+            starts.append(
+                Start(
+                    (candidate,),
+                    np.clip(theta - shift * (high - low), low, high),
+                    np.where(size, clipped, phi),
+                    gain,
+                    enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples)),
+                )
+            )
+        return sorted(starts, key=lambda s: -s.gain)
 
     def _orders_of(self, candidate: EffectAt, joint: Joint) -> tuple[float, ...]:
         """Return orders of a drive's turn to try, where something is left there."""
-        drives, left = self.fits.case.drives, self.left
+        drives, residual = self.fits.case.drives, self.base.residual
         if candidate.where not in drives:
             return ()
         own = self.fits.case.fit.drive == drives.index(candidate.where)
-        if np.mean(left.residual[: own.size][own] ** 2) < MORE:
+        if np.mean(residual[: own.size][own] ** 2) < MORE:
             return ()
         evaluate = self.fits.evaluate(joint)
 
         def change(points: Array) -> Array:
             base = np.repeat(self.base.theta[None], len(points), axis=0)
-            return left.residual - evaluate(np.hstack([base, points]))
+            return residual - evaluate(np.hstack([base, points]))
 
-        free = left.residual - left.basis @ (left.basis.T @ left.residual)
-        return orders_shown(joint.models[0], candidate, change, free, left.basis)
+        free = residual - self.basis @ (self.basis.T @ residual)
+        return orders_shown(joint.models[0], candidate, change, free, self.basis)
 
     def begin(
         self, effects: tuple[EffectAt, ...], start: Start | Array, iterations: int

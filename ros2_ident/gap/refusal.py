@@ -19,7 +19,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.gap.diagnosis import Value
 from ros2_ident.gap.explain import Explained, Explainer
 from ros2_ident.gap.facts import Event, Misfit, WrongConstant
-from ros2_ident.gap.fits import Explanation, Fits, Left, PROMISING, TIE
+from ros2_ident.gap.fits import Explanation, Fits, PROMISING, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.scale import FLOORS, near
@@ -310,6 +310,6 @@ class _Fit:
 
     def _own(self, e: Explanation, factor: float) -> Array:
         """Return (R,) what of the derivative no parameter imitates."""
-        basis, slope = Left.of(e.residual, e.jacobian).basis, self._slope(e, factor)
+        basis, slope = np.linalg.qr(e.jacobian)[0], self._slope(e, factor)
         own: Array = slope - basis @ (basis.T @ slope)
         return own if own @ own > 1e-12 * (slope @ slope) else np.zeros_like(own)

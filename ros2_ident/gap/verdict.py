@@ -220,7 +220,7 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     # controllers' log shows is there however little of its course a constant one repeats.
     left = np.maximum(explainer.gap(final), 0.0)
     limits = {
-        at.where: explainer.attribution.limits[at.where]
+        at.where: explainer.limits[at.where]
         for at in explainer.shown
         if left[explainer.case.drives.index(at.where)] >= rules.material**2
     }

@@ -12,8 +12,7 @@ import pytest
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Round
-from ros2_ident.gap.criteria import Rules
-from ros2_ident.gap.explain import Explained, Explainer
+from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import judge, NONE, Temperatures, UNKNOWN
@@ -60,11 +59,10 @@ def scaled(at):
 @pytest.fixture
 def explainer():
     """Return the rules on fits by number, under a noise that stays what it is."""
-    # One that stands for the attribution and for its only model.
-    of = SimpleNamespace(limits={}, machine=None, noise=0.1, thinned=False, scaled=scaled)
-    part = SimpleNamespace(drive=np.repeat([0, 1], SAMPLES), models=[of])
-    of.case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
-    rules = Explainer(of, floor_of(1.0), RULES)
+    model = SimpleNamespace(machine=None, noise=0.1, thinned=False, scaled=scaled)
+    part = SimpleNamespace(drive=np.repeat([0, 1], SAMPLES), models=[model])
+    case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
+    rules = Explainer(case, floor_of(1.0), RULES)
     rules.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
     return rules
 
@@ -87,7 +85,7 @@ SHARP = Temperatures(size=1e-3, closed=1e-3)
 
 
 def answered(explainer, chain, fitted=(), rivals=None, rests=None, **more):
-    rounds = [Round(chain[0], {}, {}, tuple(fitted))] if fitted else []
+    rounds = [Round(chain[0], {}, tuple(fitted))] if fitted else []
     rivals = tuple(fitted) if rivals is None else rivals
     got = found(chain, rounds, rivals, [chain[0]] if rests is None else rests, **more)
     return judge(explainer, got, temperatures=SHARP)
@@ -176,13 +174,13 @@ def test_a_floor_that_is_no_noise_is_something_unknown(explainer):
     explainer.floor = floor_of(1.0, restless=('one', 'two'))
     assert judge(explainer, found([base])).where == ('all',)
     assert judge(explainer, found([base], complete=False)).effect == NONE
-    explainer.attribution.machine = SimpleNamespace(stated=lambda name: True)
+    explainer.case.fit.models[0].machine = SimpleNamespace(stated=lambda name: True)
     assert judge(explainer, found([base])).restless == {'one': 1.0, 'two': 1.0}
     # A noise that the machine file does not state says nothing.
-    explainer.attribution.machine = SimpleNamespace(stated=lambda name: False)
+    explainer.case.fit.models[0].machine = SimpleNamespace(stated=lambda name: False)
     assert judge(explainer, found([base])).restless == {'one': 0.0, 'two': 0.0}
     # Below a frequency all noise is slow.
-    explainer.attribution.thinned = True
+    explainer.case.fit.models[0].thinned = True
     assert judge(explainer, found([base])).effect == NONE
     # What is left to explain goes first.
     assert not judge(explainer, found([made((2.0, 0.0))])).restless
