@@ -2,6 +2,7 @@
 """At which instants something acts on a drive that neither the model nor its motion repeats."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -9,10 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from ros2_ident.arrays import Array
-from ros2_ident.gap.facts import Event
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.localise import Finding, Region
-from ros2_ident.gates.asked import Asked
+from ros2_ident.gates.asked import Asked, Event
 from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size
 from ros2_ident.gates.scale import STANDS_OUT
 from ros2_ident.models import FullModel
@@ -62,25 +62,25 @@ def not_asked(
         model: Of any recording.
     """
     out = []
-    for number, recording in enumerate(asked, 1):
-        for found in recording:
-            if not found.pushes:
-                continue
-            d = model.places.index(found.drive)
-            of_effort = model.outputs[d].quantity == 'effort'
-            noise = float(floor.per_drive[d]) if of_effort else 0.0
-            out.append(
-                Finding(
-                    found.drive, 'instants', Region(), found.share,
-                    min(1.0, 2.0 * found.count * float(ndtr(-found.certain))),
-                    found.size, found.size / noise if noise else math.inf, found.share, True,
-                    unit=model.effort_unit, value=found.certain, commanded=False,
-                    events=tuple(
-                        Event(found.drive, number, p.time, p.effort) for p in found.pushes
-                    ),
-                )
-            )  # fmt: skip
-    return tuple(out)
+    for found in (x for recording in asked for x in recording if x.pushes):
+        d = model.places.index(found.drive)
+        of_effort = model.outputs[d].quantity == 'effort'
+        noise = float(floor.per_drive[d]) if of_effort else 0.0
+        share, size, top = found.share, found.size, found.certain
+        out.append(_finding(found.pushes, share, size, noise, top, found.count, model.effort_unit))
+    return tuple(replace(f, commanded=False) for f in out)
+
+
+def _finding(
+    events: tuple[Event, ...], share: float, size: float, noise: float, top: float,
+    count: float, unit: str,
+) -> Finding:  # fmt: skip
+    """Return what stands out on a drive, by its share and RMS, and its highest of `count`."""
+    return Finding(
+        events[0].drive, 'instants', Region(), share, min(1.0, 2.0 * count * float(ndtr(-top))),
+        size, size / noise if noise else math.inf, share, True, unit=unit, value=top,
+        events=events,
+    )  # fmt: skip
 
 
 def _of_drive(
@@ -98,17 +98,12 @@ def _of_drive(
     share = float((apart[inside] ** 2).sum() / (apart**2).sum())
     size = math.sqrt(float((apart[inside] ** 2).sum()) / row.size)
     count = row.size / max(correlation_time(row), 1.0)
-    top = float(height[peaks.at].max())
-    drive, unit = model.places[d], model.outputs[d].unit
+    top, drive = float(height[peaks.at].max()) / usual, model.places[d]
     # What pushes a drive its motor need not make: the log holds less than the motion asks for.
     pushes = tuple(
         Event(drive, 1, _instant(height, p, at, model.cycle), float(-apart[p])) for p in peaks.at
     )
-    return Finding(
-        drive, 'instants', Region(), share, min(1.0, 2.0 * count * float(ndtr(-top / usual))),
-        size, size / noise if noise else math.inf, share, True, unit=unit, value=top / usual,
-        events=pushes,
-    )
+    return _finding(pushes, share, size, noise, top, count, model.outputs[d].unit)
 
 
 def _instant(height: Array, peak: int, at: NDArray[np.intp], cycle: float) -> float:

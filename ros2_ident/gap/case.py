@@ -16,7 +16,7 @@ from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.hidden import settled
 from ros2_ident.identify.layout import Conditions, held_of, Layout
-from ros2_ident.machine.machine import Machine, Parameter
+from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
 from ros2_ident.models.protocol import RecordedMotion
 from ros2_ident.models.registry import efforts_of
@@ -106,8 +106,10 @@ def _one_output_a_drive(models: Sequence[FullModel]) -> None:
             )
 
 
-class Joint:
+class Joint(Layout):
     """A model with some effects on every recording of a part, as one fit.
+
+    The parameters of the effects are the last ones.
 
     Args:
         part: The part.
@@ -115,30 +117,13 @@ class Joint:
 
     Attributes:
         effects: The effects, in the order of their parameters.
-        models: One a recording.
-        layout: Where each finds its parameters.
-        parameters: The N parameters; those of the effects are the last ones.
-        low: (N,) lower ends of the box.
-        high: (N,) upper ends.
     """
 
     def __init__(self, part: 'Part', effects: Sequence[EffectAt]) -> None:
         self.effects = tuple(effects)
-        self.models = tuple(m.extended(self.effects) for m in part.models)
+        models = [m.extended(self.effects) for m in part.models]
+        super().__init__(models, part.labels, part.conditions)
         self._part = part
-        self.layout = Layout(self.models, part.labels, part.conditions)
-        self.parameters: tuple[Parameter, ...] = self.layout.parameters
-        self.low: Array = np.array([p.low for p in self.parameters])
-        self.high: Array = np.array([p.high for p in self.parameters])
-
-    @property
-    def drive(self) -> npt.NDArray[np.int64]:
-        """(R,) the drive of each value that `residual` returns."""
-        return self._part.drive
-
-    def own(self, number: int, theta: Array) -> Array:
-        """Return (S, N') the parameters of one model among candidates (S, N)."""
-        return self.layout.of(number, np.atleast_2d(theta))
 
     def residual(self, theta: Array) -> Array:
         """Return (S, R) measured less simulated output of (S, N) candidates."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time, cancel and progress of a diagnosis, and how long it will still take.
 
-The nominal fit and the noise take shares of the time that are known roughly. The rounds that
-follow, in each of which one more effect is looked for, are as long as those that went before, the
-first as long as all before it; how many there will be is guessed from the size of the gap.
+The nominal fit and the noise take shares of the time that are known roughly. Each round that
+follows, in which one more effect is looked for, is taken to be as long as all that stood before
+the first; how many there will be is guessed from the size of the gap.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,8 @@ import time
 KNOWN = 0.05
 # Rounds for each doubling of the gap over the noise floor, as on tripods, axes and arms.
 _ROUNDS = 1.2
-# The end takes this share of what stood before the rounds; where there are none, the noise is told
-# and all effects are looked at in it.
-_END, _END_ALONE = 0.3, 0.8
-# A round that has outlasted the others takes this share of its time longer.
-_LATE = 0.25
+# The end takes this share of a round.
+_END = 0.3
 
 
 @dataclass(frozen=True)
@@ -66,9 +63,7 @@ class Clock:
         self.stage = (0.0, 1.0)
         self._now = now
         self._done = 0.0
-        self._before = 0.0  # what stood before the rounds took, s
-        self._starts: list[float] = []
-        self._expected = self._left = 0.0
+        self._past = 0
 
     @property
     def elapsed(self) -> float:
@@ -89,12 +84,10 @@ class Clock:
         Args:
             size: The gap that is left, in units of the noise floor; 0 for the end.
         """
-        expected = max(1.0, _ROUNDS * math.log2(max(1.0, size))) if size else 0.0
-        if not self._starts:
-            self._before, self._expected = self.elapsed, expected
-        left = min(expected, self._expected - len(self._starts))
-        self._starts.append(self.elapsed)
-        self._left = max(1.0, left) if expected else 0.0
+        self._past += 1
+        left = max(1.0, _ROUNDS * math.log2(max(1.0, size))) if size else 0.0
+        total = self._past + left + _END
+        self.stage = self._past / total, min(self._past + 1.0, total) / total
 
     def step(self, share: float, text: str) -> None:
         """Report a share of the present stage."""
@@ -103,7 +96,6 @@ class Clock:
         low, high = self.stage
         fraction = low + (high - low) * share
         eta = self.elapsed * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
-        eta = self._later() if self._starts else eta
         if self.seconds:
             eta = min(eta, max(0.0, self.seconds - self.elapsed))
         if not math.isnan(eta):
@@ -114,14 +106,3 @@ class Clock:
         """Report the end."""
         if self.on_progress is not None:
             self.on_progress(DiagnoseProgress('done', 1.0, self.best, self.elapsed, 0.0))
-
-    def _later(self) -> float:
-        """Return the time to go from the rounds on, s."""
-        spent = self.elapsed - self._starts[-1]
-        end = (_END if self._expected else _END_ALONE) * self._before
-        if not self._left:
-            return max(end - spent, _LATE * spent)
-        past = len(self._starts) - 1
-        length = (self._starts[-1] - self._starts[0]) / past if past else self._before
-        length = max(length, spent * (1.0 + _LATE))
-        return self._left * length - spent + end

@@ -2,6 +2,7 @@
 """From what the rounds found to the diagnosis as a value."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -79,7 +80,7 @@ def compose(
     values = _values(explainer, final, evidence) | _steps(verdict.readings)
     values |= {
         c.key: Value(c.value, c.unit, c.low, c.high)
-        for c in verdict.constants
+        for c in verdict.facts.constants
         if math.isfinite(c.stated)
     }
     nominal = {
@@ -140,18 +141,14 @@ def _facts(
         if value > MORE * low and verdict.effect not in (UNKNOWN, *REFUSED)
     }
     best = max((explainer.share(base, w.model) for w in verdict.ranking), default=0.0)
-    return Facts(
+    return replace(
+        verdict.facts,
         cause=_cause(verdict, complete=found.complete),
         worst=case.drives[int(explainer.gap(base).argmax())],
         effort_unit=model.effort_unit,
         travel=model.travel,
-        events=verdict.events,
-        slow=verdict.restless,
         hidden=slow_noise,
         steps={r.drive: (r.step, r.unit) for r in verdict.readings},
-        limits=verdict.limits,
-        constants=verdict.constants,
-        misfit=verdict.misfit,
         contradictions=tuple(i for i, gate in enumerate(gates) if gate.contradicts),
         tried=len(found.rounds[0].visible) if found.rounds else 0,
         best=max(verdict.closed, best, 0.0),
@@ -164,12 +161,12 @@ def _cause(verdict: Verdict, *, complete: bool) -> Cause:
     if verdict.effect == WRONG_MODEL:
         return Cause.MODEL
     if verdict.effect == BOOKKEEPING:
-        return Cause.CONSTANT if verdict.constants else Cause.LOG
+        return Cause.CONSTANT if verdict.facts.constants else Cause.LOG
     if verdict.effect != UNKNOWN:
         return Cause.EFFECT
-    if verdict.events:
+    if verdict.facts.events:
         return Cause.EVENTS
-    if verdict.restless:
+    if verdict.facts.slow:
         return Cause.SLOW
     return Cause.UNKNOWN if complete else Cause.CUT_SHORT
 
@@ -229,7 +226,7 @@ def _predicted(
     """
     case = explainer.case
     models = [(e.effects[-1].title if e.effects else IDENTIFIED, case, e) for e in chain]
-    machine, wrong = case.fit.models[0].machine, next(iter(verdict.constants), None)
+    machine, wrong = case.fit.models[0].machine, next(iter(verdict.facts.constants), None)
     one = wrong is not None and len(chain) == 1 and math.isfinite(wrong.stated)
     if wrong and one and machine and machine.stated(wrong.key):
         stated = case.stating(wrong.key, wrong.value)

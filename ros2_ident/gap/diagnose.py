@@ -338,7 +338,7 @@ class _Passes:
         self, begun: _Pass, found: Explained, verdict: Verdict
     ) -> tuple[Explained, Verdict]:
         """Ask whether a number of the machine file explains as much, where there is a gap."""
-        known = verdict.effect == WRONG_MODEL or verdict.limits
+        known = verdict.effect == WRONG_MODEL or verdict.facts.limits
         if known or self.clock.stopped() or not begun.explainer.certain_size(begun.base):
             return found, verdict
         return of_the_file(begun.explainer, found, verdict, begun.report)
@@ -358,7 +358,7 @@ class _Passes:
         where: tuple[Finding, ...] = ()
         model = begun.explainer.case.fit.models[0]
         verdict = of_events(verdict, begun.report)
-        if verdict.events:
+        if verdict.facts.events:
             # What a fit makes of efforts that others added is no finding.
             found = found.nominal()
             where = not_asked(begun.report.asked, begun.explainer.floor, model)

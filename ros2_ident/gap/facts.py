@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 import math
 
+from ros2_ident.gates.asked import Event
+
 
 class Cause(StrEnum):
     """Kind of a verdict."""
@@ -19,23 +21,6 @@ class Cause(StrEnum):
     LOG = 'log'
     CONSTANT = 'constant'
     MODEL = 'model'
-
-
-@dataclass(frozen=True)
-class Event:
-    """Effort of a drive that was not commanded.
-
-    Attributes:
-        drive: The drive.
-        recording: Its number, from 1.
-        time: Instant of the peak, s since the start of the recording.
-        effort: Peak [unit of the effort].
-    """
-
-    drive: str
-    recording: int
-    time: float
-    effort: float
 
 
 @dataclass(frozen=True)

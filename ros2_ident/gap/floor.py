@@ -8,7 +8,6 @@ is noise: half the mean square difference of successive repeats is never below i
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-import math
 from typing import Literal
 
 import numpy as np
@@ -18,7 +17,6 @@ from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
 from ros2_ident.gap.spectrum import lines
-from ros2_ident.gates.scale import STEP
 from ros2_ident.gates.signals import step_of
 from ros2_ident.identify.hidden import OTHER_NOISE, runs_of, weigh_fit, Weighed
 from ros2_ident.models import FullModel
@@ -131,8 +129,7 @@ def find_repeats(dataset: Dataset) -> int | None:
     """
     if dataset.command_velocity is None:
         return None
-    stride = max(1, round(STEP / dataset.cycle))
-    velocity = dataset.command_velocity[:, ::stride]
+    velocity = dataset.command_velocity
     scale = np.sqrt(np.mean(velocity**2, axis=1, keepdims=True))
     velocity = velocity[scale[:, 0] > 0.0] / scale[scale[:, 0] > 0.0]
     size = velocity.shape[1]
@@ -148,7 +145,7 @@ def find_repeats(dataset: Dataset) -> int | None:
     apart = int(np.argmax(different > 0.5)) if (different > 0.5).any() else size
     lags = np.arange(size)
     fits = (
-        (lags > max(apart, _SHORTEST / (stride * dataset.cycle)))
+        (lags > max(apart, _SHORTEST / dataset.cycle))
         & (different < 10.0 * _SAME)
         & (both > square[-1])
     )
@@ -156,18 +153,8 @@ def find_repeats(dataset: Dataset) -> int | None:
         return None
     first = int(np.argmax(fits))
     end = first + int(np.argmin(np.append(fits[first:], False)))
-    coarse = first + int(np.argmin(different[first:end]))
-    return _refine(dataset.command_velocity, coarse * stride, stride)
-
-
-def _refine(velocity: Array, coarse: int, stride: int) -> int | None:
-    """Return the lag in cycles near `coarse` where the command repeats best; None if badly."""
-    best: tuple[float, int] = (math.inf, coarse)
-    for lag in range(max(1, coarse - stride), coarse + stride + 1):
-        one, two = velocity[:, :-lag], velocity[:, lag:]
-        total = float((one**2).sum() + (two**2).sum())
-        best = min(best, (float(((one - two) ** 2).sum()) / max(total, 1e-300), lag))
-    return best[1] if best[0] < _SAME else None
+    best = first + int(np.argmin(different[first:end]))
+    return best if different[best] < _SAME else None
 
 
 @dataclass(frozen=True)

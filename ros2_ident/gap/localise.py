@@ -26,9 +26,9 @@ from ros2_ident.gap.coordinates import (
     PHASES,
     phases,
 )
-from ros2_ident.gap.facts import Event
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.spectrum import find_peak, motion_band
+from ros2_ident.gates.asked import Event
 from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.search.noise import correlation_time
 

@@ -6,8 +6,7 @@ in their place.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -16,9 +15,8 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import IdentError
-from ros2_ident.gap.diagnosis import Value
 from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.facts import Event, Misfit, WrongConstant
+from ros2_ident.gap.facts import Facts, Misfit, WrongConstant
 from ros2_ident.gap.fits import Explanation, Fits, PROMISING, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
@@ -61,36 +59,32 @@ def of_the_file(
     a size of its own.
     """
     base, final = found.chain[0], found.chain[-1]
-    share, rules = partial(explainer.share, base), explainer.rules
-    least = share(final) if len(found.chain) > 1 else 0.0
+    rules = explainer.rules
+    least = explainer.share(base, final) if len(found.chain) > 1 else 0.0
     seen = [(g.name, g.value) for law in report.laws for g in law.gains if g.value]
     blamed = {gate.key for gate in report.contradictions}
     others = {name for name, _ in seen} - blamed if verdict.effect == BOOKKEEPING else set()
     whole = [at for at in final.effects if at.where == 'all' or len(explainer.case.drives) == 1]
     named = {p.target for at in whole for p in get_effect(at.effect).parameters}
     counting = [
-        one
-        for one in fitted_constants(explainer.fits, base)
-        if one.name not in named | others
-        and all(near(one.found.value / value) for name, value in seen if name == one.name)
-        and share(one.fit) > max(rules.closed, least - rules.alike)
-        and base.loss - one.fit.loss > TIE
-        and explainer.confirmed(base, one.fit)
+        replace(one, closed=closed)
+        for one, fit in fitted_constants(explainer.fits, base)
+        if one.key not in named | others
+        and all(near(one.value / value) for name, value in seen if name == one.key)
+        and (closed := explainer.share(base, fit)) > max(rules.closed, least - rules.alike)
+        and base.loss - fit.loss > TIE
+        and explainer.confirmed(base, fit)
     ]
     factors = _of_every_drive(explainer, found) if verdict.named else {}
     own = any(math.isnan(factor) for factor in factors.values())
     if not counting and (own or not factors):
         return found, verdict
-    counting.sort(key=lambda one: -share(one.fit))
-    wrong = tuple(
-        one.wrong(share(one.fit))
-        for one in counting
-        if share(one.fit) > share(counting[0].fit) - rules.alike
-    )
+    counting.sort(key=lambda one: -one.closed)
+    wrong = tuple(one for one in counting if one.closed > counting[0].closed - rules.alike)
     small = not explainer.open(base) and verdict.effect != BOOKKEEPING
     as_many = verdict.named and (len(base.theta) + 1 >= len(final.theta) or own)
     if small or (as_many and wrong[0].closed < least + rules.alike):
-        return found, replace(verdict, constants=wrong)
+        return found, replace(verdict, facts=replace(verdict.facts, constants=wrong))
     wrong = wrong or tuple(WrongConstant(key, math.nan, x) for key, x in factors.items())
     drives = explainer.case.drives
     where = drives if len(drives) == 1 else ('all',)
@@ -130,7 +124,7 @@ def of_what_is_left(
     # Where a slow log alone drives the model, it may be the log that is at fault.
     slow = report.of('rate') and report.of('command')
     # Steps of an encoder, and a limit that only the law shows, are not closed by any fit.
-    if slow or verdict.readings or verdict.limits:
+    if slow or verdict.readings or verdict.facts.limits:
         return found, verdict
     case = explainer.case
     gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
@@ -161,12 +155,7 @@ def of_what_is_left(
 
 def of_events(verdict: Verdict, report: GateReport) -> Verdict:
     """Return the answer, or that effort was produced which was not commanded."""
-    found = tuple(
-        Event(asked.drive, number, push.time, push.effort)
-        for number, recording in enumerate(report.asked, 1)
-        for asked in recording
-        for push in asked.pushes
-    )
+    found = tuple(e for recording in report.asked for asked in recording for e in asked.pushes)
     if not found or verdict.effect == BOOKKEEPING:
         return verdict
     return replace(
@@ -176,13 +165,12 @@ def of_events(verdict: Verdict, report: GateReport) -> Verdict:
         probability=_SURE,
         also=(),
         confusable=(),
-        events=found,
-        misfit=None,
+        facts=replace(verdict.facts, events=found, misfit=None),
     )
 
 
 def _without_effects(effect: str, where: tuple[str, ...], **facts: Any) -> Verdict:
-    return Verdict(effect, where, _SURE, (), (), (), 0.0, **facts)
+    return Verdict(effect, where, _SURE, (), (), (), 0.0, facts=Facts(**facts))
 
 
 def _spread(explainer: Explainer, drive: int) -> float:
@@ -203,30 +191,10 @@ _WIDE = 10.0
 _STEPS = 6
 
 
-@dataclass(frozen=True)
-class Constant:
-    """A stated number, fitted.
-
-    Attributes:
-        name: Its key in the machine file.
-        stated: What stands there.
-        found: What fits.
-        fit: The fit with it; its parameters are the nominal ones.
-    """
-
-    name: str
-    stated: float
-    found: Value
-    fit: Explanation
-
-    def wrong(self, closed: float) -> WrongConstant:
-        """Return it as a fact, with the share of the gap that it closes."""
-        x = self.found
-        return WrongConstant(self.name, self.stated, x.value, x.low, x.high, x.unit, closed)
-
-
-def fitted_constants(fits: Fits, base: Explanation) -> Iterator[Constant]:
-    """Yield the stated numbers that promise most, each fitted beside the parameters.
+def fitted_constants(
+    fits: Fits, base: Explanation
+) -> Iterator[tuple[WrongConstant, Explanation]]:
+    """Yield the stated numbers that promise most, each fitted beside the parameters, and its fit.
 
     Those that differ from drive to drive are left out.
 
@@ -266,8 +234,8 @@ class _Fit:
         own = self._own(self.base, 1.0)
         return float((own @ self.base.residual) ** 2 / (float(own @ own) or 1.0))
 
-    def run(self, unit: str) -> Constant:
-        """Return the number that fits."""
+    def run(self, unit: str) -> tuple[WrongConstant, Explanation]:
+        """Return the number that fits, and the fit."""
         best, factor = self.base, 1.0
         for _ in range(_STEPS):
             own = self._own(best, factor)
@@ -292,7 +260,7 @@ class _Fit:
             series=[int(s) for mask in self.fits.case.fit.masks for s in mask.sum(axis=1)],
         )
         low, high = sorted((float(found.low[-1]), float(found.high[-1])))
-        return Constant(self.name, self.stated, Value(value, unit, low, high), best)
+        return WrongConstant(self.name, self.stated, value, low, high, unit), best
 
     def _at(self, factor: float) -> Fits:
         case = self.fits.case

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdict, its probability, and the effects that it may be confused with."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.facts import Event, Misfit, WrongConstant
+from ros2_ident.gap.facts import Facts
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.models import EffectAt
@@ -77,12 +77,7 @@ class Verdict:
         ranking: Every effect fitted first round, the most probable first.
         closed: Share of the explainable gap that all effects found close.
         readings: Encoders whose steps cause what is left on their drives.
-        limits: Drives whose logged effort stays below what the control law asks for, and at what
-            size, where no fit repeats it exactly.
-        restless: Drives whose noise floor is too large and too slow to be noise, and their floors.
-        events: Effort that was not commanded.
-        constants: Numbers of the machine file that fit, where those stated do not.
-        misfit: Residual of a model that is another machine's.
+        facts: Facts behind it, as far as they are known by now.
     """
 
     effect: str
@@ -93,11 +88,7 @@ class Verdict:
     ranking: tuple[Weighed, ...]
     closed: float
     readings: tuple[CoarseReading, ...] = ()
-    limits: Mapping[str, float] = field(default_factory=dict)
-    restless: Mapping[str, float] = field(default_factory=dict)
-    events: tuple[Event, ...] = ()
-    constants: tuple[WrongConstant, ...] = ()
-    misfit: Misfit | None = None
+    facts: Facts = Facts()
 
     @property
     def named(self) -> tuple[EffectAt, ...]:
@@ -163,7 +154,7 @@ def _with_restless(
         effect=UNKNOWN,
         where=_together(tuple(restless), case.drives),
         probability=t.restless,
-        restless=restless,
+        facts=Facts(slow=restless),
     )
 
 
@@ -251,7 +242,7 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     also = final.effects[1:]
     return Verdict(
         leader.effect, (leader.where,), probability, also, confusable, ranking, closed,
-        limits=limits,
+        facts=Facts(limits=limits),
     )  # fmt: skip
 
 

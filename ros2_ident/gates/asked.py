@@ -16,7 +16,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size, robust_weights
-from ros2_ident.gates.scale import figure, LATEST_EFFORT, MOSTLY, OWN, SLOW, STANDS_OUT
+from ros2_ident.gates.scale import LATEST_EFFORT, MOSTLY, OWN, SLOW, STANDS_OUT
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
@@ -33,20 +33,20 @@ _LIMITED = 0.9
 
 
 @dataclass(frozen=True)
-class Push:
-    """An effort that was not commanded.
+class Event:
+    """Effort of a drive that was not commanded.
 
     Attributes:
-        time: When it is highest, s since the recording's start.
-        effort: Its highest value, N m or N.
+        drive: The drive.
+        recording: Its number, from 1.
+        time: Instant of the peak, s since the start of the recording.
+        effort: Peak [unit of the effort].
     """
 
+    drive: str
+    recording: int
     time: float
     effort: float
-
-    def said(self, unit: str) -> str:
-        """Return it in words."""
-        return f'{self.time:.2f} s ({figure(self.effort, "+")} {unit})'
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Asked:
     late: float
     factor: float
     usual: float
-    pushes: tuple[Push, ...] = ()
+    pushes: tuple[Event, ...] = ()
     share: float = math.nan
     size: float = math.nan
     certain: float = math.nan
@@ -188,8 +188,10 @@ def _fitted(log: _Log, drive: str) -> Asked | None:
         return asked
     square = float((left[peaks.inside] ** 2).sum())
     pushes = tuple(
-        Push(log.start + log.step * (int(p) + highest(np.abs(left), int(p))), float(left[p]))
-        for p in peaks.at
+        Event(
+            drive, 1, log.start + log.step * (p + highest(np.abs(left), p)), float(left[p])
+        )
+        for p in peaks.at.tolist()
     )
     return replace(
         asked,

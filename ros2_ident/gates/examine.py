@@ -64,7 +64,13 @@ def examine(
             if LEVELS.index(gate.level) < LEVELS.index(other.level):
                 gates[gate.gate, gate.drive] = gate
     laws = {law.drive: law for report in reversed(reports) for law in report.laws}
-    asked = tuple(report.asked[0] if report.asked else () for report in reports)
+    asked = tuple(
+        tuple(
+            replace(found, pushes=tuple(replace(e, recording=number) for e in found.pushes))
+            for found in (report.asked[0] if report.asked else ())
+        )
+        for number, report in enumerate(reports, 1)
+    )
     return GateReport((*streams, *gates.values()), tuple(laws.values()), asked)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ros2_ident.errors import IdentError
 from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.finding import Gate, Level
-from ros2_ident.gates.scale import MORE, near
+from ros2_ident.gates.scale import figure, MORE, near
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
@@ -119,7 +119,9 @@ def check_asked(found: Asked, unit: str) -> list[Gate]:
         )
         said.append(Gate('limited', drive, 'warn', found.limit, unit, text))
     if found.pushes:
-        at = ', '.join(p.said(unit) for p in found.pushes)
+        at = ', '.join(
+            f'{p.time:.2f} s ({figure(p.effort, "+")} {unit})' for p in found.pushes
+        )
         text = (
             f'{drive}: effort that was not commanded: {at}; look for another source of commands, '
             'contact with a person or an object, or a fault of the drive'

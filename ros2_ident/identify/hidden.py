@@ -4,13 +4,13 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import detrend
 
 from ros2_ident.arrays import Array
+from ros2_ident.identify.layout import Layout
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
 from ros2_ident.recording.motion import fill_gaps
@@ -34,24 +34,6 @@ _GAP = 3
 # Seconds at a log's start that are not compared: a machine that has stood still holds forces no
 # model knows.
 SETTLE = 0.1
-
-
-class Fitted(Protocol):
-    """Models of one machine with one box: a `Problem`, or those of a diagnosis.
-
-    Attributes:
-        models: One a recording.
-        low: (N,) lower ends of the box.
-        high: (N,) upper ends.
-    """
-
-    models: tuple[FullModel, ...]
-    low: Array
-    high: Array
-
-    def own(self, number: int, theta: Array) -> Array:
-        """Return (S, N') the parameters of one model among candidates (S, N)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -142,7 +124,7 @@ class Weighed:
     residual: Array
 
 
-def slopes_of(fitted: Fitted, theta: Array, rows: Rows) -> tuple[Array, Array]:
+def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
     """Return (R,) the residual of a fit, and (R, N) its derivative by shares of the box.
 
     Args:
@@ -155,13 +137,13 @@ def slopes_of(fitted: Fitted, theta: Array, rows: Rows) -> tuple[Array, Array]:
     return difference_jacobian(residuals, (theta - fitted.low) / span, fitted.low, span)
 
 
-def residual_of(fitted: Fitted, theta: Array, rows: Rows) -> Array:
+def residual_of(fitted: Layout, theta: Array, rows: Rows) -> Array:
     """Return (R,) the residual alone; see `slopes_of`."""
     out: Array = _residuals(fitted, rows)(theta[None])[0]
     return out
 
 
-def _residuals(fitted: Fitted, rows: Rows) -> Callable[[Array], Array]:
+def _residuals(fitted: Layout, rows: Rows) -> Callable[[Array], Array]:
     seen = [m.restricted(mask) for m, mask in zip(fitted.models, rows.masks, strict=True)]
     return lambda theta: np.hstack(
         [m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)]
@@ -169,7 +151,7 @@ def _residuals(fitted: Fitted, rows: Rows) -> Callable[[Array], Array]:
 
 
 def weigh_fit(
-    fitted: Fitted,
+    fitted: Layout,
     theta: Array,
     stopped: Callable[[], bool] = lambda: False,
     threads: int | None = None,

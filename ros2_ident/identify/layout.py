@@ -102,18 +102,21 @@ def _unread(why: str) -> IdentError:
 
 
 class Layout:
-    """The parameters of a fit, and where each model finds its own among them.
+    """Models of several recordings as one fit: its parameters, and where each finds its own.
 
     Args:
         models: The models; a parameter of one name is one parameter.
         labels: (M,) the recording each model belongs to.
         conditions: How the recordings differ.
         held: Parameters that are not to be identified, and their values, by full name.
+        box: (low, high) instead of the parameters' own, by full name.
 
     Attributes:
         parameters: (N,) all parameters in the models' order; where each recording has its own,
             `tool_mass@run_1` and `tool_mass@run_2`.
         names: Their names.
+        low: (N,) lower ends of the box.
+        high: (N,) upper ends.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER or INVALID_GOAL where `conditions` names what is not there.
@@ -125,9 +128,11 @@ class Layout:
         labels: Sequence[str] = (),
         conditions: Conditions | None = None,
         held: Mapping[str, float] | None = None,
+        box: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         conditions = conditions or Conditions()
         labels = tuple(labels) or ('',) * len(models)
+        self.models = tuple(models)
         every = {p.name for m in models for p in m.parameters}
         alone = _named(every, conditions.each)
         found: dict[str, Parameter] = {}
@@ -141,12 +146,17 @@ class Layout:
                     if any(p.name == parameter.name for p in m.parameters)
                 ]
             for name in names:
-                found.setdefault(name, replace(parameter, name=name))
+                low, high = (box or {}).get(name, (parameter.low, parameter.high))
+                found.setdefault(
+                    name, replace(parameter, name=name, low=float(low), high=float(high))
+                )
         values = dict(held or {})
         self.parameters: tuple[Parameter, ...] = tuple(
             p for name, p in found.items() if name not in values
         )
         self.names = tuple(p.name for p in self.parameters)
+        self.low: Array = np.array([p.low for p in self.parameters])
+        self.high: Array = np.array([p.high for p in self.parameters])
         self._held = np.array(list(values.values()))
         # Held values stand behind the free ones.
         at = {n: i for i, n in enumerate([*self.names, *values])}
@@ -161,9 +171,9 @@ class Layout:
             self._columns.append(None if same else columns)
             self._more.append(_more(own, every, label, conditions.known.get(label, {})))
 
-    def of(self, number: int, theta: Array) -> Array:
+    def own(self, number: int, theta: Array) -> Array:
         """Return (S, N') the parameters of one model among candidates (S, N)."""
-        columns, more = self._columns[number], self._more[number]
+        theta, columns, more = np.atleast_2d(theta), self._columns[number], self._more[number]
         if self._held.size:
             theta = np.hstack([theta, np.repeat(self._held[None], len(theta), axis=0)])
         if columns is not None:

@@ -18,14 +18,14 @@ from ros2_ident.identify.outputs import Outputs, weights_of
 from ros2_ident.identify.result import DriveResidual, Quality
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.machine.machine import Machine, Parameter
+from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, make_model
-from ros2_ident.models.protocol import complete, FullModel, Model
+from ros2_ident.models.protocol import complete, Model
 from ros2_ident.models.registry import efforts_of
 from ros2_ident.sources import result_digest
 
 
-class Problem:
+class Problem(Layout):
     """Models of one machine on several recordings or segments, as one fit with its box.
 
     The cost of a candidate is the mean of the models' costs (eq. 2), weighted by their samples;
@@ -41,12 +41,8 @@ class Problem:
         held: What the models hold already, by full name.
         setup: What the models were made from; None where they are a user's own.
 
-    Attributes:
+    Attributes, beside those of `Layout`:
         name: Kind of model.
-        parameters: The N parameters, in the order of theta's columns.
-        names: Their names.
-        low: (N,) lower ends of the box.
-        high: (N,) upper ends.
         unit: Unit of the cost.
         noise: Standard deviation of the outputs' noise as stated, `unit`; 0 where it is not.
         drives: What the outputs belong to.
@@ -69,34 +65,23 @@ class Problem:
         held: Mapping[str, float] | None = None,
         setup: 'Setup | None' = None,
     ) -> None:
-        self.models: tuple[FullModel, ...] = tuple(complete(m) for m in models)
-        if not self.models:
+        several = tuple(complete(m) for m in models)
+        if not several:
             raise IdentError(ErrorCode.NO_DATA, 'there is no recording; record a motion first')
         self.setup = setup
-        self.drives = self.models[0].places
+        self.drives = several[0].places
         self._own = labels, conditions, fixed, bounds
-        self._layout = layout = Layout(self.models, labels, conditions)
-        found = expanded(layout.names, self.drives, fixed or {}, 'fixed')
-        if found:
-            self._layout = Layout(self.models, labels, conditions, found)
+        names = Layout(several, labels, conditions).names
+        found = expanded(names, self.drives, fixed or {}, 'fixed')
         self.fixed = {**(held or {}), **found}
-        known = [*layout.names, *(held or {})]
-        box = expanded(known, self.drives, bounds or {}, 'bounded')
+        box = expanded([*names, *(held or {})], self.drives, bounds or {}, 'bounded')
         check_overrides(self.fixed, box)
-        self.parameters: tuple[Parameter, ...] = tuple(
-            replace(p, low=float(box[p.name][0]), high=float(box[p.name][1]))
-            if p.name in box
-            else p
-            for p in self._layout.parameters
-        )
+        super().__init__(several, labels, conditions, found, box)
         if not self.parameters:
             raise IdentError(
                 ErrorCode.INVALID_GOAL,
                 'every parameter is fixed; leave at least one to be identified',
             )
-        self.names = tuple(p.name for p in self.parameters)
-        self.low: Array = np.array([p.low for p in self.parameters])
-        self.high: Array = np.array([p.high for p in self.parameters])
         self.name, self.unit = self.models[0].name, self.models[0].unit
         self.noise = self.models[0].noise
         counts = [(~np.isnan(m.measured)).sum(axis=1) for m in self.models]
@@ -193,10 +178,6 @@ class Problem:
         Rows of diverged candidates are inf.
         """
         return np.hstack([m.residuals(self.own(i, theta)) for i, m in enumerate(self.models)])
-
-    def own(self, number: int, theta: Array) -> Array:
-        """Return (S, N') the parameters of one model among candidates (S, N)."""
-        return self._layout.of(number, np.atleast_2d(theta))
 
     def taken_from(self, other: 'Problem', theta: Array) -> Array:
         """Return (N,) another problem's candidate (N',) as this one's, by the names."""

@@ -4,8 +4,8 @@
 from collections.abc import Iterable, Sequence
 import math
 
-from ros2_ident.gap.facts import Event
 from ros2_ident.gap.localise import Finding
+from ros2_ident.gates.asked import Event
 from ros2_ident.words.figures import figure, percent
 
 # Coordinates that a sentence calls otherwise, and phases of the motion.

@@ -7,8 +7,9 @@ from typing import Any
 
 from ros2_ident.effects import get_effect, title_at
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.facts import Cause, Event, Facts, WrongConstant
+from ros2_ident.gap.facts import Cause, Facts, WrongConstant
 from ros2_ident.gates import GateReport
+from ros2_ident.gates.asked import Event
 from ros2_ident.models import EffectAt
 from ros2_ident.recording.shown import enumerated
 from ros2_ident.words.figures import capital, compared, figure, in_travel, joined, length, quantity

@@ -25,10 +25,10 @@ def test_a_wrong_number_is_found_beside_the_parameters(name: str, factor: float)
     fits = Attribution(Case(recordings_of(machine, data)), np.full(3, machine.effort_noise))
     parameters = fits.case.fit.with_effects(()).parameters
     base = fits.refit((), np.array([TRIPOD_TRUTH[p.name.rpartition('.')[2]] for p in parameters]))
-    found = max(fitted_constants(fits.fits, base), key=lambda one: -one.fit.loss)
-    assert (found.name, found.stated) == (name, pytest.approx(factor * true))
-    assert found.found.low < true < found.found.high
-    assert found.found.high - found.found.low < 0.1 * true
+    found, _ = min(fitted_constants(fits.fits, base), key=lambda one: one[1].loss)
+    assert (found.key, found.stated) == (name, pytest.approx(factor * true))
+    assert found.low < true < found.high
+    assert found.high - found.low < 0.1 * true
 
 
 def test_a_servo_with_another_load_than_stated_is_told_which() -> None:

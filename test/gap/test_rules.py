@@ -170,17 +170,17 @@ def test_a_floor_that_is_no_noise_is_something_unknown(explainer):
     base = made((0.3**2, 0.0))
     said = judge(explainer, found([base]))
     assert (said.effect, said.where, said.probability) == (UNKNOWN, ('two',), 0.7)
-    assert said.restless == {'two': 1.0}
+    assert said.facts.slow == {'two': 1.0}
     explainer.floor = floor_of(1.0, restless=('one', 'two'))
     assert judge(explainer, found([base])).where == ('all',)
     assert judge(explainer, found([base], complete=False)).effect == NONE
     explainer.case.fit.models[0].machine = SimpleNamespace(stated=lambda name: True)
-    assert judge(explainer, found([base])).restless == {'one': 1.0, 'two': 1.0}
+    assert judge(explainer, found([base])).facts.slow == {'one': 1.0, 'two': 1.0}
     # A noise that the machine file does not state says nothing.
     explainer.case.fit.models[0].machine = SimpleNamespace(stated=lambda name: False)
-    assert judge(explainer, found([base])).restless == {'one': 0.0, 'two': 0.0}
+    assert judge(explainer, found([base])).facts.slow == {'one': 0.0, 'two': 0.0}
     # Below a frequency all noise is slow.
     explainer.case.fit.models[0].thinned = True
     assert judge(explainer, found([base])).effect == NONE
     # What is left to explain goes first.
-    assert not judge(explainer, found([made((2.0, 0.0))])).restless
+    assert not judge(explainer, found([made((2.0, 0.0))])).facts.slow

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from values import with_bounds
 
-from ros2_ident.gap.facts import Event, Misfit
+from ros2_ident.gap.facts import Facts, Misfit
 from ros2_ident.gap.refusal import of_events
 from ros2_ident.gap.verdict import BOOKKEEPING, Verdict
 from ros2_ident.gates import examine, GateReport
-from ros2_ident.gates.asked import Asked, fit_asked, Push
+from ros2_ident.gates.asked import Asked, Event, fit_asked
 from ros2_ident.identify.data import gather
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, Recording, Stream
@@ -137,17 +137,17 @@ MISFIT = Misfit('knee', 'effort', 1.0, 0.5, 9.0, extended=False)
 
 
 def verdict(effect: str) -> Verdict:
-    return Verdict(effect, ('all',), 0.5, (), (), (), 0.3, misfit=MISFIT)
+    return Verdict(effect, ('all',), 0.5, (), (), (), 0.3, facts=Facts(misfit=MISFIT))
 
 
 def test_pushes_come_before_what_a_model_misses() -> None:
-    pushes = (Push(1.5, 0.7), Push(4.25, -0.4))
+    pushes = (Event('knee', 2, 1.5, 0.7), Event('knee', 2, 4.25, -0.4))
     asked = Asked('knee', 0.01, 1.0, 0.02, pushes, 0.9, 0.2, 12.0, 400)
     report = GateReport(asked=((), (asked,)))
     found = of_events(verdict('stribeck'), report)
     assert (found.effect, found.where, found.named) == ('unknown', ('knee',), ())
-    assert found.events == (Event('knee', 2, 1.5, 0.7), Event('knee', 2, 4.25, -0.4))
-    assert not found.misfit and found.probability > 0.9
+    assert found.facts.events == pushes
+    assert not found.facts.misfit and found.probability > 0.9
     # A wrong unit or sign makes all efforts wrong.
     assert of_events(verdict(BOOKKEEPING), report).effect == BOOKKEEPING
     assert of_events(verdict('none'), GateReport(asked=((),))).effect == 'none'
