@@ -59,7 +59,7 @@ def _space_of_linear_axis(machine: Machine) -> Space:
 
 LINEAR_AXIS = Kind(
     name='linear_axis',
-    title='carriages that know nothing of each other; gear elastic or rigid',
+    title='independent carriages; gear elastic or rigid',
     keys=keys_of('linear_axis'),
     model=later('ros2_ident.models.linear_axis.model:LinearAxis'),
     judge=_judge_linear_axis,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The examples of docs/extend.md work as they stand: a model and an effect."""
+"""The Python of docs/extend.md and docs/results.md works as it stands."""
 
 import importlib.util
 from pathlib import Path
@@ -54,6 +54,17 @@ def test_the_example_finds_the_parameters(
     for estimate in result.parameters:  # type: ignore[attr-defined]
         assert estimate.low <= TRUTH[estimate.name] <= estimate.high
     assert 'Nothing is missing' in capsys.readouterr().out
+
+
+def test_a_bundled_machine_is_identified_and_diagnosed_in_python(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / 'docs/results.md').read_text(encoding='utf-8')
+    (block,) = re.findall(r'^```python\n(.*?)^```$', page, re.MULTILINE | re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    exec(block, {})  # noqa: S102
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith('emps_axis.moving_mass 95.1') and 'Nothing is missing' in lines[-1]
 
 
 def test_the_page_names_every_hook() -> None:
