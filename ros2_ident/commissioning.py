@@ -28,7 +28,7 @@ _KEY_OF = {
     'effort_weight': ('drive', 'gear_factor'),
 }
 # Gates on the streams, of which the check of the recordings has more to say.
-_STREAMS = {'missing', 'jitter', 'command'}
+_STREAMS = {'missing', 'command'}
 # An axis that goes farther is measured in millimetres or in radians of its motor, m.
 _LONG = 30.0
 # Efforts at rest so many times off the machine's weight are worth a warning, and no torques.
@@ -151,7 +151,7 @@ def _gates(
     """Say what commands, positions and efforts say of each other, with the line to change."""
     constants = kind_of(machine).constants
     for gate in examine(machine, data.datasets, drives).gates:
-        if gate.gate in _STREAMS:
+        if gate.gate in _STREAMS or (gate.gate, gate.level) == ('jitter', 'ok'):
             continue
         path = next((key.path for key in constants if key.name == gate.key), ())
         place = f'{file.place(path)}: ' if path else ''

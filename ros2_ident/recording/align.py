@@ -202,7 +202,7 @@ def _place(
                 f'{next(iter(placed))}, near half a cycle: it may be one cycle off'
             )
         period = sample_period(stream.stamp)
-        for remark in _remarks(period, ticks, cycle):
+        for remark in _remarks(ticks, cycle):
             remarks.setdefault(remark, []).append(role)
         kept, tick, raw = stream, ticks.tick, ticks.raw
         if not ticks.keep.all():
@@ -248,26 +248,14 @@ def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Tic
     return Stream(stream.names, stamp, **merged), ticks
 
 
-def _remarks(period: float, ticks: Ticks, cycle: float) -> list[str]:
+def _remarks(ticks: Ticks, cycle: float) -> list[str]:
     """Say how a stream's samples fell on the grid, where that is worth a warning."""
     remarks = []
-    milliseconds = f'{cycle * 1e3:.4g} ms'
     doubled = int((~ticks.keep).sum())
     if doubled:
         remarks.append(
-            f'{doubled} samples share a controller cycle of {milliseconds} with another '
+            f'{doubled} samples share a controller cycle of {cycle * 1e3:.4g} ms with another '
             'and are left out; state a shorter cycle if the controller has one'
-        )
-    if not ticks.stride and ticks.tick.size > 2:
-        remarks.append(
-            f'the samples, {period * 1e3:.4g} ms apart, do not keep to the controller '
-            f'cycle of {milliseconds}; each counts at the nearest cycle'
-        )
-    if ticks.jitter > 0.2 * ticks.stride * cycle > 0.0:
-        remarks.append(
-            f'the stamps scatter by {ticks.jitter * 1e3:.3g} ms about the controller '
-            'cycles, some samples may be placed wrongly; stamp the messages where the values are '
-            'taken'
         )
     if abs(ticks.drift) > 2e-5:
         remarks.append(
@@ -475,27 +463,20 @@ def _check_need(
             f'{where}: holds no command stream; record the set-point, or let the recorded motion '
             'drive the model',
         )
-    for field in FIELDS:
-        if field not in need:
-            continue
+    for field in filter(need.__contains__, FIELDS):
         values = measured[field]
-        code, text = ErrorCode.MISSING_STREAM, ''
+        if values is not None and not np.isnan(values).all(axis=1).any():
+            continue
+        code = ErrorCode.MISSING_STREAM
+        text = f'no stream holds {field}; record it, or name the topic that carries it'
         if values is not None:
-            silent = [n for n, row in zip(names, values, strict=True) if np.isnan(row).all()]
-            if not silent:
-                continue
-            listed = ', '.join(silent)
-            text = f'no {field} of {listed}; leave these drives out, or record theirs too'
+            silent = [n for n, x in zip(names, values, strict=True) if np.isnan(x).all()]
+            text = f'no {field} of {", ".join(silent)}; leave these out, or record theirs too'
         elif any(field in x.fields for role, x in recording.streams.items() if role != 'command'):
             code = ErrorCode.BAD_VALUES
             text = (
                 f'every {field} of the drives is NaN; switch the measurement on in the drive, or '
                 'name the topic that carries it'
-            )
-        else:
-            text = (
-                f'no stream holds a{"n" * (field == "effort")} {field}; record it, or name the '
-                'topic that carries it'
             )
         raise IdentError(code, f'{where}: {text}')
 

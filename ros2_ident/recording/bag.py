@@ -161,15 +161,10 @@ def _read(path: Path, topics: Topics) -> list[Recording]:
         else:
             metadata = None
 
-    def scanned(topics: Topics) -> Content:
-        content = Content(topics.roles(), topics.names)
-        _scan_all(path, files, content, metadata)
-        return content
-
-    content = scanned(topics)
+    content = _scanned(path, files, topics, metadata)
     chosen, notes = supplemented(topics, content)
     if chosen != topics:
-        roles, content = chosen.roles(), scanned(chosen)
+        roles, content = chosen.roles(), _scanned(path, files, chosen, metadata)
     if not content.warnings:  # damage says it all: metadata.yaml cannot fit a broken file
         content.warnings[:0] = warnings
     _check_topics(path, content, roles, topics)
@@ -240,12 +235,13 @@ def _unfit(path: Path) -> str:
     )
 
 
-def _scan_all(path: Path, files: list[Path], content: Content, metadata: Metadata | None) -> None:
-    """Read the serialised messages of all files; say what is lost.
+def _scanned(path: Path, files: list[Path], topics: Topics, metadata: Metadata | None) -> Content:
+    """Return the messages of all files, and in warnings what is lost.
 
     Raises:
         IdentError: DAMAGED_BAG where no file yields a message and one is damaged.
     """
+    content = Content(topics.roles(), topics.names)
     refused: list[IdentError] = []
     scanned: list[tuple[Path, Losses]] = []
     with unpacked(files) as plain:
@@ -261,52 +257,44 @@ def _scan_all(path: Path, files: list[Path], content: Content, metadata: Metadat
             if metadata is not None:
                 content.sort()  # the files follow each other
         content.sort()
-    if refused and not any(losses.whole for _, losses in scanned):
-        raise refused[0]
-    content.warnings += [x.message for x in refused]
     if metadata is not None and len(files) == 1 and scanned and not scanned[0][1].counted:
         scanned[0][1].expect(metadata.counts, content.counts)
     for file, losses in scanned:
-        _account(file, losses, content, alone=len(files) == 1)
+        if losses.text and losses.whole:
+            content.warnings.append(_account(file, losses))
+        elif losses.text:
+            said = f'{losses.text}, no message is whole; copy or record the bag again'
+            refused.append(damaged(file, said))
+    if refused and not any(losses.whole for _, losses in scanned):
+        raise refused[0]
+    content.warnings += [x.message for x in refused]
     stated = None if metadata is None else +Counter(metadata.counts)
     if stated not in (None, +Counter(content.counts)) and not content.warnings:
         content.warnings.append(_unfit(path))
+    return content
 
 
-def _account(file: Path, losses: Losses, content: Content, *, alone: bool) -> None:
-    """Say what a file has lost.
-
-    Raises:
-        IdentError: DAMAGED_BAG where it is the only file and nothing is left of it.
-    """
-    if not losses.text:
-        return
-    name = printable(file.name)
-    if not losses.whole:
-        error = damaged(file, f'{losses.text}, no message is whole; copy or record the bag again')
-        if alone:
-            raise error
-        content.warnings.append(error.message)
-        return
+def _account(file: Path, losses: Losses) -> str:
+    """Return what a file has lost."""
     remedy = 'copy the file again'
     if file.suffix == '.mcap':
-        remedy = f'`mcap recover {name}` writes a sound file of the same content'
+        remedy = f'`mcap recover {printable(file.name)}` writes a sound file of the same content'
     lost = f', {losses.messages} are lost' if losses.messages else ''
     read = f'{losses.whole} whole messages were read{lost}'
-    content.warnings.append(f'{file}: is damaged: {losses.text}, {read}; {remedy}')
+    return f'{file}: is damaged: {losses.text}, {read}; {remedy}'
 
 
 def _scan(path: Path, content: Content) -> Losses:
     """Read one file by its kind."""
     if not path.stat().st_size:
         raise Damage('')
+    if path.suffix not in SUFFIXES:
+        raise Damage('its kind is not known')
     if path.suffix == '.mcap':
         return mcap_scan.scan(path, content)
-    if path.suffix == '.bag':
-        return rosbags_scan.scan_ros1(path, content)
-    if path.suffix == '.db3':
-        return rosbags_scan.scan_db3(path, content)
-    raise Damage('its kind is not known')
+    return (rosbags_scan.scan_ros1 if path.suffix == '.bag' else rosbags_scan.scan_db3)(
+        path, content
+    )
 
 
 def _unreadable(path: Path, kind: str, reason: str) -> IdentError:

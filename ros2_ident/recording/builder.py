@@ -112,11 +112,6 @@ class RecordingBuilder:
         self._tracks = {role: _Track() for role in ROLES}
         self._warnings: list[str] = []
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Messages taken so far, by role."""
-        return {role: track.count for role, track in self._tracks.items()}
-
     def copied(self) -> 'RecordingBuilder':
         """Return a copy, which another thread may build while this one collects."""
         other = copy.copy(self)
@@ -234,7 +229,12 @@ class RecordingBuilder:
             parts = _split_pauses(group)
             groups += [_in_range(part, warnings) for part in parts]
             if len(parts) > 1:
-                warnings.append(_paused(parts))
+                begins, ends = zip(*map(_span, parts), strict=True)
+                longest = max(np.subtract(begins[1:], ends[:-1])) * 1e-9
+                warnings.append(
+                    f'nothing came for up to {longest:.4g} s: the recorder paused or its clock '
+                    f'was set; the {len(parts)} stretches are taken one by one'
+                )
         return [
             Recording(
                 **group,
@@ -251,27 +251,16 @@ class RecordingBuilder:
         return IdentError(ErrorCode.BAD_VALUES, text)
 
     def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the names as they may be shown, within the limits of a stream."""
-        track, limits = self._tracks[role], Limits.from_environment()
-        joints = tuple(names)
-        if all(name in track.joints for name in joints):
-            return joints
-        longest = max(map(len, joints))
-        new = sum(name not in track.joints for name in joints)
-        what = ''
-        if longest > limits.name:
-            what = (
-                f'a name of {longest} characters, more than the {limits.name} allowed; shorten '
-                f'it, or raise {variable_of("name")}'
+        """Return the names as they may be shown, no more of them than a stream may have."""
+        known, limits = self._tracks[role].joints, Limits.from_environment()
+        if all(name in known for name in names):
+            return tuple(names)
+        if len({*known, *names}) > limits.joints:
+            raise self._bad(
+                f'{self.source}: {role} names more than {limits.joints} joints; record the drives '
+                f'only, or raise {variable_of("joints")}'
             )
-        elif len(track.joints) + new > limits.joints:
-            what = (
-                f'more than {limits.joints} joints; record the drives only, or raise '
-                f'{variable_of("joints")}'
-            )
-        if what:
-            raise self._bad(f'{self.source}: {role} names {what}')
-        return tuple(printable(name, 8 * limits.name) for name in joints)
+        return tuple(printable(name, 8 * limits.name) for name in names)
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         """Return the segments of one role."""
@@ -295,7 +284,11 @@ class RecordingBuilder:
                 )
         stray = _find_stray(stamp)
         if stray.size:
-            warnings.append(_strayed(role, stamp, stray))
+            off = np.abs(stamp[stray] - stamp[np.maximum(stray - 1, 0)]).max() * 1e-9
+            warnings.append(
+                f'{role}: messages with stamps up to {off:.3g} s apart from those before and '
+                f'after are left out: {stray.size}, the first is number {int(stray[0]) + 1}'
+            )
         there = np.delete(np.arange(stamp.size), stray)
         segments, late = _cut(stamp[there], f'{self.source}: {role}')
         if late:
@@ -325,23 +318,12 @@ class RecordingBuilder:
         return streams
 
 
-def _strayed(role: str, stamp: IntArray, rows: IntArray) -> str:
-    """Return what to say of messages that are left out for their stamps."""
-    off = np.abs(stamp[rows] - stamp[np.maximum(rows - 1, 0)]).max() * 1e-9
-    what = 'message has a stamp' if rows.size == 1 else 'messages have stamps'
-    return (
-        f'{role}: {rows.size} {what} up to {float(off):.3g} s apart from those before and after, '
-        f'the first is number {int(rows[0]) + 1}, and {"is" if rows.size == 1 else "are"} left out'
-    )
-
-
 def _in_range(group: dict[str, Stream], warnings: list[str]) -> dict[str, Stream]:
     """Return a recording whose stamps a bag can hold: from 0 on where they cannot be ROS times.
 
     A scope counts from its trigger on, negative before it, and LabVIEW from 1904.
     """
-    begin = min(int(x.stamp[0]) for x in group.values())
-    end = max(int(x.stamp[-1]) for x in group.values())
+    begin, end = _span(group)
     if begin >= 0 and end < _LAST_ROS_TIME:
         return group
     whole = begin // 1_000_000_000
@@ -353,15 +335,10 @@ def _in_range(group: dict[str, Stream], warnings: list[str]) -> dict[str, Stream
     return {role: replace(x, stamp=x.stamp - shift) for role, x in group.items()}
 
 
-def _paused(parts: list[dict[str, Stream]]) -> str:
-    """Return what to say of pauses in which nothing came."""
-    begins = [min(int(x.stamp[0]) for x in part.values()) for part in parts]
-    ends = [max(int(x.stamp[-1]) for x in part.values()) for part in parts]
-    longest = max(b - a for a, b in zip(ends, begins[1:], strict=False)) * 1e-9
-    return (
-        f'nothing came for up to {longest:.4g} s: the recorder paused or its clock was set; the '
-        f'{len(parts)} stretches are taken one by one'
-    )
+def _span(group: Mapping[str, Stream]) -> tuple[int, int]:
+    """Return the first and the last stamp of streams, ns."""
+    stamps = [x.stamp[[0, -1]] for x in group.values()]
+    return int(np.min(stamps)), int(np.max(stamps))
 
 
 def _merge(
@@ -404,31 +381,26 @@ def _find_stray(stamp: IntArray) -> IntArray:
 
     One wrong bit in a stamp does that. A clock that was set goes on from where it was set to.
     """
-    none = np.empty(0, dtype=np.int64)
-    steps = np.diff(stamp)
+    steps, most = np.diff(stamp), max(_STRAY, _STRAY_SHARE * stamp.size)
     forward = steps[steps > 0]
-    if stamp.size < 2 * _STRAY + 2 or not forward.size:
-        return none
-    period = float(np.median(forward))
-    apart = np.flatnonzero(np.abs(steps) > _APART * period)
-    if not apart.size or apart.size > 2 * max(_STRAY, _STRAY_SHARE * stamp.size):
-        return none
+    period = float(np.median(forward)) if forward.size else np.inf
+    leaps = np.flatnonzero(np.abs(steps) > _APART * period).tolist()
     found: list[int] = []
-    leap = set(apart.tolist())
-    for k in apart.tolist():
+    if stamp.size < 2 * _STRAY + 2 or len(leaps) > 2 * most:
+        return np.empty(0, dtype=np.int64)
+    for n, k in enumerate(leaps):
         if found and k <= found[-1]:
             continue
-        ends = (k + n for n in range(1, _STRAY + 1) if k + n in leap)
-        for last in ends:
+        for last in leaps[n + 1 : n + 1 + _STRAY]:
+            if last > k + _STRAY:
+                break
             around = int(stamp[last + 1] - stamp[k])
             inside = stamp[k + 1 : last + 1]
             outside = (inside < stamp[k]) | (inside > stamp[last + 1])
             if 0 < around <= (last - k + 3) * period and outside.all():
                 found += range(k + 1, last + 1)
                 break
-    if leap and not found or len(found) > max(_STRAY, _STRAY_SHARE * stamp.size):
-        return none
-    return np.array(found, dtype=np.int64)
+    return np.array(found if len(found) <= most else [], dtype=np.int64)
 
 
 def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:

@@ -2,7 +2,6 @@
 """LeRobot folders, v2.1 and v3: one episode a recording, in units that are not stated."""
 
 from collections.abc import Container, Iterator, Mapping
-from dataclasses import dataclass
 import json
 import math
 from pathlib import Path
@@ -44,15 +43,8 @@ _BEYOND, _MOVED = 0.05, 0.04
 _TURN = 1.1 * math.tau
 
 
-@dataclass(frozen=True)
-class _Column:
-    """One number of a feature, and what it is."""
-
-    feature: str
-    place: int
-    role: str
-    field: str
-    joint: str
+# What a number is: role, joint and field; and where it stands: feature and place.
+_Columns = dict[tuple[str, str, str], tuple[str, int]]
 
 
 def is_lerobot(path: Path) -> bool:
@@ -93,8 +85,7 @@ def read_lerobot(
     parts = [_values(file, columns) for file in files]
     episode, frame, values = (np.concatenate(x) for x in zip(*parts, strict=True))
     ends = {**(travel or {}), **(_calibrated(Path(calibration)) if calibration else {})}
-    factors, said = _in_rad(path, unit, columns, values, ends)
-    values = values * factors[0] + factors[1]
+    said = _in_rad(path, unit, columns, values, ends)
     numbers = np.unique(episode)
     total = digest([path / INFO, *files])
     found = []
@@ -110,37 +101,38 @@ def read_lerobot(
         for sentence in said:
             builder.warn(sentence)
         stamp = np.round(frame[rows] * (1e9 / rate)).astype(np.int64)
-        pairs = zip(columns, values[rows].T, strict=True)
-        builder.add_columns(stamp, {(x.role, x.joint, x.field): row for x, row in pairs})
+        builder.add_columns(stamp, dict(zip(columns, values[rows].T, strict=True)))
         found += builder.build()
     return found
 
 
-def _described(path: Path, roles: Container[str]) -> tuple[float, list[_Column]]:
+def _described(path: Path, roles: Container[str]) -> tuple[float, _Columns]:
     """Return the rate, Hz, and what is read, by `meta/info.json`."""
     file = path / INFO
     try:
         info = json.loads(read_small(file, 1 << 22))
         version, rate = str(info['codebase_version']), float(info['fps'])
         features = {k: v for k, v in info['features'].items() if k in _FEATURES}
-        columns = [x for k, v in features.items() for x in _columns(k, v) if x.role in roles]
+        pairs = [x for k, v in features.items() for x in _columns(k, v) if x[0][0] in roles]
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as exc:
         text = f'is no description of a LeRobot folder ({printable(str(exc), 80)})'
         raise damaged(file, f'{text}; fetch it again') from None
     if not version.startswith(('v2.', 'v3.')) or not 0.0 < rate < 1e6:
         raise damaged(file, f'says {printable(version)} at {rate:g} Hz; v2.1 and v3 are read')
+    columns = dict(pairs)
     if not columns:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
             f'{file}: names no joints of {" or ".join(_FEATURES)}; write them as `names`',
         )
-    twice = {(x.role, x.field, x.joint) for x in columns}
-    if len(twice) < len(columns):
+    if len(columns) < len(pairs):
         raise damaged(file, 'names a joint twice in one feature; correct it')
     return rate, columns
 
 
-def _columns(feature: str, about: Mapping[str, Any]) -> Iterator[_Column]:
+def _columns(
+    feature: str, about: Mapping[str, Any]
+) -> Iterator[tuple[tuple[str, str, str], tuple[str, int]]]:
     """Yield what the numbers of a feature are; some robots list their names by group."""
     names = about['names'] or ()
     if isinstance(names, Mapping):
@@ -152,10 +144,10 @@ def _columns(feature: str, about: Mapping[str, Any]) -> Iterator[_Column]:
             joint, ending = name, ''
         field = _ENDINGS[ending] if ending and standard == 'position' else standard
         measured = role != 'command' and field == 'effort'
-        yield _Column(feature, place, 'effort' if measured else role, field, joint)
+        yield ('effort' if measured else role, joint, field), (feature, place)
 
 
-def _values(file: Path, columns: list[_Column]) -> tuple[IntArray, IntArray, FloatArray]:
+def _values(file: Path, columns: _Columns) -> tuple[IntArray, IntArray, FloatArray]:
     """Return the episode and the frame of a file's rows (T,), and its columns (T, C)."""
     try:
         import pyarrow
@@ -166,7 +158,7 @@ def _values(file: Path, columns: list[_Column]) -> tuple[IntArray, IntArray, Flo
             f'a LeRobot folder needs {missing.name}; `pip install "ros2-ident[lerobot]"` brings '
             'it',
         ) from None
-    features = dict.fromkeys(x.feature for x in columns)
+    features = dict.fromkeys(feature for feature, _ in columns.values())
     try:
         with parquet.ParquetFile(file) as opened:
             needed = 24 * opened.metadata.num_rows * (len(columns) + 2)
@@ -176,7 +168,7 @@ def _values(file: Path, columns: list[_Column]) -> tuple[IntArray, IntArray, Flo
         for name in features:
             rows = table[name].combine_chunks()
             flat = rows.flatten().to_numpy(zero_copy_only=False).astype(np.float64)
-            width = max(x.place for x in columns if x.feature == name) + 1
+            width = max(place for feature, place in columns.values() if feature == name) + 1
             if rows.null_count or flat.size != width * len(rows):
                 raise damaged(file, f'{name} has not {width} numbers in each row; correct it')
             read[name] = flat.reshape(len(rows), width)
@@ -186,7 +178,7 @@ def _values(file: Path, columns: list[_Column]) -> tuple[IntArray, IntArray, Flo
     except (pyarrow.ArrowException, KeyError, ValueError, AttributeError) as exc:
         text = f'cannot be read ({printable(str(exc), 120)}); fetch it again'
         raise damaged(file, text) from None
-    return episode, frame, np.stack([read[x.feature][:, x.place] for x in columns], axis=1)
+    return episode, frame, np.stack([read[x][:, n] for x, n in columns.values()], axis=1)
 
 
 def _calibrated(file: Path) -> dict[str, tuple[float, float]]:
@@ -204,23 +196,21 @@ def _calibrated(file: Path) -> dict[str, tuple[float, float]]:
 
 
 def _in_rad(
-    path: Path, unit: str, columns: list[_Column], values: FloatArray, ends: Travel
-) -> tuple[FloatArray, list[str]]:
-    """Return by how much to multiply columns and what to add (2, C), and what to say of that."""
+    path: Path, unit: str, columns: _Columns, values: FloatArray, ends: Travel
+) -> list[str]:
+    """Convert values (T, C) in place; return what to say of their unit."""
     said = []
     if not unit:
         unit = _unit_of(path, columns, values, ends)
         said = [f'LeRobot states no unit: positions are taken as {UNITS[unit]}, nothing else fits']
-    factors = np.stack([np.ones(len(columns)), np.zeros(len(columns))])
     unknown = []
-    for number, column in enumerate(columns):
-        if column.field == 'effort':
-            continue
-        pair = _factor(unit, ends.get(column.joint), column.joint == _GRIPPER)
-        if pair is None and column.joint != _GRIPPER:
-            unknown.append(column.joint)
-        factor, offset = pair or (1.0, 0.0)
-        factors[:, number] = factor, offset if column.field == 'position' else 0.0
+    for (_, joint, field), row in zip(columns, values.T, strict=True):
+        pair = _factor(unit, ends.get(joint), joint == _GRIPPER)
+        if field != 'effort' and pair is None and joint != _GRIPPER:
+            unknown.append(joint)
+        elif field != 'effort' and pair is not None:
+            row *= pair[0]
+            row += pair[1] if field == 'position' else 0.0
     if unknown:
         raise IdentError(
             ErrorCode.WRONG_UNITS,
@@ -228,7 +218,7 @@ def _in_rad(
             "nothing states; give LeRobot's calibration file of the robot by --columns, or a "
             'machine whose description has limits',
         )
-    return factors, said
+    return said
 
 
 def _factor(
@@ -247,17 +237,17 @@ def _factor(
     return (high - low) / 200.0, 0.5 * (high + low)
 
 
-def _unit_of(path: Path, columns: list[_Column], values: FloatArray, ends: Travel) -> str:
+def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) -> str:
     """Return the unit in which joints stay within their ends, and move more than a little.
 
     Raises:
         IdentError: WRONG_UNITS where several are possible, or none.
     """
     spans = {
-        x.joint: (float(np.nanmin(row)), float(np.nanmax(row)))
-        for x, row in zip(columns, values.T, strict=True)
-        if (x.role, x.field) == ('state', 'position') and np.isfinite(row).any()
-        if x.joint != _GRIPPER
+        joint: (float(np.nanmin(row)), float(np.nanmax(row)))
+        for (role, joint, field), row in zip(columns, values.T, strict=True)
+        if (role, field) == ('state', 'position') and np.isfinite(row).any()
+        if joint != _GRIPPER
     }
     found = [unit for unit in UNITS if spans and _fits(unit, spans, ends)]
     if len(found) == 1:

@@ -10,7 +10,6 @@ from collections import Counter, defaultdict
 import contextlib
 from io import BytesIO
 import mmap
-import os
 from pathlib import Path
 import re
 import struct
@@ -48,10 +47,10 @@ def scan(path: Path, content: Content) -> Losses:
     Raises:
         Damage: The file is no MCAP file.
     """
-    with path.open('rb') as file:
-        if file.read(len(MAGIC)) != MAGIC:
+    with path.open('rb') as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        if data[: len(MAGIC)] != MAGIC:
             raise Damage('no MCAP file: its first bytes are others')
-        walk = _Walk(file.fileno(), path.stat().st_size, content)
+        walk = _Walk(data, content)
         walk.run()
         return walk.finish()
 
@@ -63,14 +62,12 @@ def _parsed(kind: Any, record: bytes) -> Any:
 def _note(about: Summary, opcode: int, record: bytes) -> bool:
     """Keep a schema, a channel or the counts of messages; False where the record is damaged."""
     try:
-        if opcode == Opcode.SCHEMA:
-            schema = _parsed(Schema, record)
-            about.schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = _parsed(Channel, record)
-            about.channels[channel.id] = channel
-        elif opcode == Opcode.STATISTICS:
+        if opcode == Opcode.STATISTICS:
             about.statistics = _parsed(Statistics, record)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            schema = opcode == Opcode.SCHEMA
+            found = _parsed(Schema if schema else Channel, record)
+            (about.schemas if schema else about.channels)[found.id] = found
     except _DAMAGED:
         return False
     return True
@@ -79,10 +76,9 @@ def _note(about: Summary, opcode: int, record: bytes) -> bool:
 class _Walk:
     """The state of reading one file."""
 
-    def __init__(self, file: int, size: int, content: Content) -> None:
-        self.file, self.size, self.content = file, size, content
-        self.losses = Losses(size=size)
-        self.budget = Budget(size)
+    def __init__(self, data: mmap.mmap, content: Content) -> None:
+        self.data, self.size, self.content = data, len(data), content
+        self.losses, self.budget = Losses(size=self.size), Budget(self.size)
         self.summary = self._summary()
         self.defined = Summary()
         # Topic of a channel, and where its messages go.
@@ -90,17 +86,14 @@ class _Walk:
         self.found: Counter[str] = Counter()
         self.shapes: set[bytes] = set()
 
-    def _bytes(self, at: int, count: int) -> bytes:
-        return os.pread(self.file, count, at)
-
     # ------------------------------------------------------------------ the records of the file
 
     def run(self) -> None:
         """Walk over the data section."""
         at = before = len(MAGIC)
-        crc, most = zlib.crc32(MAGIC), self.budget.limits.chunk
-        while len(head := self._bytes(at, HEAD.size)) == HEAD.size:
-            opcode, length = HEAD.unpack(head)
+        crc = zlib.crc32(MAGIC)
+        while at + HEAD.size <= self.size:
+            opcode, length = HEAD.unpack_from(self.data, at)
             end = at + HEAD.size + length
             if opcode not in _KNOWN or end > self.size:
                 # with a byte lost before, the next record began within the one before
@@ -110,21 +103,21 @@ class _Walk:
                 self.losses.skipped += max(1, found - at)
                 at = found
                 continue
-            data = head + self._bytes(at + HEAD.size, min(length, most))
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                stated = int.from_bytes(data[HEAD.size : HEAD.size + 4], 'little')
+                stated = int.from_bytes(self.data[at + HEAD.size : at + HEAD.size + 4], 'little')
                 if opcode == Opcode.DATA_END and stated not in (0, crc) and not self.losses.text:
                     self.losses.say('the checksum of the file does not fit')
                 return
-            crc = zlib.crc32(data, crc)
-            for place in range(at + len(data), end, most):
-                crc = zlib.crc32(self._bytes(place, min(end - place, most)), crc)
-            before, at = at, self._record(at, opcode, end, data)
+            with memoryview(self.data) as view, view[at:end] as record:
+                crc = zlib.crc32(record, crc)
+            before, at = at, self._record(at, opcode, end)
         self._break_off(at)
 
-    def _record(self, at: int, opcode: int, end: int, data: bytes) -> int:
+    def _record(self, at: int, opcode: int, end: int) -> int:
         """Read one record of the data section; return where the next one begins."""
-        if opcode in (Opcode.CHUNK, Opcode.MESSAGE) and at + len(data) < end:
+        large = end - at > HEAD.size + self.budget.limits.chunk
+        data = b'' if large else self.data[at:end]
+        if opcode in (Opcode.CHUNK, Opcode.MESSAGE) and large:
             self.losses.blocks += 1
             self.losses.say('a block is larger than allowed')
         elif opcode == Opcode.CHUNK and not self._chunk(data[HEAD.size :]):
@@ -135,13 +128,13 @@ class _Walk:
                 self.shapes.add(data[: HEAD.size + 2])
             self._records(data)
         elif not _note(self.defined, opcode, data[HEAD.size :]):
-            self.losses.skipped += len(data)
+            self.losses.skipped += end - at
         return end
 
     def _follows(self, at: int) -> bool:
         """Return whether three records follow each other from a place on, or fill the file."""
         for _ in range(3):
-            opcode, length = HEAD.unpack(self._bytes(at, HEAD.size).ljust(HEAD.size, b'\0'))
+            opcode, length = HEAD.unpack(self.data[at : at + HEAD.size].ljust(HEAD.size, b'\0'))
             at += HEAD.size + length
             if opcode not in _STANDARD or at > self.size:
                 return False
@@ -153,22 +146,21 @@ class _Walk:
         """Return the next place where a chunk, message or the end of the data begins, or 0."""
         starts = [_CHUNK_START, *(re.escape(x) for x in (_END_START, *sorted(self.shapes)))]
         pattern = re.compile(b'|'.join(starts), re.DOTALL)
-        with mmap.mmap(self.file, 0, access=mmap.ACCESS_READ) as data:
-            while (match := pattern.search(data, at)) is not None:
-                at, after = match.span()
-                opcode, length = HEAD.unpack_from(data, at)
-                end = at + HEAD.size + length
-                packed = int.from_bytes(data[after : after + 8], 'little')
-                if end <= self.size and (opcode != Opcode.CHUNK or after + 8 + packed == end):
-                    return at
-                at += 1
+        while (match := pattern.search(self.data, at)) is not None:
+            at, after = match.span()
+            opcode, length = HEAD.unpack_from(self.data, at)
+            end = at + HEAD.size + length
+            packed = int.from_bytes(self.data[after : after + 8], 'little')
+            if end <= self.size and (opcode != Opcode.CHUNK or after + 8 + packed == end):
+                return at
+            at += 1
         return 0
 
     def _break_off(self, at: int) -> None:
         """Take what the last chunk of a file that breaks off still holds."""
         self.losses.end = at
         most = self.budget.limits.chunk
-        data = self._bytes(at, most)
+        data = self.data[at : at + most]
         if data[:1] == b'\x06':
             with contextlib.suppress(*_DAMAGED):
                 chunk = _parsed(Chunk, data[HEAD.size :])
@@ -224,7 +216,7 @@ class _Walk:
 
     def _summary(self) -> Summary | None:
         """Return what stands between the end of the data and the footer, None for no such."""
-        tail = self._bytes(max(0, self.size - FOOTER_SIZE), FOOTER_SIZE)
+        tail = self.data[-FOOTER_SIZE:]
         if not tail.endswith(MAGIC) or len(tail) < FOOTER_SIZE:
             return None
         stated = _parsed(Footer, tail[HEAD.size :])
@@ -232,7 +224,7 @@ class _Walk:
         found, at = Summary(), 0
         if not stated.summary_start or not 0 <= length <= self.budget.limits.chunk:
             length = 0
-        records = self._bytes(stated.summary_start, length)
+        records = self.data[stated.summary_start : stated.summary_start + length]
         while at + HEAD.size <= length:
             opcode, size = HEAD.unpack_from(records, at)
             first, at = at + HEAD.size, at + HEAD.size + size

@@ -4,7 +4,6 @@
 A sample that a cubic through its neighbours misses by many times what it misses those by,
 for a few milliseconds, is nothing that a machine does. Such samples are left out, like samples
 that never came: left in, a set-point one millimetre off for one cycle moves friction by percents.
-A position that jumps and stays is only reported: which side is right is unknown.
 """
 
 from collections.abc import Sequence
@@ -23,8 +22,6 @@ _SHORT = 0.025
 _MANY, _MANY_SHARE = 20, 0.002
 # So many samples tell the range and the resolution of a signal.
 _ENOUGH = 1 << 15
-# A jump that stays: so many times the steps around it and the fastest elsewhere.
-_STAYS_RATIO, _AROUND = 8.0, 25
 
 
 class _Rule(NamedTuple):
@@ -46,25 +43,23 @@ _ALONE = 0.2
 _STEPS, _FEW = 4.0, 9
 
 
-# Samples that jump (N,), the largest jump, and whether each is shorter than a machine can do.
-_Jumps = tuple[IntArray, float, bool]
+def _lone(stamp: IntArray, values: FloatArray, rule: _Rule) -> tuple[IntArray, float]:
+    """Return the samples (N,) of a signal (T,) that jump away and back, and the largest jump.
 
-
-def _lone(stamp: IntArray, values: FloatArray, rule: _Rule) -> _Jumps | None:
-    """Return the samples of a signal (T,) that jump away and back.
-
-    None where there are none, or so many that the signal is like that.
+    None where they last as long as a machine could move, or are so many that the signal is like
+    that.
     """
+    none = np.empty(0, dtype=np.int64), 0.0
     there = np.flatnonzero(np.isfinite(values))
     if there.size < 2 * _SIDE + 1:
-        return None
+        return none
     whole = there.size == values.size
     x, time = (values, stamp) if whole else (values[there], stamp[there])
     least = _floor(x, rule)
     found = _candidates(x, rule, least)
     most = max(_MANY, int(_MANY_SHARE * x.size))
-    if not found.size or found.size > 20 * most:
-        return None
+    if found.size > 20 * most:
+        return none
     rows: list[int] = []
     largest, longest = 0.0, 0.0
     for at in found.tolist():
@@ -75,9 +70,9 @@ def _lone(stamp: IntArray, values: FloatArray, rule: _Rule) -> _Jumps | None:
             rows += run
             largest = max(largest, size)
             longest = max(longest, float(time[run[-1] + 1] - time[run[0] - 1]) * 1e-9)
-    if not rows or len(rows) > most:
-        return None
-    return there[np.array(rows)], largest, longest <= _SHORT
+    if not rows or len(rows) > most or longest > _SHORT:
+        return none
+    return there[np.array(rows)], largest
 
 
 def _floor(x: FloatArray, rule: _Rule) -> float:
@@ -141,29 +136,6 @@ def _run_at(
     return wrong.tolist(), size
 
 
-def _lasting(stamp: IntArray, values: FloatArray) -> _Jumps | None:
-    """Return where a position (T,) jumps farther than it ever moves, and stays."""
-    there = np.flatnonzero(np.isfinite(values))
-    if there.size < 4 * _AROUND:
-        return None
-    x, time = values[there], stamp[there]
-    steps = np.diff(time)
-    change = np.abs(np.diff(x))
-    usual = float(np.median(steps))
-    change[steps > 1.5 * usual] = 0.0
-    if not change.any():
-        return None
-    fastest = np.partition(change, -min(_MANY, change.size))[-min(_MANY, change.size)]
-    rows = np.flatnonzero(change > _STAYS_RATIO * max(float(fastest), _floor(x, _FINE)))
-    rows = rows[[_alone(change, int(k)) for k in rows]] if rows.size else rows
-    return (there[rows + 1], float(change[rows].max()), False) if rows.size else None
-
-
-def _alone(change: FloatArray, at: int) -> bool:
-    beside = np.r_[change[max(0, at - _AROUND) : at], change[at + 1 : at + 1 + _AROUND]]
-    return bool(change[at] > _STAYS_RATIO * beside.max(initial=0.0))
-
-
 def leave_out(
     role: str, stamp: IntArray, names: Sequence[str], fields: Sequence[FloatArray | None]
 ) -> list[str]:
@@ -186,26 +158,13 @@ def leave_out(
             signal = values[:, column]
             what = f'{role}: {field} of {name}'
             rule = _EXACT if role == 'command' else _FINE if field == 'position' else _ROUGH
-            if lone := _lone(stamp, signal, rule):
-                rows, _, short = lone
-                if short:
-                    signal[rows] = np.nan
-                then = _LEFT_OUT if short else _USED
-                said.append(f'{what} {_where(stamp, lone)} and back; {then}')
-            if (role, field) == ('state', 'position') and (lasting := _lasting(stamp, signal)):
-                said.append(f'{what} {_where(stamp, lasting)} and stays there; {_KEPT}')
+            rows, size = _lone(stamp, signal, rule)
+            if rows.size:
+                signal[rows] = np.nan
+                few = 'a sample' if rows.size == 1 else f'{rows.size} samples'
+                at = (stamp[rows[0]] - stamp[0]) * 1e-9
+                said.append(
+                    f'{what} jumps by up to {size:.3g} and back in {few}, first at {at:.4f} s; '
+                    'that is no motion and is left out'
+                )
     return said
-
-
-_LEFT_OUT = 'that is no motion and is left out'
-_USED = 'it is used as it is: look whether that was so, or cut the log there'
-_KEPT = 'it is used as it is: look whether the encoder slipped, or cut the log there'
-
-
-def _where(stamp: IntArray, jumps: _Jumps) -> str:
-    """Return size and place of jumps for a sentence."""
-    rows, size, _ = jumps
-    at = float(stamp[rows[0]] - stamp[0]) * 1e-9
-    if rows.size == 1:
-        return f'jumps by {size:.3g} at {at:.4f} s'
-    return f'jumps by up to {size:.3g} at {rows.size} samples, first at {at:.4f} s,'

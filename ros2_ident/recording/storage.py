@@ -69,22 +69,17 @@ class Losses:
     @property
     def text(self) -> str:
         """The damage, without subject; empty for none."""
-        parts = []
-        if self.end is not None:
-            parts.append(f'the file breaks off after byte {self.end} of {self.size}')
-        if self.blocks:
-            parts.append(
-                f'{self.blocks} {"block" if self.blocks == 1 else "blocks"} inside '
-                f'{"is" if self.blocks == 1 else "are"} damaged'
-            )
-        if self.skipped:
-            parts.append(f'{self.skipped} bytes make no sense')
-        if self.unknown:
-            parts.append(f'{self.unknown} messages belong to no topic')
-        parts += self.said
-        if self.messages and not parts:
-            parts.append('messages are missing')
-        return ' and '.join(parts)
+        several = self.blocks != 1
+        said = {
+            f'the file breaks off after byte {self.end} of {self.size}': self.end is not None,
+            f'{self.blocks} block{"s" * several} inside {"are" if several else "is"} damaged': (
+                self.blocks
+            ),
+            f'{self.skipped} bytes make no sense': self.skipped,
+            f'{self.unknown} messages belong to no topic': self.unknown,
+        }
+        parts = [*(text for text, there in said.items() if there), *self.said]
+        return ' and '.join(parts) or 'messages are missing' * bool(self.messages)
 
 
 def open_zstd(source: Any) -> Any:

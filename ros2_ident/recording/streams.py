@@ -57,27 +57,18 @@ class Stream:
     def __post_init__(self) -> None:
         """Validate and take ownership of the arrays."""
         names = tuple(str(name) for name in self.names)
-        if not names:
+        if not names or len(set(names)) < len(names):
             raise _fail(
-                'a stream needs at least one joint name, found none; fill `name` in the messages'
-            )
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise _fail(
-                f'joint {twice[0]} occurs twice in the names of one stream; give each joint its '
-                'own name'
+                f'the joints of a stream are ({", ".join(names)}); give at least one, and each '
+                'its own name'
             )
         stamp = np.array(self.stamp)
-        if stamp.ndim != 1 or stamp.dtype.kind not in 'iu':
+        if stamp.ndim != 1 or stamp.dtype.kind not in 'iu' or not stamp.size:
             raise _fail(
                 f'stamps have to be integers [ns] of shape (T,), found {stamp.dtype} of shape '
-                f'{stamp.shape}; convert seconds with round(1e9 * t)'
+                f'{stamp.shape}; convert seconds with round(1e9 * t), leave out what is empty'
             )
         stamp = stamp.astype(np.int64)
-        if stamp.size == 0:
-            raise _fail(
-                'a stream needs at least one sample, found none; leave the stream out instead'
-            )
         back = np.flatnonzero(np.diff(stamp) <= 0)
         if back.size:
             raise _fail(
@@ -104,10 +95,7 @@ class Stream:
                 )
             object.__setattr__(self, name, _frozen(array))
         if not self.fields:
-            raise _fail(
-                'a stream holds neither position, velocity nor effort; leave the stream out '
-                'instead'
-            )
+            raise _fail('a stream holds neither position, velocity nor effort; leave it out')
 
     @property
     def duration(self) -> float:
@@ -369,22 +357,13 @@ class Dataset:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
             if name in _EVERY_CYCLE and not np.isfinite(array).all():
-                raise IdentError(
-                    ErrorCode.BAD_VALUES,
-                    f'{name} has cycles without a value; interpolate the set-point to every cycle',
+                raise _fail(
+                    f'{name} has cycles without a value; interpolate the set-point to every cycle'
                 )
-        if len(shapes) != 1:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                'the arrays of a data set have to be of one shape (drives, cycles), found '
-                f'{sorted(shapes)}',
-            )
-        shape = shapes.pop()
-        if len(shape) != 2 or shape[0] != len(self.names):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'the arrays of a data set have shape {shape}, expected ({len(self.names)}, '
-                'cycles)',
+        if [x[:1] for x in shapes] != [(len(self.names),)] or len(min(shapes)) != 2:
+            raise _fail(
+                f'the arrays of a data set have shapes {sorted(shapes)}, expected one '
+                f'({len(self.names)}, cycles)'
             )
         object.__setattr__(self, 'names', tuple(self.names))
 

@@ -116,10 +116,10 @@ def test_errors_name_the_remedy():
         (good, 'INVALID_GOAL', 'drives are .*; name at least one', {'drives': ()}),
         (good, 'MISSING_STREAM', 'log: state has no joint x, it holds drive_1, drive_2; write',
          {'drives': ('drive_1', 'x')}),
-        (still, 'MISSING_STREAM', 'no stream holds an effort; record it, or name the topic', {}),
+        (still, 'MISSING_STREAM', 'no stream holds effort; record it, or name the topic', {}),
         (silent, 'BAD_VALUES', 'every effort of the drives is NaN; switch', {}),
-        (half, 'MISSING_STREAM', 'no effort of drive_2; leave these drives out', {}),
-        (stream(ticks, fields='e'), 'MISSING_STREAM', 'no stream holds a position; record it',
+        (half, 'MISSING_STREAM', 'no effort of drive_2; leave these out', {}),
+        (stream(ticks, fields='e'), 'MISSING_STREAM', 'no stream holds position; record it',
          {'need': ('position',)}),
         (good, 'MISSING_STREAM', 'holds no command stream', {'need': ('command',)}),
         (Recording(command=still), 'MISSING_STREAM',
@@ -139,9 +139,9 @@ def test_errors_name_the_remedy():
 
 def test_a_data_set_refuses_wrong_shapes():
     values = np.zeros((2, 5))
-    with pytest.raises(IdentError, match='have to be of one shape'):
+    with pytest.raises(IdentError, match='arrays of a data set have shapes'):
         Dataset(NAMES, CYCLE, 0, values, values, values[:, :3], None, None)
-    with pytest.raises(IdentError, match=r'have shape \(2, 5\), expected \(1, cycles\)'):
+    with pytest.raises(IdentError, match=r'have shapes .*, expected one \(1, cycles\)'):
         Dataset(('a',), CYCLE, 0, values, values, None, None, None)
     with pytest.raises(IdentError, match='command_velocity has cycles without a value'):
         Dataset(NAMES, CYCLE, 0, values, values * np.nan, None, None, None)
