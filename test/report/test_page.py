@@ -32,7 +32,6 @@ from ros2_ident.report.page.numbers import (
     from_to,
     number,
     plus_minus,
-    shares,
 )
 from ros2_ident.report.page.several import write_comparison
 from ros2_ident.report.signals import load_signals, write_signals
@@ -86,7 +85,6 @@ def test_every_section_is_there_and_every_picture(both):
     assert page.pictures == [
         'gap-effort-plot',
         'effort-plot',
-        'generations-plot',
         'costs-plot',
     ]
     assert both.stat().st_size < LIMIT
@@ -121,13 +119,13 @@ def test_the_numbers_of_the_table_are_those_of_the_files(both):
     [
         (
             write_identified, (), IDENTIFIED,
-            ['effort-plot', 'generations-plot', 'costs-plot'],
+            ['effort-plot', 'costs-plot'],
             'ident diagnose test --machine MACHINE.yaml --out ',
         ),
         # a result of an older version
         (
             write_identified, ('history.npz', 'signals.npz', 'result.json'), IDENTIFIED,
-            ['generations-plot'], 'No simulated effort was kept',
+            [], 'No simulated effort was kept',
         ),
         (write_diagnosed, (), [*DIAGNOSED, 'about'], ['gap-effort-plot'], 'of the effort'),
         (
@@ -198,7 +196,7 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     assert 'The run was cancelled; the values are the best found until then' in page.text
     assert 'The run was cut short' in page.text
     assert 'The correlations are not known' in page.text
-    assert page.pictures == ['gap-effort-plot', 'effort-plot', 'generations-plot', 'costs-plot']
+    assert page.pictures == ['gap-effort-plot', 'effort-plot', 'costs-plot']
 
 
 def screen(said):
@@ -354,7 +352,6 @@ def test_the_first_screen_of_an_identification():
         (plus_minus(2.0, 0.0, '1'), '2 ± 0'),
         (from_to(2.481, 1.192), '2.48 → 1.19'),
         (from_to(0.0339, 0.00997), '0.0339 → 0.0100'),
-        (shares(0.0451, 0.0213), '4.5 → 2.1 %'),
     ],
 )
 def test_numbers_for_people(made, text):

@@ -23,7 +23,6 @@ from ros2_ident.report.page.numbers import (
     percent,
     precision,
     quantity,
-    shares,
     some,
     unit_of,
     UNKNOWN,
@@ -223,7 +222,7 @@ def _gap(name: str, g: DriveGap, d: Diagnosis, longest: float) -> Gap:
     size, part = quantity(g.before, d.unit, 3), percent(g.shares[0])
     if closes:
         size = f'{from_to(g.before, g.after)} {unit_of(d.unit)}'
-        part = shares(*g.shares) if math.isfinite(sum(g.shares)) else '–'
+        part = f'{from_to(*(100.0 * x for x in g.shares))} %'
     after = g.after / longest if closes else None
     return Gap(name, size, part, g.before / longest, after, floor, note)
 

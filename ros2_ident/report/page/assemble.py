@@ -24,8 +24,7 @@ from ros2_ident.report.files import (
 from ros2_ident.report.page import charts, numbers
 from ros2_ident.report.page.answer import of_diagnosis, of_identification, quiet
 from ros2_ident.report.page.effort import effort_plot, MOST
-from ros2_ident.report.page.look import Picture
-from ros2_ident.report.page.render import render
+from ros2_ident.report.page.render import Picture, render
 from ros2_ident.report.page.several import write_fleet
 from ros2_ident.report.page.steps import moved
 from ros2_ident.report.signals import load_signals
@@ -101,7 +100,6 @@ def _pictures(
     if result is not None:
         if efforts[0].exists():
             drawn['effort-plot'] = effort_plot(load_signals(efforts[0]), most=most)
-        drawn['generations-plot'] = charts.cost_over_generations(result)
         drawn['costs-plot'] = charts.cost_over_parameters(result)
     return {name: made for name, made in drawn.items() if made is not None}
 

@@ -8,15 +8,14 @@ import math
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.identify.result import Identification
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.maps import Line, ResidualMap
-from ros2_ident.report.page.look import INK, Key, Picture, svg, WIDTH
 from ros2_ident.report.page.numbers import number, unit_of
-from ros2_ident.report.style import BLUE, GREY, numbers, ORANGE, RED, SKY, tidy
+from ros2_ident.report.page.render import INK, Key, Picture, svg, WIDTH
+from ros2_ident.report.style import BLUE, GREY, numbers, ORANGE, RED, tidy
 from ros2_ident.words.figures import compared
 from ros2_ident.words.verdict import named
 
@@ -217,36 +216,6 @@ def _of_costs(axes: 'Axes', costs: Array) -> None:
         numbers(axes.yaxis)
 
 
-def cost_over_generations(result: Identification) -> Picture | None:
-    """Draw the known costs over their generations, the best so far, and the refined cost."""
-    history, unit, refined = result.history, result.cost.unit, result.cost.refined
-    best, finite = history.best_costs, np.isfinite(history.costs)
-    if not np.isfinite(best).any():
-        return None
-    generations, costs = history.generations[finite], history.costs[finite]
-
-    def draw(made: 'Figure') -> None:
-        axes = made.subplots()
-        _of_costs(axes, np.concatenate([costs, best[np.isfinite(best)]]))
-        # Side by side within a generation, the best to the left, so that none hides another.
-        axes.scatter(generations + _spread(generations, costs), costs, color=SKY, **_DOTS)
-        number_of = np.arange(1, best.size + 1)
-        axes.plot(number_of, best, 'o-', color=INK, lw=1.8, ms=5.0)
-        if math.isfinite(refined):
-            axes.plot([1.0, best.size + 0.9], [refined] * 2, '--', color=RED, lw=1.8)
-        axes.locator_params(axis='x', integer=True)
-        axes.set(xlabel='generation', ylabel=f'cost [{unit}]')
-
-    keys = [
-        Key('candidates, each generation sorted by cost', SKY, 'dot'),
-        Key('best so far', INK, '2'),
-    ]
-    if math.isfinite(refined):
-        keys.append(Key(f'refined, {number(refined)} {unit}', RED, 'dashed'))
-    summary = 'Cost of the candidates over the generations'
-    return Picture(svg(draw, WIDTH, 300), summary, keys=tuple(keys), least=WIDTH * 7 // 10)
-
-
 def cost_over_time(points: Sequence[tuple[float, float]], unit: str) -> Picture:
     """Draw the best cost over the time of a run, s."""
     times, costs = np.array(points).T
@@ -259,16 +228,6 @@ def cost_over_time(points: Sequence[tuple[float, float]], unit: str) -> Picture:
 
     summary = f'Best cost over time, now {number(float(costs[-1]))} {unit}'
     return Picture(svg(draw, WIDTH, 200), summary, least=WIDTH * 7 // 10)
-
-
-def _spread(generations: npt.NDArray[np.int64], costs: Array) -> Array:
-    """Return (E,) places within the room of a generation, 0 to 0.8, by rank of the cost."""
-    order = np.lexsort((costs, generations))
-    counts = np.bincount(generations)
-    first = np.concatenate([[0], np.cumsum(counts)])[generations[order]]
-    out = np.empty(costs.size)
-    out[order] = 0.8 * (np.arange(costs.size) - first) / np.maximum(1, counts[generations[order]])
-    return out
 
 
 def cost_over_parameters(result: Identification) -> Picture | None:
@@ -306,8 +265,11 @@ def cost_over_parameters(result: Identification) -> Picture | None:
             if n % COLUMNS == 0:
                 axes.set_ylabel(f'cost [{result.cost.unit}]')
 
+    cost, count = result.cost, history.best_costs.size
+    refined = f', refined {number(cost.refined)}' if math.isfinite(cost.refined) else ''
+    notes = (f'Least cost of {count} generations: {number(cost.ga)}{refined} {cost.unit}.',)
     summary = 'Cost of the candidates over each parameter'
-    return Picture(svg(draw, WIDTH, HIGH * rows), summary, least=WIDTH)
+    return Picture(svg(draw, WIDTH, HIGH * rows), summary, notes=notes, least=WIDTH)
 
 
 def correlated(result: Identification) -> bool:

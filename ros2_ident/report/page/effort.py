@@ -25,8 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.report.page.look import INK, Key, Picture
 from ros2_ident.report.page.numbers import number
+from ros2_ident.report.page.render import INK, Key, Picture
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.report.style import GREY, ORANGE, RED, SKY
 from ros2_ident.words.figures import compared

@@ -21,9 +21,8 @@ from ros2_ident.report.files import PAGE
 from ros2_ident.report.overlay import Preview
 from ros2_ident.report.page.charts import cost_over_time
 from ros2_ident.report.page.effort import effort_plot
-from ros2_ident.report.page.look import Picture
 from ros2_ident.report.page.numbers import quantity
-from ros2_ident.report.page.render import render
+from ros2_ident.report.page.render import Picture, render
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.words.figures import capital, duration
 

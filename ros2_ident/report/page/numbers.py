@@ -139,19 +139,10 @@ def plus_minus(value: float, half: float, unit: str) -> str:
 def from_to(before: float, after: float) -> str:
     """Return two numbers with the same decimals, three digits of the larger."""
     largest = max(abs(before), abs(after))
-    exponent = math.floor(math.log10(largest)) if largest > 0.0 else 0
-    if not -5 < exponent < 7:
+    if not 1e-4 <= largest < 1e7:
         return f'{number(before, 3)} → {number(after, 3)}'
-    decimals = max(0, 2 - exponent)
+    decimals = max(0, 2 - math.floor(math.log10(largest)))
     return f'{before:.{decimals}f} → {after:.{decimals}f}'.replace('-', '−')
-
-
-def shares(before: float, after: float) -> str:
-    """Return two shares in percent with the same decimals, two digits of the smaller."""
-    least = 100.0 * min(abs(before), abs(after))
-    decimals = 1 if least < 0.095 else max(0, 1 - math.floor(math.log10(least)))
-    decimals = min(decimals, 2)
-    return f'{100.0 * before:.{decimals}f} → {100.0 * after:.{decimals}f} %'
 
 
 def equation(text: str) -> Markup:
