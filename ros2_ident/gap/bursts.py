@@ -78,7 +78,7 @@ def _finding(
     """Return what stands out on a drive, by its share and RMS, and its highest of `count`."""
     return Finding(
         events[0].drive, 'instants', Region(), share, min(1.0, 2.0 * count * float(ndtr(-top))),
-        size, size / noise if noise else math.inf, share, True, unit=unit, value=top,
+        size, size / noise if noise else math.inf, share, unit=unit, value=top,
         events=events,
     )  # fmt: skip
 

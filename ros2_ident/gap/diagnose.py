@@ -234,13 +234,12 @@ class _Passes:
         clock.step(0.0, 'telling noise from what the motion predicts')
         readings = self._readings(case, base.theta)
         steps = made_by(readings, case, base.theta)
-        first, seen = base, predictability(joint, base.theta, clock.stopped, steps)
-        decided = case.decided(base.theta, seen.floor.per_drive)
+        first, floor = base, predictability(joint, base.theta, clock.stopped, steps)
+        decided = case.decided(base.theta, floor.per_drive)
         if decided is not case and not clock.stopped():
             case, joint = decided, decided.whole.with_effects(())
-            base = self._attribution(case, seen.floor.per_drive).refit((), base.theta)
-            first, seen = base, predictability(joint, base.theta, clock.stopped, steps)
-        floor = seen.floor
+            base = self._attribution(case, floor.per_drive).refit((), base.theta)
+            first, floor = base, predictability(joint, base.theta, clock.stopped, steps)
         case = self._carrying(case, joint, base.theta, floor.per_drive)
         explainer = Explainer(case, floor, steps=steps, **self._told())
         base = explainer.fits.watch_law(explainer.refit((), base.theta))
@@ -253,7 +252,7 @@ class _Passes:
         explainer.limits = {
             law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
         }
-        explainer.knows(first, seen)
+        explainer.knows(first, floor)
         candidates = tuple(case.candidates(self.without))
         return _Pass(explainer, base, report, candidates, readings)
 

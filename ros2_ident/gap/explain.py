@@ -13,7 +13,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution, Round
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.fits import Explanation, TIE
-from ros2_ident.gap.floor import Floor, NORMAL, Predictability, predictability
+from ros2_ident.gap.floor import Floor, NORMAL, predictability
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.models import EffectAt
@@ -107,7 +107,7 @@ class Explainer(Attribution):
         self.rules = rules or Rules()
         self.shown: tuple[EffectAt, ...] = ()
         self.steps = steps
-        self._seen: dict[frozenset[EffectAt], tuple[Explanation, Predictability]] = {}
+        self._seen: dict[frozenset[EffectAt], tuple[Explanation, Floor]] = {}
         drives = len(case.drives)
         self.fit_count = np.bincount(case.fit.drive, minlength=drives).astype(float)
         self.check_count = np.bincount(case.check.drive, minlength=drives).astype(float)
@@ -350,14 +350,14 @@ class Explainer(Attribution):
 
         What an effect does beyond a straight line is no noise, though it looked like it before.
         """
-        floor = self.noise_of(chain[-1]).floor
+        floor = self.noise_of(chain[-1])
         if not (floor.per_drive < _LOWER * self.fits.floor).any():
             return chain, rounds
         self.floor = floor
         chain, rounds = self.renew(floor.per_drive, chain, rounds)
         return [*chain[:-1], self.refit(chain[-1].effects, chain[-1].theta)], rounds
 
-    def noise_of(self, e: Explanation) -> Predictability:
+    def noise_of(self, e: Explanation) -> Floor:
         """Return what can be predicted of what a fit leaves on all recordings, and what cannot.
 
         Known once for a set of effects: another order and other weights change no noise, and to
@@ -376,14 +376,16 @@ class Explainer(Attribution):
         order = np.concatenate([np.arange(count), *own])
         joint = self.case.fit.with_effects(e.effects)
         moved = (made.theta[order] - e.theta) / (joint.high - joint.low)
+        known = seen.evidence
+        assert known is not None
         evidence = replace(
-            seen.evidence,
-            shift=seen.evidence.shift[order] + moved,
-            covariance=seen.evidence.covariance[np.ix_(order, order)],
+            known,
+            shift=known.shift[order] + moved,
+            covariance=known.covariance[np.ix_(order, order)],
         )
         return replace(seen, evidence=evidence)
 
-    def knows(self, e: Explanation, seen: Predictability) -> None:
+    def knows(self, e: Explanation, seen: Floor) -> None:
         """Keep what was found to be predictable of what a fit leaves."""
         self._seen[frozenset(e.effects)] = e, seen
 

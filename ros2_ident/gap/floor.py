@@ -8,7 +8,7 @@ is noise: half the mean square difference of successive repeats is never below i
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.stats import chi2
@@ -51,6 +51,7 @@ class Floor:
         high: (D,) upper end.
         method: What it was estimated from.
         noise: (D,) size and colour of the noise.
+        evidence: What it comes from, and how far the parameters may be off.
     """
 
     per_drive: Array
@@ -58,6 +59,7 @@ class Floor:
     high: Array
     method: Method
     noise: tuple[NoiseModel, ...]
+    evidence: Evidence | None = None
 
     @property
     def together(self) -> float:
@@ -157,25 +159,12 @@ def find_repeats(dataset: Dataset) -> int | None:
     return best if different[best] < _SAME else None
 
 
-@dataclass(frozen=True)
-class Predictability:
-    """The predictable part of a residual, and its noise.
-
-    Attributes:
-        floor: What cannot: the noise.
-        evidence: Where it comes from, and how far the parameters may be off.
-    """
-
-    floor: Floor
-    evidence: Evidence
-
-
 def predictability(
     joint: Joint,
     theta: Array,
     stopped: Callable[[], bool] = lambda: False,
     steps: Array | float = 0.0,
-) -> Predictability:
+) -> Floor:
     """Tell noise from what the motion predicts.
 
     Args:
@@ -216,7 +205,7 @@ def predictability(
         m.scaled(float(v / np.sqrt(m.variance))) for m, v in zip(noise, value, strict=True)
     )
     method: Method = 'prediction' if again is None else 'repeats'
-    return Predictability(Floor(value, value / spread, value * spread, method, scaled), evidence)
+    return Floor(value, value / spread, value * spread, method, scaled, evidence)
 
 
 def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[Evidence]:
@@ -258,19 +247,9 @@ def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[Evidence]:
 
 def _side_by_side(motions: Sequence[Motion]) -> Motion:
     """Return the motions of several recordings as one."""
-    first = motions[0]
-    if len(motions) == 1:
-        return first
-    return replace(
-        first,
-        position=np.hstack([m.position for m in motions]),
-        velocity=np.hstack([m.velocity for m in motions]),
-        acceleration=np.hstack([m.acceleration for m in motions]),
-        jerk=np.hstack([m.jerk for m in motions]),
-        torque=np.hstack([m.torque for m in motions]),
-        load=np.hstack([m.load for m in motions]),
-        output=np.hstack([m.output for m in motions]),
-    )
+    rows = 'position', 'velocity', 'acceleration', 'jerk', 'torque', 'load', 'output'
+    whole: dict[str, Any] = {n: np.hstack([getattr(m, n) for m in motions]) for n in rows}
+    return replace(motions[0], **whole)
 
 
 def _alike(model: FullModel) -> bool:

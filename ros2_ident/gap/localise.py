@@ -8,9 +8,8 @@ is coherent from block to block is lost then; what is coherent within a block is
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +37,7 @@ _FLIPS = 3999
 LEVEL = 0.05
 # What explains less than this, as RMS over the floor, is of no matter, however certain.
 MATERIAL = 0.2
-# A coordinate with this share leads: what it leaves is taken for the noise. Where none is certain
-# among so many, one that leads is told, if it would be certain by itself.
+# A coordinate with this share leads: what it leaves is taken for the noise.
 _LEADING = 0.4
 # A block is so many times as long as the residual's memory.
 _TIMES = 12.0
@@ -49,8 +47,6 @@ _MOST = 0.75
 _MAINLY, _DENSER = 0.5, 1.5
 # A region wider than this share of the coordinate is all of it.
 _WIDE = 0.8
-
-Trend = Literal['', 'rising', 'falling']
 
 
 @dataclass(frozen=True)
@@ -115,13 +111,12 @@ def blocks_of(
     return block, 1.0 / (1.0 - min(0.5 * (memory - 1.0) * stride / length, 1.0 / 3.0))
 
 
-def orthonormal(columns: Array, weight: Array, constant: bool) -> Array:
-    """Return an orthonormal basis of weighted columns, without the constant unless asked for."""
+def orthonormal(columns: Array, weight: Array) -> Array:
+    """Return an orthonormal basis of weighted columns, without the constant."""
     root = np.sqrt(weight)[:, None]
     weighted = columns * root
-    if not constant:
-        one = root / np.linalg.norm(root)
-        weighted = weighted - one * (one * weighted).sum(axis=0)
+    one = root / np.linalg.norm(root)
+    weighted = weighted - one * (one * weighted).sum(axis=0)
     weighted = weighted / np.maximum(np.sqrt((weighted**2).sum(axis=0)), 1e-300)
     # By the small Gram matrix: a decomposition of the long one would wake the library's threads.
     size, turn = np.linalg.eigh(np.einsum('tb,tc->bc', weighted, weighted))
@@ -130,39 +125,25 @@ def orthonormal(columns: Array, weight: Array, constant: bool) -> Array:
     return kept
 
 
-def bases_of(coordinate: Coordinate, weight: Array) -> list[Array]:
-    """Return one basis, or one for each group of columns where only the best group counts."""
-    if coordinate.pick is None:
-        return [orthonormal(coordinate.columns, weight, False)]
-    groups = range(0, coordinate.columns.shape[1], coordinate.pick)
-    return [
-        orthonormal(coordinate.columns[:, g : g + coordinate.pick], weight, False) for g in groups
-    ]
-
-
 def tested(
     values: Sequence[Array],
-    bases: Sequence[Sequence[Array]],
+    bases: Sequence[Array],
     block: NDArray[np.int64],
     widen: float,
     signs: Array,
     explainable: float,
-) -> list[tuple[float, float, Array]]:
-    """Return for each coordinate its share, its p-value and the basis that explains most."""
+) -> list[tuple[float, float]]:
+    """Return for each coordinate its share and its p-value."""
     out = []
-    for value, groups in zip(values, bases, strict=True):
-        observed, chance, best = -1.0, np.zeros(len(signs)), groups[0]
-        for basis in groups:
-            parts = np.zeros((signs.shape[1], basis.shape[1]))
-            np.add.at(parts, block, basis * value[:, None])
-            square = float((parts.sum(axis=0) ** 2).sum())
-            chance = np.maximum(chance, widen * (thrown(signs, parts) ** 2).sum(axis=1))
-            if square > observed:
-                observed, best = square, basis
+    for value, basis in zip(values, bases, strict=True):
+        parts = np.zeros((signs.shape[1], basis.shape[1]))
+        np.add.at(parts, block, basis * value[:, None])
+        observed = float((parts.sum(axis=0) ** 2).sum())
+        chance = widen * (thrown(signs, parts) ** 2).sum(axis=1)
         p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
         expected = float(chance.mean())
         gain = max(0.0, observed - expected)
-        out.append((gain / max(explainable - expected, gain, 1e-300), p_value, best))
+        out.append((gain / max(explainable - expected, gain, 1e-300), p_value))
     return out
 
 
@@ -202,11 +183,8 @@ class Finding:
         size: RMS that it explains [`unit`].
         over_floor: The same over the drive's noise floor.
         beyond: Share that it still explains once the drive's leading coordinate is taken out.
-        significant: Whether it holds after the correction for many coordinates, and matters.
-        likely: Whether it explains most on a drive with a large gap, and is not certain.
         parity: Whether the residual changes sign with the direction of motion.
         unit: Unit of the gap.
-        trend: Whether the residual grows along the coordinate.
         phase: Phase of the motion in which most of it lies; empty for none.
         value: Mean of an offset [`unit`], frequency of a swing [Hz], or the highest burst over
             the residual elsewhere.
@@ -222,11 +200,8 @@ class Finding:
     size: float
     over_floor: float
     beyond: float
-    significant: bool
-    likely: bool = False
     parity: Parity = ''
     unit: str = ''
-    trend: Trend = ''
     phase: str = ''
     value: float = math.nan
     events: tuple[Event, ...] = ()
@@ -256,8 +231,7 @@ def localise(
         flips: How often it is thrown.
 
     Returns:
-        The findings: the drive with the largest gap first, then what explains most of it. Where a
-        drive with a large gap has none, what explains most is added, as not significant.
+        The findings: the drive with the largest gap first, then what explains most of it.
 
     Reference:
         Sign flips: Wu (1986), Annals of Statistics 14, the wild bootstrap; in blocks: Shao (2010),
@@ -276,32 +250,13 @@ def localise(
     # They are fractions of the flips: a tie with the level passes, however it is rounded.
     chance = false_discovery_control([f.p_value for f in found]) if found else ()
     found = [
-        replace(
-            f,
-            significant=bool(p <= LEVEL * (1.0 + 1e-9)) and f.over_floor >= MATERIAL,
-        )
+        f
         for f, p in zip(found, chance, strict=True)
+        if p <= LEVEL * (1.0 + 1e-9) and f.over_floor >= MATERIAL
     ]
-    found += _likely(found, motion.drives)
     size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
     gap = dict(zip(motion.drives, size.tolist(), strict=True))
-    found.sort(key=lambda f: (-f.significant, -gap[f.drive], -f.over_floor))
-    return tuple(f for f in found if f.significant or f.likely)
-
-
-def _likely(found: list[Finding], drives: Sequence[str]) -> list[Finding]:
-    """Return what explains most on drives with a large gap where no coordinate is certain."""
-    out = []
-    for drive in drives:
-        means = [f for f in found if f.drive == drive]
-        best = max(means, key=lambda f: f.statistic, default=None)
-        if best is None or any(f.significant for f in means):
-            continue
-        large = best.over_floor >= MATERIAL and best.statistic >= _LEADING
-        if large and best.p_value <= LEVEL:
-            found.remove(best)
-            out.append(replace(best, likely=True))
-    return out
+    return tuple(sorted(found, key=lambda f: (-gap[f.drive], -f.over_floor)))
 
 
 def _drive(
@@ -317,40 +272,40 @@ def _drive(
     one = root[:, None] / np.linalg.norm(root)
     centred = coarse.value - one[:, 0] * float(one[:, 0] @ coarse.value)
     every = [offset, *coordinates(motion, d, coarse.at)]
-    bases = [[one], *(bases_of(c, coarse.weight) for c in every[1:])]
+    bases = [one, *(orthonormal(c.columns, coarse.weight) for c in every[1:])]
     moving = phases(motion.velocity[d], motion.acceleration[d])[coarse.at]
     values = [coarse.value, *([centred] * (len(every) - 1))]
     block, widen = coarse.block, coarse.widen
     signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
-    fits = [
-        max(((float(((g.T @ v) ** 2).sum()), i) for i, g in enumerate(groups)))
-        for v, groups in zip(values, bases, strict=True)
-    ]
-    first = max(range(len(fits)), key=lambda i: fits[i][0])
-    basis = bases[first][fits[first][1]]
-    if fits[first][0] - noise**2 * basis.shape[1] >= _LEADING * coarse.explainable:
+    squares = [float(((b.T @ v) ** 2).sum()) for v, b in zip(values, bases, strict=True)]
+    first = int(np.argmax(squares))
+    basis = bases[first]
+    if squares[first] - noise**2 * basis.shape[1] >= _LEADING * coarse.explainable:
         # The memory of what the leading coordinate leaves is that of the noise: its own is the
         # effect's, and blocks that long would hide what repeats within them.
         left = values[first] - basis @ (basis.T @ values[first])
         block, widen = blocks_of(left / root, coarse.at, motion.cycle, motion.position.shape[1])
         signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
     found = tested(values, bases, block, widen, signs, coarse.explainable)
-    leading = max((f for f in found if f[1] <= LEVEL), default=(0.0, 1.0, one), key=lambda f: f[0])
+    certain = [i for i, (_, p_value) in enumerate(found) if p_value <= LEVEL]
+    leading = bases[max(certain, key=lambda i: found[i][0], default=0)]
     out = []
-    for coordinate, value, (share, p_value, basis) in zip(every, values, found, strict=True):
+    for coordinate, value, basis, (share, p_value) in zip(
+        every, values, bases, found, strict=True
+    ):
         fitted = basis @ (basis.T @ value)
-        left = value - leading[2] @ (leading[2].T @ value)
+        left = value - leading @ (leading.T @ value)
         beyond = float(((basis.T @ left) ** 2).sum()) - noise**2 * basis.shape[1]
         size = math.sqrt(share * coarse.explainable / float(coarse.weight.sum()))
-        region, trend = region_of(coordinate, fitted / root, coarse.weight, noise)
+        region = region_of(coordinate, fitted / root, coarse.weight, noise)
         power = np.bincount(moving, fitted**2, len(PHASES)).astype(float)
         time = np.bincount(moving, coarse.weight, len(PHASES)).astype(float)
         mean = np.average(fitted / root, weights=coarse.weight)
         out.append(
             Finding(
                 motion.drives[d], coordinate.name, region, share, p_value, size, size / noise,
-                max(0.0, beyond / coarse.explainable), False, parity=coordinate.parity,
-                unit=motion.unit, trend=trend, phase=phase_of(power, time),
+                max(0.0, beyond / coarse.explainable), parity=coordinate.parity,
+                unit=motion.unit, phase=phase_of(power, time),
                 value=float(mean) if coordinate is offset else math.nan,
             )
         )  # fmt: skip
@@ -365,15 +320,13 @@ def _swing(motion: Motion, d: int, row: Array, noise: float, coarse: Coarse) -> 
     return [
         Finding(
             motion.drives[d], 'frequency', Region(peak.low, peak.high, 'Hz'), share, peak.p_value,
-            peak.size, peak.size / noise, share, False, unit=motion.unit, value=peak.frequency,
+            peak.size, peak.size / noise, share, unit=motion.unit, value=peak.frequency,
         )
     ]  # fmt: skip
 
 
-def region_of(
-    coordinate: Coordinate, fitted: Array, weight: Array, noise: float
-) -> tuple[Region, Trend]:
-    """Return where along a coordinate a fitted residual lies, and whether it grows along it.
+def region_of(coordinate: Coordinate, fitted: Array, weight: Array, noise: float) -> Region:
+    """Return where along a coordinate a fitted residual lies.
 
     Args:
         coordinate: The coordinate.
@@ -381,21 +334,21 @@ def region_of(
         weight: (T,) samples that each entry stands for.
         noise: Noise floor.
     """
-    if coordinate.pick:
-        order = _order(coordinate, fitted, coordinate.pick)
-        return Region(order, order, coordinate.unit), ''
+    if coordinate.name == 'motor angle':
+        order = float(coordinate.place[0, 0])
+        return Region(order, order, coordinate.unit)
     if coordinate.name in ('offset', 'recent acceleration'):
-        return Region(), ''
+        return Region()
     sides = np.sign(coordinate.columns)
     inside = np.abs(coordinate.columns) > 0.0
     if coordinate.labels and coordinate.name != 'phase':
         size = np.abs((coordinate.columns / coordinate.columns.std(axis=0)).T @ fitted)
-        return Region(labels=(coordinate.labels[int(np.argmax(size))],)), ''
+        return Region(labels=(coordinate.labels[int(np.argmax(size))],))
     if coordinate.labels:
         held = dict(zip(coordinate.labels, (weight * fitted**2) @ inside, strict=True))
         names = sorted(held, key=lambda name: -held[name])
         most = np.cumsum([held[name] for name in names]) >= _MOST * sum(held.values())
-        return Region(labels=tuple(names[: 1 + int(np.argmax(most))])), ''
+        return Region(labels=tuple(names[: 1 + int(np.argmax(most))]))
     counts = np.array([float(weight[c].sum()) for c in inside.T])
     means = np.array(
         [
@@ -404,7 +357,7 @@ def region_of(
         ]
     )
     power = np.maximum(counts * means**2 - noise**2, 0.0)
-    return _narrowest(coordinate, power), _trend(means, coordinate.place.mean(axis=1), counts)
+    return _narrowest(coordinate, power)
 
 
 def phase_of(power: Array, time: Array) -> str:
@@ -420,14 +373,6 @@ def phase_of(power: Array, time: Array) -> str:
     held, lasts = power / total, time / whole
     top = int(np.argmax(held))
     return PHASES[top] if held[top] >= max(_MAINLY, _DENSER * lasts[top]) else ''
-
-
-def _order(coordinate: Coordinate, fitted: Array, size: int) -> float:
-    """Return the motor order whose lines hold most."""
-    columns = coordinate.columns / np.linalg.norm(coordinate.columns, axis=0)
-    power = (columns.T @ fitted) ** 2
-    groups = power.reshape(-1, size).sum(axis=1)
-    return float(coordinate.place[size * int(np.argmax(groups)), 0])
 
 
 def _narrowest(coordinate: Coordinate, power: Array) -> Region:
@@ -446,14 +391,3 @@ def _narrowest(coordinate: Coordinate, power: Array) -> Region:
     low = coordinate.place[first, 0] if first else -math.inf
     high = coordinate.place[last, 1] if first == 0 or last < size - 1 else math.inf
     return Region(float(low), float(high), coordinate.unit)
-
-
-def _trend(means: Array, centres: Array, counts: Array) -> Trend:
-    """Return whether the means go up or down along the coordinate."""
-    if means.size < 4:
-        return ''
-    a = centres - np.average(centres, weights=counts)
-    b = means - np.average(means, weights=counts)
-    spread = np.sqrt(np.average(a**2, weights=counts) * np.average(b**2, weights=counts))
-    slope = float(np.average(a * b, weights=counts)) / max(float(spread), 1e-300)
-    return 'rising' if slope > 0.9 else 'falling' if slope < -0.9 else ''

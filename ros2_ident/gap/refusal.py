@@ -39,12 +39,10 @@ def of_gates(
     explainer: Explainer, base: Explanation, report: GateReport
 ) -> tuple[Explained, Verdict]:
     """Return the answer where the gates leave none to physics."""
-    worst = report.contradictions[0]
-    effect = WRONG_MODEL if worst.gate == 'coupling' else BOOKKEEPING
     drives = [g.drive for g in report.contradictions if g.level == 'fail' and g.drive]
     where = tuple(dict.fromkeys(drives)) or ('all',)
     found = Explained((base,), (), (), (), explainer.size(base), True)
-    return found, _without_effects(effect, where)
+    return found, _without_effects(BOOKKEEPING, where)
 
 
 def of_the_file(

@@ -10,7 +10,6 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.gates.asked import fit_asked
 from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
-from ros2_ident.gates.coupling import check_coupling
 from ros2_ident.gates.finding import Gate, GateReport, Level, LEVELS
 from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.log import check_asked, check_effort, check_streams
@@ -139,7 +138,6 @@ def _of_motion(
         return GateReport(tuple(found))
     for drive in drives:
         found += check_effort(machine, data, drive)
-        found += check_coupling(machine, data, drive)
     tracking = tracking_of(data, drives)
     apart: list[Gate] = []
     if tracking is not None:

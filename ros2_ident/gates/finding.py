@@ -13,7 +13,7 @@ Level = Literal['ok', 'warn', 'fail']
 # The worst first.
 LEVELS: tuple[Level, ...] = ('fail', 'warn', 'ok')
 # Of findings that are as bad, one that others follow from comes first.
-_CAUSES = ('names', 'limit', 'set_point', 'reach', 'offset', 'coupling', 'sign', 'scale', 'law')
+_CAUSES = ('names', 'limit', 'set_point', 'reach', 'offset', 'sign', 'scale', 'law')
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Gate:
 
     Attributes:
         gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `set_point`, `offset`,
-            `names`, `coupling`, `reach`, `asked`, `not_asked`, or the id of the effect that a late
+            `names`, `reach`, `asked`, `not_asked`, or the id of the effect that a late
             set-point shows.
         drive: The drive, empty for the log as a whole.
         level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).

@@ -96,8 +96,6 @@ class Kind:
         efforts: Returns the (D,) size of the drives' efforts, of which bounds of effects are
             shares; None where the log says it.
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
-        coupled: Whether its model knows how drives load each other; where not, a log in which they
-            do is found to be another machine's.
         alike: Whether its drives are of one make and logged alike, so that one noise is that of
             all.
         follows: Whether its controllers follow a set-point; where not, a logged one is left out.
@@ -133,7 +131,6 @@ class Kind:
     released: bool = False
     efforts: Callable[[Machine], Array] | None = None
     scene: Callable[[Machine, Array], Figure | None] | None = None
-    coupled: bool = True
     alike: bool = False
     follows: bool = True
     read: Callable[[Machine], Any] | None = None

@@ -64,7 +64,6 @@ LINEAR_AXIS = Kind(
     model=later('ros2_ident.models.linear_axis.model:LinearAxis'),
     judge=_judge_linear_axis,
     starts_in_motion=True,
-    coupled=False,
     space=_space_of_linear_axis,
 )
 

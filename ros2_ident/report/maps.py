@@ -92,7 +92,7 @@ def maps_of(d: Diagnosis) -> tuple[ResidualMap, ...]:
 
 
 def _chosen(findings: Sequence[Finding], always: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Return drive and coordinate of what to draw: the leading significant findings.
+    """Return drive and coordinate of what to draw: the leading findings.
 
     Args:
         findings: What was found, the drive with the largest gap first.
@@ -102,10 +102,9 @@ def _chosen(findings: Sequence[Finding], always: Sequence[str]) -> tuple[tuple[s
         Each pair once, drive by drive in the order of the findings.
     """
     # Those over which nothing was found come first.
-    found = [f for f in findings if f.significant]
-    others = set(always) - {f.drive for f in found}
+    others = set(always) - {f.drive for f in findings}
     at = {drive: ['velocity'] for drive in always if drive in others}
-    for f in found:
+    for f in findings:
         # Findings without an axis of their own are shown over time.
         name = 'time' if f.along in _OVER_TIME else f.along.removeprefix('recent ')
         if name not in at.setdefault(f.drive, []):

@@ -55,10 +55,9 @@ def where(f: Finding) -> str:
             f'{f.drive}: {of} at {region(f)}; up to {f.value:.2g} times the residual elsewhere, '
             f'{percent(f.statistic)} of its power'
         )
-    doubt = '; not certain, the motion passes there too few times' if f.likely else ''
     return (
         f'{f.drive}: {_along(f)}; {percent(f.statistic)} of the gap above the noise, '
-        f'{figure(f.size)} {f.unit} RMS{doubt}'
+        f'{figure(f.size)} {f.unit} RMS'
     )
 
 
@@ -75,7 +74,7 @@ def _along(f: Finding) -> str:
         'torque rate': 'follows the rate of the effort, as with a wrong delay',
         'recent acceleration': 'follows the acceleration of the last 40 ms',
         'lagging friction': f'like a friction that lags behind the motion: {at}',
-    }.get(f.along, f'{along}, {f.trend} with it' if f.trend else along)
+    }.get(f.along, along)
     parts = [text]
     if f.phase and f.along not in ('phase', 'offset'):
         parts.insert(0, _WHILE[f.phase])

@@ -60,7 +60,6 @@ def test_pushes_are_told_with_drive_instant_and_size() -> None:
     (knee, hip) = found(pulses((0, 2.347, 0.3), (1, 4.0, -0.9), (1, 9.126, 0.7)))
     assert (knee.drive, hip.drive) == ('knee', 'hip')
     assert knee.coordinate == 'instants'
-    assert knee.significant
     told = [event.time for event in knee.events]
     assert told == pytest.approx([4.0, 9.126], abs=0.05)
     assert hip.events[0].time == pytest.approx(2.347, abs=0.05)

@@ -65,7 +65,7 @@ def test_what_one_of_three_like_drives_has_more_than_the_others_is_no_noise() ->
     joint = Case(recordings_of(tripod(), [louder(recording(1), 1, noise, 5)])).whole
     theta = [TRIPOD_TRUTH[p.name.rpartition('.')[2]] for p in joint.with_effects(()).parameters]
     # Without the catalogue: what the motion predicts is enough.
-    floor = predictability(joint.with_effects(()), np.array(theta), lambda: True).floor
+    floor = predictability(joint.with_effects(()), np.array(theta), lambda: True)
     assert floor.per_drive == pytest.approx(3 * [tripod().effort_noise], rel=0.1)
 
 

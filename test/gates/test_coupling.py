@@ -10,7 +10,6 @@ from values import with_bounds
 
 from gates.test_faults import bag_of
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gates import examine
 from ros2_ident.identify.data import gather
 from ros2_ident.models import Machine
 from ros2_ident.recording import Recording, Stream
@@ -60,42 +59,14 @@ def recording(gravity: float) -> Recording:
     return Recording(state=state, source='arm')
 
 
-def test_an_elbow_that_carries_its_weight_behind_a_shoulder():
-    report = examine(joint(), gather([recording(60.0)], joint()).datasets)
-    (gate,) = report.of('coupling')
-    assert report.blocked
-    assert gate.number > 0.5
-    assert 'that of shoulder takes all but' in gate.sentence
-    assert 'gravity and coupling of an arm' in gate.sentence
-
-
-def test_an_elbow_without_weight_is_a_machine_of_its_own():
-    report = examine(joint(), gather([recording(0.0)], joint()).datasets)
-    assert report.of('coupling') == ()
-
-
-def test_a_diagnosis_of_it_says_so_and_names_no_effect():
+def test_what_no_effect_makes_a_model_carry_is_another_machine():
     data = gather([recording(60.0)], joint())
     found = diagnose(joint(), data.datasets)
     assert (found.effect, found.where) == ('model', ('elbow',))
-    assert sentence(found).startswith('elbow: the model is the wrong one, its own motion leaves')
+    assert sentence(found).startswith('The model is not the one of this machine: ')
     assert sentence(found).endswith('No effect is named.')
     assert (found.also, found.confusable, found.ranking) == ((), (), ())
     assert found.complete
-
-
-def test_what_no_effect_makes_a_model_carry_is_another_machine():
-    # Alone in its log, nothing shows what the elbow hangs on.
-    whole = recording(60.0)
-    alone = replace(whole.state, names=('elbow',), **{
-        field: np.ascontiguousarray(whole.state.values(field)[:, 1:])
-        for field in ('position', 'effort')
-    })
-    data = gather([replace(whole, state=alone)], joint())
-    found = diagnose(joint(), data.datasets)
-    assert found.effect == 'model'
-    assert sentence(found).startswith('The model is not the one of this machine: ')
-    assert (found.also, found.ranking) == ((), ())
 
 
 @pytest.mark.parametrize(
