@@ -148,14 +148,33 @@ def row_of(name: str, drive: int | None = None) -> int:
     return MACHINE_COUNT + drive * DRIVE_COUNT + DRIVE_ROWS.index(name)
 
 
+def of(block: npt.NDArray[np.float64], name: str, drives: int) -> npt.NDArray[np.float64]:
+    """Return a view of a number of candidates (S, R): (S,) the machine's, (S, D) the drives'.
+
+    Behind the rows of the drives others may follow.
+    """
+    if name in MACHINE_ROWS:
+        return block[:, MACHINE_ROWS.index(name)]
+    return _of_drives(block, DRIVE_ROWS.index(name), drives)
+
+
+def of_effect(
+    block: npt.NDArray[np.float64], effect_id: str, number: int, drives: int
+) -> npt.NDArray[np.float64]:
+    """Return a view (S, D) of a parameter of a kernel effect, by its number."""
+    return _of_drives(block, effect_row(effect_id) + number, drives)
+
+
+def _of_drives(block: npt.NDArray[np.float64], row: int, drives: int) -> npt.NDArray[np.float64]:
+    return block[:, MACHINE_COUNT + row : MACHINE_COUNT + drives * DRIVE_COUNT : DRIVE_COUNT]
+
+
 def neutral_rows(count: int, drives: int) -> npt.NDArray[np.float64]:
     """Return (count, rows) candidates with every row at its neutral value."""
     rows = np.zeros((count, MACHINE_COUNT + drives * DRIVE_COUNT))
     for name, value in NEUTRAL.items():
-        for drive in [None] if name in MACHINE_ROWS else range(drives):
-            rows[:, row_of(name, drive)] = value
-    for drive in range(drives):
-        start = MACHINE_COUNT + drive * DRIVE_COUNT + EFFECT_START
-        neutral = [p.neutral for e in KERNEL_EFFECTS for p in e.parameters]
-        rows[:, start : start + len(neutral)] = neutral
+        of(rows, name, drives)[:] = value
+    for effect in KERNEL_EFFECTS:
+        for number, parameter in enumerate(effect.parameters):
+            of_effect(rows, effect.id, number, drives)[:] = parameter.neutral
     return rows

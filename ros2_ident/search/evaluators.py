@@ -26,10 +26,8 @@ from ros2_ident.threads import processors
 # (S, N) -> (S, ...); where it has an attribute `limited`, with all arguments of `Objective.costs`.
 Evaluate = Callable[..., Array]
 Stop = Callable[[], bool]
-# So long to reach a scheduler, and to wait for a worker where there is none, s.
+# So long to reach a scheduler, and to wait for its first worker, s.
 PATIENCE = 30.0
-# So long the number of workers is believed, s.
-_FRESH = 1.0
 # How long to wait before looking again, s.
 _LOOK = 0.05
 
@@ -293,9 +291,6 @@ class _Link:
     def __init__(self, subject: Subject, client: Any, cancel: Cancel | None) -> None:
         self._packed = pickle.dumps(subject, protocol=pickle.HIGHEST_PROTOCOL)
         self._client = client
-        self._asked = -math.inf
-        self._slots = 0
-        self._alone_since = math.inf
         self._scatter()
         # Every worker compiles before a clock runs.
         ready = [self.send('prepare', (), workers=[name]) for name in client.nthreads()]
@@ -311,28 +306,15 @@ class _Link:
     @property
     def slots(self) -> int:
         """Batches that are evaluated at the same time; 0 where no worker is there now."""
-        # Each question is a message to the scheduler.
-        if time.monotonic() - self._asked > _FRESH and self._client.status == 'running':
-            self._slots = _slots(self._client)
-            self._asked = time.monotonic()
-        return self._slots
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether to wait for workers no longer."""
-        if self._client.status != 'running':
-            return True
-        now = time.monotonic()
-        self._alone_since = math.inf if self.slots else min(self._alone_since, now)
-        return now - self._alone_since > PATIENCE
+        return _slots(self._client) if self._client.status == 'running' else 0
 
     def send(self, name: str, arguments: tuple[Any, ...], **where: Any) -> Any:
         """Return the future of a call of the object's method; None without a worker."""
-        if self.hopeless:
-            return None
         try:
+            if not self.slots:
+                return None
             # The only worker that held the data may be the one that was lost.
-            if self._data.status != 'finished' and _slots(self._client):
+            if self._data.status != 'finished':
                 self._scatter()
             return self._client.submit(_call, self._data, name, arguments, pure=False, **where)
         except Exception as error:
@@ -342,7 +324,7 @@ class _Link:
 
     def result(self, future: Any, here: Callable[[], Any], stop: Stop = bool) -> Any:
         """Return the result of a call, made `here` where Dask gives it up; None once stopped."""
-        while future is not None and not self.hopeless:
+        while future is not None and self.slots:
             try:
                 future.exception(timeout=_LOOK)
                 return future.result()

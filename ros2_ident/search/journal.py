@@ -11,24 +11,22 @@ says what it has to be, and computes again what the answer rests on.
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 import hashlib
-import json
+import io
 import math
 from pathlib import Path
 import struct
 import time
 from typing import Any, NamedTuple
-import zlib
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import Growing
 
-Values = Mapping[str, Any]
 # The last character is the version of what follows: digest of the run's key, records.
-MAGIC = b'ros2_ident journal 1\n'
-# Of a record: CRC-32 of the rest, bytes of head and body, digest of what was worked out.
-_HEAD = struct.Struct('<III16s')
+MAGIC = b'ros2_ident journal 2\n'
+# Of a record: bytes of its archive of numpy, which has checksums, and digest of its inputs.
+_HEAD = struct.Struct('<Q16s')
 # Records beyond this may take this share of the time, and all of them so many bytes.
 SMALL, SHARE, MOST = 1 << 14, 0.05, 1 << 29
 
@@ -92,7 +90,7 @@ class Journal(AbstractContextManager['Journal']):
         self.failed = ''
         self._path = None if path is None else Path(path)
         self._file = None if path is None else Growing(path)
-        self._places: dict[bytes, tuple[int, int, int]] = {}
+        self._places: dict[bytes, tuple[int, int]] = {}
         self._begun, self._spent = time.monotonic(), 0.0
         if self._file is not None:
             try:
@@ -118,25 +116,15 @@ class Journal(AbstractContextManager['Journal']):
                 f'{self._path}: belongs to a run of other data, parameters, bounds, seed or '
                 'settings, or of another version; delete it, or go on with the same ones',
             )
-        at = len(head)
-        while (end := self._record(file, at)) is not None:
-            at = end
-        file.cut(at)
-
-    def _record(self, file: Growing, at: int) -> int | None:
-        """Note where a record is; return its end, None where there is no whole one."""
-        start = file.read(at, _HEAD.size)
-        if len(start) < _HEAD.size:
-            return None
-        crc, head, body, what = _HEAD.unpack(start)
-        end: int = at + _HEAD.size + head + body
-        first = at + _HEAD.size
-        if end > file.size:
-            return None
-        if zlib.crc32(file.read(first, head + body), zlib.crc32(start[4:])) != crc:
-            return None
-        self._places[what] = first, head, body
-        return end
+        end = len(head)
+        while end + _HEAD.size <= file.size:
+            size, what = _HEAD.unpack(file.read(end, _HEAD.size))
+            first = end + _HEAD.size
+            if first + size > file.size:
+                break
+            self._places[what] = first, size
+            end = first + size
+        file.cut(end)
 
     def get(self, wanted: Mapping[str, Within], *what: Any) -> dict[str, Any] | None:
         """Return what was put for the same inputs, None where nothing was that is `wanted`."""
@@ -144,56 +132,36 @@ class Journal(AbstractContextManager['Journal']):
         if place is None or self._file is None:
             return None
         try:
-            values = _read(self._file.read(place[0], place[1] + place[2]), place[1])
+            with np.load(io.BytesIO(self._file.read(*place)), allow_pickle=False) as kept:
+                arrays = {name: kept[name] for name in kept}
+            values = {name: x if x.ndim else x.item() for name, x in arrays.items()}
             fits = all(value.holds(values[name]) for name, value in wanted.items())
-        except Exception:  # json and numpy each have their own
+        except Exception:  # numpy and zipfile each have their own
             return None
         return values if fits else None
 
-    def put(self, values: Values, *what: Any) -> None:
-        """Keep arrays, and plain data that JSON can hold, for inputs."""
+    def put(self, values: Mapping[str, Any], *what: Any) -> None:
+        """Keep arrays and numbers for inputs."""
         if self._file is None or self.failed:
             return
-        arrays = {k: v for k, v in values.items() if isinstance(v, np.ndarray)}
-        size = sum(v.nbytes for v in arrays.values())
+        size = sum(np.asarray(value).nbytes for value in values.values())
         begin = time.monotonic()
         dear = self._spent > SHARE * (begin - self._begun) or self._file.size + size > MOST
         if size > SMALL and dear:
             return
-        about = {
-            'arrays': [[k, v.dtype.str, v.shape] for k, v in arrays.items()],
-            'plain': {k: v for k, v in values.items() if k not in arrays},
-        }
-        head = json.dumps(about).encode()
-        rest = struct.pack('<II16s', len(head), size, digest_of(*what))
-        data = b''.join((head, *(v.tobytes() for v in arrays.values())))
-        crc = zlib.crc32(data, zlib.crc32(rest))
-        place = self._file.size + _HEAD.size, len(head), size
+        archive = io.BytesIO()
+        np.savez(archive, **values)
+        data, key = archive.getvalue(), digest_of(*what)
+        place = self._file.size + _HEAD.size, len(data)
         try:
-            self._file.write(struct.pack('<I', crc) + rest + data)
-            self._places[digest_of(*what)] = place
+            self._file.write(_HEAD.pack(len(data), key) + data)
+            self._places[key] = place
         except IdentError as error:
             self.failed = error.message
         self._spent += time.monotonic() - begin
 
-    def close(self) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Let go of the file."""
         if self._file is not None:
             self._file.close()
             self._file = None
-
-    def __exit__(self, *raised: object) -> None:
-        """Let go of the file."""
-        self.close()
-
-
-def _read(data: bytes, head: int) -> dict[str, Any]:
-    """Return the values of a record, the first bytes of which are its head."""
-    about = json.loads(data[:head])
-    out: dict[str, Any] = about['plain']
-    at = head
-    for name, kind, shape in about['arrays']:
-        values = np.frombuffer(data, kind, int(np.prod(shape)), at).reshape(shape).copy()
-        out[name] = values
-        at += values.nbytes
-    return out

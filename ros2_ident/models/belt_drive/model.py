@@ -6,6 +6,7 @@ constant over a sample, so the modes of M, K turn by fixed angles from sample to
 integration step, no integration error. The drive starts at rest at its first set-point.
 """
 
+from collections.abc import Mapping
 import math
 from typing import Any
 
@@ -46,34 +47,36 @@ class BeltDrive:
         machine: A machine file of kind `belt_drive`.
         cycle: Sampling interval, s.
         set_point: (K,) phi1d, rad.
+        fixed: Values of parameters that are not free, by name.
 
     Raises:
-        IdentError: UNKNOWN_MODEL, UNKNOWN_PARAMETER, BAD_MACHINE_FILE or BAD_VALUES with the
-            remedy.
+        IdentError: UNKNOWN_PARAMETER, BAD_MACHINE_FILE or BAD_VALUES with the remedy.
     """
 
     outputs: tuple[str, ...] = OUTPUTS
 
-    def __init__(self, machine: Machine, cycle: float, set_point: Array) -> None:
-        if machine.kind != KIND.name:
-            raise IdentError(
-                ErrorCode.UNKNOWN_MODEL,
-                f'the machine is a {machine.kind} and the model a {KIND.name}; '
-                'give the machine file of a belt drive',
-            )
-        unknown = set(machine.bounds) - set(CONSTANTS)
-        if unknown:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
-                f'a belt drive has no parameter {", ".join(sorted(unknown))}; '
-                f'choose from {", ".join(CONSTANTS)}',
-            )
-        self._nominal = np.array([machine.number(name) for name in CONSTANTS])
-        self._columns = np.array([list(CONSTANTS).index(n) for n in machine.bounds], dtype=np.intp)
+    def __init__(
+        self,
+        machine: Machine,
+        cycle: float,
+        set_point: Array,
+        fixed: Mapping[str, float] | None = None,
+    ) -> None:
+        fixed = fixed or {}
+        for name in fixed:
+            if name not in machine.bounds:
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'{name!r} cannot be fixed: no such parameter; the model has '
+                    f'{", ".join(machine.bounds)}',
+                )
+        self._nominal = np.array([fixed.get(n, machine.number(n)) for n in CONSTANTS])
         self.parameters: tuple[Parameter, ...] = tuple(
             Parameter(n, unit, low, high, 'physical', f'{PAPER}: {CONSTANTS[n][2]}')
             for n, (low, high, unit) in machine.bounds.items()
+            if n not in fixed
         )
+        self._columns = [list(CONSTANTS).index(p.name) for p in self.parameters]
         self.cycle = float(cycle)
         self.reference: Array = np.ascontiguousarray(set_point, dtype=np.float64)
         if not (self.reference.size and np.isfinite(self.reference).all() and self.cycle > 0.0):
@@ -89,7 +92,7 @@ class BeltDrive:
 
     def constants(self, theta: Array) -> Array:
         """Return all constants (S, 10), in the order of `CONSTANTS`, of candidates (S, N)."""
-        theta = np.asarray(theta, dtype=np.float64)
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         if theta.ndim != 2 or theta.shape[1] != len(self.parameters):
             raise IdentError(
                 ErrorCode.BAD_VALUES,
@@ -165,16 +168,7 @@ class RecordedBelt(MachineModel):
                 ErrorCode.MISSING_STREAM,
                 'the recording holds no set-point, which drives a belt drive; record it too',
             )
-        self.belt = BeltDrive(machine, data.cycle, data.command_position[0])
-        names = [p.name for p in self.belt.parameters]
-        unknown = [name for name in self.fixed if name not in names]
-        if unknown:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
-                f'{unknown[0]!r} cannot be fixed: no such parameter; the model has '
-                f'{", ".join(names)}',
-            )
-        self._free = [n for n, name in enumerate(names) if name not in self.fixed]
+        self.belt = BeltDrive(machine, data.cycle, data.command_position[0], self.fixed)
         self._measured = self.signals.measured(data)
         complete = bool(np.isfinite(self._measured).all())
         self._fused = complete and self.signals.weights == (1.0, 1.0)
@@ -182,7 +176,7 @@ class RecordedBelt(MachineModel):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The free parameters, in the order of theta's columns."""
-        return tuple(self.belt.parameters[n] for n in self._free)
+        return self.belt.parameters
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -198,19 +192,10 @@ class RecordedBelt(MachineModel):
         """Return the model itself: it runs by its set-point alone."""
         return self
 
-    def _whole(self, theta: Array) -> Array:
-        """Return (S, P) all of the belt's parameters, those that are held with their values."""
-        theta = np.atleast_2d(theta)
-        whole = np.empty((len(theta), len(self.belt.parameters)))
-        for n, p in enumerate(self.belt.parameters):
-            whole[:, n] = self.fixed.get(p.name, math.nan)
-        whole[:, self._free] = theta
-        return whole
-
     def simulate(self, theta: Array) -> Array:
         """Return (S, O, K) outputs of candidates (S, N); inf where one is no stable drive."""
         rows = [_ROWS[quantity] for quantity in self.signals.quantities]
-        return self.belt.simulate(self._whole(theta))[:, rows]
+        return self.belt.simulate(theta)[:, rows]
 
     def costs(
         self, theta: Array, limit: float | Array = math.inf, stop: Stop | None = None
@@ -219,4 +204,4 @@ class RecordedBelt(MachineModel):
         if not self._fused or (stop is not None and stop()):
             return super().costs(theta, limit, stop)
         rows = [self.signals.quantities.index('position'), self.signals.quantities.index('effort')]
-        return self.belt.cost(self._whole(theta), self._measured[rows])
+        return self.belt.cost(theta, self._measured[rows])

@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+import functools
 import math
 
 import numpy as np
@@ -87,8 +88,8 @@ _ZERO = ('measurement_delay', 'gear_damping_ratio', 'integral_gain', 'velocity_f
          'set_point_delay', 'joint_zero')  # fmt: skip
 _ZERO_ROWS = 'coulomb', 'viscous', 'constant_load'
 MAY_BE_ZERO = {*_ZERO, *(name for name, slot in SLOTS.items() if slot.row in _ZERO_ROWS)}
-# Fills rows of one drive, of all candidates, from other rows of it.
-Derive = Callable[[Array, int], None]
+# Fills rows of all candidates and drives from other rows of theirs.
+Derive = Callable[[Array], None]
 
 
 @dataclass(eq=False)
@@ -279,12 +280,16 @@ class Candidates:
 
     # ------------------------------------------------------------------ rows
 
-    def rows(self, theta: Array, derive: Derive = lambda block, d: None) -> Array:
+    def of(self, block: Array, name: str) -> Array:
+        """Return a view of a number of (S, R) rows: (S,) the machine's, (S, D) the drives'."""
+        return rows.of(block, name, len(self.machine.drives))
+
+    def rows(self, theta: Array, derive: Derive = lambda block: None) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units.
 
         Args:
             theta: Candidates (S, N).
-            derive: Fills what follows from other rows of a drive, before its gear's damping. Not
+            derive: Fills what follows from other rows, before the gears' damping. Not
                 kept: a method of the model would hold the model, and its data, in a circle.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
@@ -294,47 +299,52 @@ class Candidates:
             )
         block = np.repeat(self.base[None], len(theta), axis=0)
         values = self._values(theta)
-        drives = range(len(self.machine.drives))
-        for (name, index), value in values.items():
+        of = functools.partial(self.of, block)
+        for (name, d), value in values.items():
             if name in SLOTS:
-                self._fill(block, name, drives if index is None else [index], value)
-        self._convert(block, values)
-        for d in drives:
-            derive(block, d)
-            self._finish_drive(block, d)
+                self._at(of(SLOTS[name].row), d)[...] = value
+        self._convert(of, values)
+        derive(block)
+        # The motors' inertia at the rail; a damping ratio becomes a constant, eq. 23 of the paper.
+        motor, rail = of('drive_inertia') * of('gear') ** 2, of('rail_mass')
+        of('motor_mass')[:] = motor
+        reduced = of('gear_stiffness') * motor * rail / np.maximum(motor + rail, 1e-12)
+        of('gear_damping')[:] *= 2.0 * np.sqrt(np.maximum(reduced, 0.0))
         for at in self.effects:
             self._add_effect(block, at, values)
-        for flexible in np.flatnonzero(self.flexible):
-            self._split(block, int(flexible))
-        for d in drives:
-            # Divided here, not in every cycle.
-            for derived, of in (('gear_inverse', 'gear'), ('friction_slope', 'regularisation')):
-                # Along a recorded motion, too, a regularisation may be 0.
-                divisor = block[:, rows.row_of(of, d)]
-                divisor = np.where(divisor == 0.0, _NARROW, divisor)
-                block[:, rows.row_of(derived, d)] = 1.0 / divisor
+        self._split(of)
+        # Divided here, not in every cycle.
+        for derived, divisor in (
+            ('gear_inverse', of('gear')),
+            ('friction_slope', of('regularisation')),
+        ):
+            # Along a recorded motion, too, a regularisation may be 0.
+            of(derived)[:] = 1.0 / np.where(divisor == 0.0, _NARROW, divisor)
         return block
+
+    @staticmethod
+    def _at(row: Array, d: int | None) -> Array:
+        """Return what of a row, (S,) or (S, D), a parameter fills, candidates last."""
+        return row.T if d is None else row[:, d]
 
     def own_values(self, theta: Array) -> dict[str, Array]:
         """Return the (S,) values of the model's own parameters, by their full names."""
         values = self._values(np.atleast_2d(theta))
         return {p.name: values[p.name, None] for several in self.own.values() for p in several}
 
-    def dry_friction(self, block: Array, d: int, torque: Array) -> Array:
-        """Return (S,) the largest friction of a drive whose gear a torque (S,) [N m] presses.
+    def dry_friction(self, block: Array, torque: Array) -> Array:
+        """Return (S, D) the largest friction of drives whose gears torques (S, D) [N m] press.
 
         What does not depend on the speed alone; viscous friction is not stiff.
         """
-        total: Array = block[:, rows.row_of('coulomb', d)]
+        total = self.of(block, 'coulomb').copy()
         per_unit = {'effort': np.ones_like(torque), '1': torque, '1/(effort)': torque**2}
         for at in self.effects:
-            effect = get_effect(at.effect)
-            if effect.hook is not Hook.FRICTION or d not in self._places(at):
-                continue
-            first = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT + rows.effect_row(effect.id)
+            effect, places = get_effect(at.effect), self._places(at)
             for number, p in enumerate(effect.parameters):
-                if p.role == 'size' and p.unit in per_unit:
-                    total = total + np.abs(block[:, first + number]) * per_unit[p.unit]
+                if effect.hook is Hook.FRICTION and p.role == 'size' and p.unit in per_unit:
+                    size = rows.of_effect(block, effect.id, number, total.shape[1])
+                    total[:, places] += (np.abs(size) * per_unit[p.unit])[:, places]
         return total
 
     def _values(self, theta: Array) -> dict[Target, Array]:
@@ -367,85 +377,51 @@ class Candidates:
                 if not (own or SLOTS[name].shared or f'{drive}.{name}' in self.fixed):
                     values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)
 
-    def _fill(self, block: Array, name: str, drives: Sequence[int] | range, value: Array) -> None:
-        row = SLOTS[name].row
-        if row in rows.MACHINE_ROWS:
-            block[:, rows.row_of(row)] = value
-            return
-        for d in drives:
-            block[:, rows.row_of(row, d)] = value
-
-    def _convert(self, block: Array, values: Mapping[Target, Array]) -> None:
+    def _convert(self, of: Callable[[str], Array], values: Mapping[Target, Array]) -> None:
         """Refer to the motor what is stated at the carriage, and to the gear what follows it."""
-        for d in range(len(self.machine.drives)):
-            # Stated as what it asks of the motor.
-            gear = block[:, rows.row_of('gear', d)]
-            block[:, rows.row_of('constant_load', d)] *= gear
-        for name, index in values:
-            if name in SLOTS and SLOTS[name].force and index is not None:
-                row = rows.row_of(SLOTS[name].row, index)
-                block[:, row] /= block[:, rows.row_of('gear', index)]
+        gear = of('gear')
+        of('constant_load')[:] *= gear  # stated as what it asks of the motor
+        for name, d in values:
+            if name in SLOTS and SLOTS[name].force and d is not None:
+                of(SLOTS[name].row)[:, d] /= gear[:, d]
         if 'gear_factor' in self.machine.bounds and not self.machine.stated('travel_per_turn'):
-            for d in range(len(self.machine.drives)):
-                block[:, rows.row_of('motor_turn', d)] = block[:, rows.row_of('gear', d)]
+            of('motor_turn')[:] = gear
 
     def _add_effect(self, block: Array, at: EffectAt, values: Mapping[Target, Array]) -> None:
-        effect = get_effect(at.effect)
-        place = None if at.where == 'all' else self._places(at)[0]
+        effect, places = get_effect(at.effect), self._places(at)
+        place = None if at.where == 'all' else places[0]
         for number, p in enumerate(effect.parameters):
             value = values[f'{effect.id}.{p.name}', place]
             if p.target:
-                self._shift(block, p.target, p.how, self._places(at), value)
-                continue
-            for d in self._places(at):
-                start = rows.MACHINE_COUNT + d * rows.DRIVE_COUNT
-                block[:, start + rows.effect_row(effect.id) + number] = value
+                self._shift(block, p.target, p.how, places, value)
+            else:
+                row = rows.of_effect(block, effect.id, number, len(self.machine.drives))
+                self._at(row, place)[...] = value
 
-    @staticmethod
-    def _finish_drive(block: Array, d: int) -> None:
-        """Fill what follows from the drive's numbers: the motor's inertia at the rail, damping.
-
-        The damping ratio becomes a damping constant, eq. 23 of the paper.
-        """
-        gear = block[:, rows.row_of('gear', d)]
-        motor = block[:, rows.row_of('drive_inertia', d)] * gear**2
-        block[:, rows.row_of('motor_mass', d)] = motor
-        damping = rows.row_of('gear_damping', d)
-        rail = block[:, rows.row_of('rail_mass', d)]
-        both = np.maximum(motor + rail, 1e-12)
-        root = np.sqrt(
-            np.maximum(block[:, rows.row_of('gear_stiffness', d)] * motor * rail / both, 0.0)
-        )
-        block[:, damping] *= 2.0 * root
-
-    @staticmethod
-    def _split(block: Array, d: int) -> None:
-        """Hang a share of a rigid drive's mass on a spring behind the motor."""
-        motor, rail = rows.row_of('motor_mass', d), rows.row_of('rail_mass', d)
-        share = np.clip(block[:, rows.row_of('load_share', d)], 1e-3, 0.999)
-        mass = block[:, motor] + block[:, rail]
-        block[:, motor], block[:, rail] = mass * (1.0 - share), mass * share
+    def _split(self, of: Callable[[str], Array]) -> None:
+        """Hang a share of rigid drives' masses on springs behind the motors."""
+        there = self.flexible
+        share = np.clip(of('load_share')[:, there], 1e-3, 0.999)
+        mass = of('motor_mass')[:, there] + of('rail_mass')[:, there]
+        of('motor_mass')[:, there], of('rail_mass')[:, there] = mass * (1.0 - share), mass * share
         reduced = mass * share * (1.0 - share)
-        omega = 2.0 * math.pi * block[:, rows.row_of('load_frequency', d)]
-        block[:, rows.row_of('gear_stiffness', d)] = reduced * omega**2
-        damping = 2.0 * block[:, rows.row_of('load_damping', d)] * omega
-        block[:, rows.row_of('gear_damping', d)] = reduced * damping
+        omega = 2.0 * math.pi * of('load_frequency')[:, there]
+        of('gear_stiffness')[:, there] = reduced * omega**2
+        damping = 2.0 * of('load_damping')[:, there] * omega
+        of('gear_damping')[:, there] = reduced * damping
 
     def _shift(
         self, block: Array, target: str, how: str, drives: Sequence[int], value: Array
     ) -> None:
-        places = [None] if target in rows.MACHINE_ROWS else list(drives)
-        for d in places:
-            row = rows.row_of(target, d)
-            if how == 'scale' and target == 'torque_limit':
-                assert d is not None
+        row = self.of(block, target)
+        for d in drives if row.ndim > 1 else [None]:
+            here = self._at(row, d)
+            if d is not None and how == 'scale' and target == 'torque_limit':
                 # An unstated limit is none, but a share of it is one.
-                seen = UNLIMITED * float(self.efforts[d])
-                unstated = np.isinf(block[:, row]) & (value < 1.0)
-                block[:, row] = np.where(unstated, seen, block[:, row]) * value
-            elif how == 'scale':
-                block[:, row] *= value
+                here[np.isinf(here) & (value < 1.0)] = UNLIMITED * self.efforts[d]
+            if how == 'scale':
+                here *= value
             elif how == 'set':
-                block[:, row] = value
+                here[:] = value
             else:
-                block[:, row] += value
+                here += value

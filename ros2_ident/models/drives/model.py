@@ -339,30 +339,34 @@ class DriveModel(MachineModel):
                     f'the log holds a set-point but the machine file no controller.{key}; add it, '
                     'or let the recorded motion drive the model: `--command-topic none`',
                 )
-        base: Array = rows.neutral_rows(1, len(machine.drives))[0]
+        base = rows.neutral_rows(1, len(machine.drives))
+        of = functools.partial(rows.of, base, drives=len(machine.drives))
         for name in dict.fromkeys((*NEUTRAL, *machine.constants)):
-            row = SLOTS[name].row if name in SLOTS else ''
-            if row in rows.MACHINE_ROWS:
-                base[rows.row_of(row)] = machine.number(name)
-            for d, drive in enumerate(machine.drives) if row in rows.DRIVE_ROWS else ():
+            if name in SLOTS and SLOTS[name].row in rows.MACHINE_ROWS:
+                of(SLOTS[name].row)[:] = machine.number(name)
+            elif name in SLOTS:
                 # Without a set-point no gain is read.
-                value = machine.number(name, drive)
-                base[rows.row_of(row, d)] = 0.0 if math.isnan(value) else value
-        for d, drive in enumerate(machine.drives):
-            base[rows.row_of('motor_turn', d)] = self.turns[d]
-            if self.law[d] != drive_kernel.VELOCITY_FROM_STATE:
-                base[rows.row_of('integral_gain', d)] = 0.0  # P on velocity
-            if not self._closed and not machine.stated('coulomb_regularisation'):
-                # Nothing is integrated here: friction turns over as the speed is known to.
-                width, position = 0.0, self.data.position
-                if self._limit < math.inf and position is not None:
-                    row = position[self.data.names.index(drive)]
-                    width = speed_error(row, self.cycle, self._motion_cutoff(position))
-                base[rows.row_of('regularisation', d)] = max(width, _NOTHING)
-        return base
+                values = machine.numbers(name)
+                of(SLOTS[name].row)[:] = np.where(np.isnan(values), 0.0, values)
+        of('motor_turn')[:] = self.turns
+        of('integral_gain')[:, self.law != drive_kernel.VELOCITY_FROM_STATE] = 0.0  # P on velocity
+        if not self._closed and not machine.stated('coulomb_regularisation'):
+            # Nothing is integrated here: friction turns over as the speed is known to.
+            width, position = np.zeros(len(machine.drives)), self.data.position
+            if self._limit < math.inf and position is not None:
+                rows_of = [position[self.data.names.index(drive)] for drive in machine.drives]
+                cutoff = self._motion_cutoff(position)
+                width = np.array([speed_error(row, self.cycle, cutoff) for row in rows_of])
+            of('regularisation')[:] = np.maximum(width, _NOTHING)
+        return np.asarray(base[0])
 
-    def _derive(self, block: Array, d: int) -> None:
-        """Fill what follows from other rows of drive `d`, in every candidate of (S, R)."""
+    def _derive(self, block: Array) -> None:
+        """Fill what follows from other rows of the drives, in every candidate of (S, R)."""
+
+    def _row(self, theta: Array, name: str) -> Array:
+        """Return (D,) a named number of the drives compared, of one candidate (N,)."""
+        row: Array = self.candidates.of(self.rows(theta), name)[0]
+        return np.asarray(row[list(self.signals.places)])
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
@@ -375,15 +379,14 @@ class DriveModel(MachineModel):
     @property
     def context(self) -> Context:
         """Properties of machine and log that effects may need."""
-        base = self.rows(np.array([[0.5 * (p.low + p.high) for p in self.parameters]]))[0]
-        drives = range(len(self.machine.drives))
+        base = self.rows(np.array([[0.5 * (p.low + p.high) for p in self.parameters]]))
         return Context(
-            drives=len(drives),
+            drives=len(self.machine.drives),
             identified=frozenset(SLOTS[n].row for n in self.machine.bounds if n in SLOTS),
             closed_loop=self._closed and not self.pushed,
             elastic=not self.rigid,
-            lifted=bool(base[rows.row_of('gravity')]),
-            integral=any(base[rows.row_of('integral_gain', d)] for d in drives),
+            lifted=bool(self.candidates.of(base, 'gravity')),
+            integral=bool(self.candidates.of(base, 'integral_gain').any()),
             features=self.features,
             effort='effort' in self.signals.quantities,
             turns=self.held is not None,
@@ -391,8 +394,7 @@ class DriveModel(MachineModel):
 
     def effort_delay(self, theta: Array) -> Array:
         """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""
-        block = self.rows(theta)[0]
-        return np.array([block[rows.row_of('log_delay', d)] for d in self.signals.places])
+        return self._row(theta, 'log_delay')
 
     def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
         """Return what friction and a motor's own inertia take of the effort of each drive.
@@ -405,9 +407,8 @@ class DriveModel(MachineModel):
         Returns:
             (D, K) effort that does not reach the gear [N m or N].
         """
-        block = self.rows(theta)[0]
         coulomb, viscous, width, inertia, gear = (
-            np.array([[block[rows.row_of(name, d)]] for d in self.signals.places])
+            self._row(theta, name)[:, None]
             for name in ('coulomb', 'viscous', 'regularisation', 'drive_inertia', 'gear')
         )
         friction = coulomb * np.tanh(velocity / np.maximum(width, _NOTHING)) + viscous * velocity
@@ -430,32 +431,31 @@ class DriveModel(MachineModel):
         """
         if self.substeps is not None:
             return np.full(len(block), self.substeps, dtype=np.int64)
-        need = np.ones(len(block))
-        for d in range(len(self.machine.drives)):
-            motor = np.maximum(block[:, rows.row_of('motor_mass', d)], _NOTHING)
-            rail = block[:, rows.row_of('rail_mass', d)]
-            if self._closed and not fast:
-                eps = block[:, rows.row_of('regularisation', d)]
-                # Friction that sticks is not stiff: it is solved for.
-                slope = np.where(eps > 0.0, block[:, rows.row_of('gear', d)], 0.0) * (
-                    self._dry(block, d)
-                    / (np.maximum(eps, _NOTHING) * (motor + (rail if self.stiff[d] else 0.0)))
-                )
-                need = np.maximum(need, self.cycle * slope / 1.5)
-            if not self.stiff[d]:
-                inverse = 1.0 / motor + 1.0 / np.maximum(rail, _NOTHING)
-                with np.errstate(invalid='ignore'):  # below 0 it diverges
-                    omega = np.sqrt(block[:, rows.row_of('gear_stiffness', d)] * inverse)
-                rate = block[:, rows.row_of('gear_damping', d)] * inverse
-                need = np.maximum(need, self.cycle * np.maximum(omega / 0.45, rate / 0.9))
+        of, stiff = functools.partial(self.candidates.of, block), self.stiff
+        motor, rail = np.maximum(of('motor_mass'), _NOTHING), of('rail_mass')
+        need = np.ones(motor.shape)
+        if self._closed and not fast:
+            eps = of('regularisation')
+            # Friction that sticks is not stiff: it is solved for.
+            slope = np.where(eps > 0.0, of('gear'), 0.0) * (
+                self._dry(block)
+                / (np.maximum(eps, _NOTHING) * (motor + np.where(stiff, rail, 0.0)))
+            )
+            need = np.maximum(need, self.cycle * slope / 1.5)
+        if not stiff.all():
+            inverse = 1.0 / motor + 1.0 / np.maximum(rail, _NOTHING)
+            with np.errstate(invalid='ignore'):  # below 0 it diverges
+                omega = np.sqrt(of('gear_stiffness') * inverse)
+            swing = self.cycle * np.maximum(omega / 0.45, of('gear_damping') * inverse / 0.9)
+            need = np.where(stiff, need, np.maximum(need, swing))
         # A candidate that is no number diverges with any count.
-        counts = np.nan_to_num(np.clip(np.ceil(need), 1, 64), nan=1.0)
+        counts = np.nan_to_num(np.clip(np.ceil(need.max(axis=1)), 1, 64), nan=1.0)
         steps: npt.NDArray[np.int64] = counts.astype(np.int64)
         return steps
 
-    def _dry(self, block: Array, d: int) -> Array:
-        """Return (S,) the friction of drive `d` that turns over with its direction."""
-        return block[:, rows.row_of('coulomb', d)]
+    def _dry(self, block: Array) -> Array:
+        """Return (S, D) the friction of the drives that turns over with their direction."""
+        return self.candidates.of(block, 'coulomb')
 
     @property
     def rigid(self) -> bool:
@@ -628,9 +628,8 @@ class DriveModel(MachineModel):
         every = np.ones((len(self.signals), self._cycles), dtype=bool)
         task = self.signals.task(every, np.empty((len(theta), every.size)))
         out: Array = self._simulated(theta, task).reshape(-1, *every.shape)
-        periods = self.rows(theta)[
-            :, [rows.row_of('log_smoothing', d) for d in self.signals.sources]
-        ]
+        smoothing = self.candidates.of(self.rows(theta), 'log_smoothing')
+        periods = smoothing[:, list(self.signals.sources)]
         efforts = [output.quantity == 'effort' for output in self.outputs]
         finite = np.isfinite(out).all(axis=2)
         for s, o in np.argwhere((periods > 0.0) & finite & efforts):

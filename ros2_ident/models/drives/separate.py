@@ -1,16 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives that do not know of each other: where they start, and their compiled simulation."""
+"""Drives that do not know of each other: linear axes and servos.
 
+The torque of a servo at its output is k_t (V u - k_t q') / R with the duty u = k_p (q_ref - q) +
+k_d (k_ff q_ref' - q'), clipped; its arm's inertia is J + (m + m_a / 3) l^2, its weight
+(m + m_a / 2) g l sin(q - q_0). Source of motor, law and arm: Duclusaud, Passault, Padois, Ly,
+Extended Friction Models for the Physics Simulation of Servo Actuators, ICRA 2025.
+"""
+
+from collections.abc import Sequence
+import copy
+from dataclasses import replace
+import functools
 import math
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, Task
 from ros2_ident.lanes import room
+from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.kernel import room_for, simulate, state_for
 from ros2_ident.models.drives.model import DriveModel
+from ros2_ident.models.kinds import CURRENT, DUTY, VOLTAGE
+from ros2_ident.models.protocol import Output
 
 # A set-point slower than this share of its fastest at the log's start counts as rest.
 _REST = 0.02
@@ -20,6 +35,14 @@ _FIRST = 10
 _BEGINNING, _STILL = 12, 3
 # A speed counts where it is so many standard errors.
 _SURE = 4.0
+
+# A velocity gain next to nothing, and the feedforward that makes a set-point's rate the effort.
+_NO_GAIN, _THROUGH = 2.0**-40, 2.0**40
+# Share of a servo's stall torque that presses a gear where steps are chosen; with their margin,
+# Runge-Kutta stays stable up to nine tenths of it.
+_PRESSED = 0.5
+# Steps while fast, as a share of those near standstill.
+_LONGER = 0.4
 
 
 class SeparateDrives(DriveModel):
@@ -112,3 +135,161 @@ def _beginning(time: Array, seen: Array) -> tuple[float, float]:
     if abs(found[1]) > _SURE * error:
         return float(found[2]), float(found[1])
     return float(np.mean(seen[:_STILL])), 0.0
+
+
+class LinearAxis(SeparateDrives):
+    """The tripod's drive without rods, gravity along the axis adjustable; see `DriveModel`.
+
+    Under the law `effort` no controller is simulated: the logged effort holds from each sample to
+    the next, and the motion that it causes is compared.
+    """
+
+    @property
+    def pushed(self) -> bool:
+        """Whether logged efforts move it, and no controllers."""
+        return 'effort' in self.machine.texts('law')
+
+    @property
+    def _closed(self) -> bool:
+        return self.pushed or super()._closed
+
+    def _check_outputs(self) -> None:
+        if self.pushed and 'effort' in self.signals.quantities:
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                'under `law: effort` the logged effort moves the axis and is not compared; '
+                'compare the position: `--outputs position`',
+            )
+        if self.pushed and set(self.machine.texts('law')) != {'effort'}:
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE, '`law: effort` holds for all drives or for none'
+            )
+        super()._check_outputs()
+
+    def _set_points(self, order: Sequence[int]) -> Array:
+        if not self.pushed:
+            return super()._set_points(order)
+        if self.data.effort is None:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                'under `law: effort` the logged effort moves the axis, and none is logged; record '
+                'it, or state the law and the gains of the controllers',
+            )
+        held = self.data.effort[order].copy()
+        for row in held:
+            there = np.flatnonzero(np.isfinite(row))
+            last = np.searchsorted(there, np.arange(row.size), 'right') - 1
+            row[:] = row[there[np.maximum(last, 0)]] if there.size else 0.0
+        return np.concatenate([np.zeros(held.size), held.ravel()])
+
+    def _start(self, command: Array, motion: Array) -> Array:
+        if not self.pushed:
+            return super()._start(command, motion)
+        return self._seen(np.zeros(2 * len(self.machine.drives)))
+
+    def _constants(self) -> Array:
+        base = super()._constants()
+        if self.pushed:
+            for name, value in (
+                ('position_gain', 0.0), ('velocity_gain', _NO_GAIN), ('feedforward', _THROUGH)
+            ):  # fmt: skip
+                rows.of(base[None], name, len(self.machine.drives))[:] = value
+        return base
+
+
+def stall_torque(machine: Machine) -> Array:
+    """Return (D,) the torque that motors make at their full duty, standing still [N m]."""
+    per_volt = machine.numbers('torque_constant') / machine.numbers('resistance')
+    out: Array = per_volt * machine.numbers('supply_voltage') * machine.numbers('duty_limit')
+    return out
+
+
+class Servo(SeparateDrives):
+    """Servos that do not know of each other; see `DriveModel`.
+
+    Without a stated quantity their positions are compared: what most of them log.
+    """
+
+    features = frozenset({'motor_torque'})
+    gains = ('position_gain',)
+
+    def _own_efforts(self) -> Array:
+        return stall_torque(self.machine)
+
+    def effort_limit(self, place: str) -> float:
+        """Return the torque that a share of a servo's limit refers to [N m]."""
+        return float(stall_torque(self.machine)[self.machine.drives.index(place)])
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """Compared outputs: quantity by quantity, drive by drive within."""
+        return self.signals.described(self.machine.effort_unit, self.machine.travel_unit)
+
+    def simulated_effort(self, theta: Array) -> Array:
+        """Return (D, K) the torque of the motors [N m], for one candidate (N,)."""
+        if self.machine.effort_unit == self.effort_unit:
+            return super().simulated_effort(theta)
+        other = copy.copy(self)
+        other.machine = replace(self.machine, effort_unit=self.effort_unit)
+        other.candidates = other._candidates()
+        return other.simulated_effort(theta)
+
+    def _check_outputs(self) -> None:
+        if not self._closed:
+            raise IdentError(
+                ErrorCode.MISSING_STREAM,
+                'a servo is simulated from its set-points, and the recording holds none; record '
+                'the goal positions, or name the topic that carries them',
+            )
+
+    # ------------------------------------------------------------------ candidates to rows
+
+    def _derive(self, block: Array) -> None:
+        of = functools.partial(self.candidates.of, block)
+        constant, resistance, supply = (
+            of(name) for name in ('torque_constant', 'resistance', 'supply_voltage')
+        )
+        load, arm, length = of('load_mass'), of('arm_mass'), of('load_length')
+        gain, braking = constant * supply / resistance, constant**2 / resistance
+        of('rail_mass')[:] = of('load_inertia') + (load + arm / 3.0) * length**2
+        of('load_moment')[:] = (load + 0.5 * arm) * length * of('gravity')[:, None]
+        of('drive_gain')[:], of('back_emf')[:] = gain, braking
+        logged: dict[str, tuple[Array | float, Array | float]] = {
+            DUTY: (1.0, 0.0),
+            VOLTAGE: (supply, 0.0),
+            CURRENT: (supply / resistance, constant / resistance),
+        }
+        pair = logged.get(self.machine.effort_unit, (gain, braking))
+        of('log_duty')[:], of('log_speed')[:] = pair
+
+    def _dry(self, block: Array) -> Array:
+        limit = self.candidates.of(block, 'drive_gain') * self.candidates.of(block, 'torque_limit')
+        return self.candidates.dry_friction(block, _PRESSED * limit)
+
+    def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
+        """Return (S,) integration steps in a cycle; see `DriveModel`.
+
+        Friction under load may be so large that a servo which is fast at a step's start has turned
+        round at its end, so that these steps may not be much longer.
+        """
+        steps = super()._steps(block, fast=fast)
+        if not fast:
+            return steps
+        whole: npt.NDArray[np.int64] = np.ceil(_LONGER * super()._steps(block)).astype(np.int64)
+        return np.maximum(steps, whole)
+
+    # ------------------------------------------------------------------ inputs and simulation
+
+    @property
+    def _supply(self) -> Array:
+        on = np.ones((len(self.machine.drives), self._cycles))
+        if self.data.released is not None:
+            on[:, self.data.released :] = 0.0
+        return on.ravel()
+
+    def _start(self, command: Array, motion: Array) -> Array:
+        """Return (2 * D,) where the servos start and how fast, as their first samples say.
+
+        A law without an integral part never stands where its set-point is.
+        """
+        return self._seen(super()._start(command, motion))

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""Carriages, each on a motor of its own."""
