@@ -16,8 +16,10 @@ from ros2_ident.machine.kind import Kind, later, Space
 from ros2_ident.machine.machine import Machine
 
 
-def _space_of_belt_drive(machine: Machine) -> Space:
-    return Space(np.zeros(1), np.full(1, np.pi / 180.0), 0.2, 20.0)
+def _each(machine: Machine, centre: float, reach: float, *rates: float) -> Space:
+    """Return a space that is the same for each drive."""
+    count = len(machine.drives)
+    return Space(np.full(count, centre), np.full(count, reach), *rates)
 
 
 BELT_DRIVE = Kind(
@@ -28,7 +30,7 @@ BELT_DRIVE = Kind(
     drives=1,
     travel='rad',
     compares=('effort', 'position'),
-    space=_space_of_belt_drive,
+    space=lambda machine: Space(np.zeros(1), np.full(1, np.pi / 180.0), 0.2, 20.0),
 )
 
 
@@ -51,10 +53,9 @@ def _judge_linear_axis(draft: Draft) -> Iterator[Remark]:
 
 
 def _space_of_linear_axis(machine: Machine) -> Space:
-    count = len(machine.drives)
     if machine.known('gear_factor'):
-        return Space(np.full(count, 0.45), np.full(count, 0.12), 0.9, 20.0)
-    return Space(np.full(count, 0.125), np.full(count, 0.12), 0.12, 1.2)
+        return _each(machine, 0.45, 0.12, 0.9, 20.0)
+    return _each(machine, 0.125, 0.12, 0.12, 1.2)
 
 
 LINEAR_AXIS = Kind(
@@ -86,17 +87,20 @@ MUJOCO = Kind(
 )  # fmt: skip
 
 
-def _judge_rotary_tripod(draft: Draft) -> Iterator[Remark]:
-    yield from _judge_azimuth(draft, 'shaft_azimuth')
-    lengths = [draft.numbers('geometry', name) for name in ('rod_length', 'shaft_radius')]
-    arms = draft.numbers('geometry', 'arm_length')
-    if all(lengths) and arms and lengths[0][0] <= lengths[1][0] - arms[0]:
+def _judge_platform(draft: Draft, of: str, name: str) -> Iterator[Remark]:
+    """Judge three drives that carry a platform from the ends of rails, or of arms on shafts."""
+    yield from _judge_azimuth(draft, f'{of}_azimuth')
+    rods, radii, arms = (
+        draft.numbers('geometry', key) for key in ('rod_length', f'{of}_radius', 'arm_length')
+    )
+    if rods and radii and rods[0] <= radii[0] - sum(arms[:1]):
+        less = f' less {arms[0]:g} m (arm_length)' if arms else ''
         yield Remark(
             ('geometry', 'rod_length'),
-            f'rod_length {lengths[0][0]:g} m does not reach the middle, {lengths[1][0]:g} m away '
-            f'(shaft_radius) less {arms[0]:g} m (arm_length); correct one of them',
+            f'rod_length {rods[0]:g} m does not reach the middle, {radii[0]:g} m away '
+            f'({of}_radius){less}; correct one of them',
         )
-    yield from _judge_drives(draft, 'a delta has elastic gears')
+    yield from _judge_drives(draft, f'a {name} has elastic gears')
 
 
 ROTARY_TRIPOD = Kind(
@@ -105,7 +109,7 @@ ROTARY_TRIPOD = Kind(
     keys=keys_of('rotary_tripod'),
     model=later('ros2_ident.models.tripod.model:Delta'),
     drives=3,
-    judge=_judge_rotary_tripod,
+    judge=lambda draft: _judge_platform(draft, 'shaft', 'delta'),
     travel='rad',
     check_motion=later('ros2_ident.models.tripod.reach:check_reach'),
     scene=later('ros2_ident.models.tripod.reach:figure'),
@@ -151,15 +155,15 @@ SERIAL = Kind(
     keys=keys_of('serial'),
     model=later('ros2_ident.models.serial.model:Serial'),
     judge=_judge_serial,
-    check_motion=later('ros2_ident.models.serial.reach:check_reach'),
+    check_motion=later('ros2_ident.models.serial.arm:check_reach'),
     travel='rad',
     follows=False,
-    scene=later('ros2_ident.models.serial.reach:figure'),
+    scene=later('ros2_ident.models.serial.arm:figure'),
     read=later('ros2_ident.models.serial.arm:arm_of'),
     joints=joints_in,
     extent=later('ros2_ident.models.serial.arm:extent_of'),
-    space=later('ros2_ident.models.serial.reach:space'),
-    ends=later('ros2_ident.models.serial.reach:ends'),
+    space=later('ros2_ident.models.serial.arm:space'),
+    ends=later('ros2_ident.models.serial.arm:ends'),
     described=('link_mass', 'link_moment', 'link_inertia'),
 )
 
@@ -192,11 +196,6 @@ def _judge_servo(draft: Draft) -> Iterator[Remark]:
         )
 
 
-def _space_of_servo(machine: Machine) -> Space:
-    count = len(machine.drives)
-    return Space(np.zeros(count), np.full(count, 1.2), 4.0, 30.0)
-
-
 SERVO = Kind(
     name='servo',
     title='motors fed with a voltage by P or PD on position, arms or inertias as load',
@@ -209,20 +208,8 @@ SERVO = Kind(
     logs=(DUTY, VOLTAGE, CURRENT),
     released=True,
     efforts=later('ros2_ident.models.drives.separate:stall_torque'),
-    space=_space_of_servo,
+    space=lambda machine: _each(machine, 0.0, 1.2, 4.0, 30.0),
 )
-
-
-def _judge_tripod(draft: Draft) -> Iterator[Remark]:
-    yield from _judge_azimuth(draft, 'rail_azimuth')
-    for rods, rails in draft.each(('geometry', 'rod_length'), ('geometry', 'rail_radius')):
-        if rods <= rails:
-            yield Remark(
-                ('geometry', 'rod_length'),
-                f'rod_length {rods:g} m does not reach the middle, {rails:g} m away '
-                '(rail_radius); correct one of the two',
-            )
-    yield from _judge_drives(draft, 'a tripod has elastic gears')
 
 
 TRIPOD = Kind(
@@ -231,7 +218,7 @@ TRIPOD = Kind(
     keys=keys_of('tripod'),
     model=later('ros2_ident.models.tripod.model:Tripod'),
     drives=3,
-    judge=_judge_tripod,
+    judge=lambda draft: _judge_platform(draft, 'rail', 'tripod'),
     check_motion=later('ros2_ident.models.tripod.reach:check_reach'),
     scene=later('ros2_ident.models.tripod.reach:figure'),
     space=later('ros2_ident.models.tripod.reach:space'),

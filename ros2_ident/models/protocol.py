@@ -80,24 +80,17 @@ class RecordedMotion:
 
 @runtime_checkable
 class Model(Protocol):
-    """Interface of a model. Shapes: S candidates, N parameters, O outputs, K instants.
-
-    Attributes:
-        parameters: What can be identified, in the order of theta's columns.
-        outputs: The O signals compared.
-        cycle: Time from one instant to the next, s.
-        measured: (O, K) measurement of the outputs; NaN where there is no sample.
-    """
+    """Interface of a model. Shapes: S candidates, N parameters, O outputs, K instants."""
 
     @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """The N parameters, in the order of theta's columns."""
+        """The N parameters that can be identified, in the order of theta's columns."""
 
     @property
     @abstractmethod
     def outputs(self) -> tuple[Output, ...]:
-        """The O outputs."""
+        """The O signals compared."""
 
     @property
     @abstractmethod
@@ -198,7 +191,7 @@ class FullModel(Model):
             stop: Asked now and then; True where the result is not needed any more.
 
         Returns:
-            (S,) costs; inf where a candidate diverged.
+            (S,) costs; inf where a candidate diverged, a lower bound where one is above `limit`.
         """
         theta = np.atleast_2d(theta)
         if stop is not None and stop():
@@ -265,7 +258,13 @@ class FullModel(Model):
         return np.zeros(len(self.outputs))
 
     def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return (O, K) what friction and motor inertia take of the effort, for one candidate."""
+        """Return (O, K) what friction and motor inertia take of the effort.
+
+        Args:
+            theta: (N,) a candidate.
+            velocity: (O, K) of the outputs' places.
+            acceleration: (O, K).
+        """
         return np.zeros_like(velocity)
 
     def effort_limit(self, place: str) -> float:

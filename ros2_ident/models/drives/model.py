@@ -397,16 +397,7 @@ class DriveModel(MachineModel):
         return self._row(theta, 'log_delay')
 
     def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return what friction and a motor's own inertia take of the effort of each drive.
-
-        Args:
-            theta: (N,) a candidate.
-            velocity: (D, K) of `drives`.
-            acceleration: (D, K) of `drives`.
-
-        Returns:
-            (D, K) effort that does not reach the gear [N m or N].
-        """
+        """Return (D, K) what friction and a motor's own inertia take of the effort [N m or N]."""
         coulomb, viscous, width, inertia, gear = (
             self._row(theta, name)[:, None]
             for name in ('coulomb', 'viscous', 'regularisation', 'drive_inertia', 'gear')
@@ -596,14 +587,7 @@ class DriveModel(MachineModel):
         return task.out
 
     def simulate(self, theta: Array) -> Array:
-        """Return what the log of every candidate holds.
-
-        Args:
-            theta: (S, N) candidates, physical units, in the order of `parameters`.
-
-        Returns:
-            (S, O, K) `outputs` at every controller cycle; inf where a candidate diverged.
-        """
+        """Return (S, O, K) outputs of candidates (S, N) at every cycle; inf where one diverged."""
         every = np.ones((len(self.signals), self._cycles), dtype=bool)
         return self.simulate_at(theta, every).reshape(-1, *every.shape)
 
@@ -651,18 +635,10 @@ class DriveModel(MachineModel):
     def replay_law(
         self, seen: RecordedMotion, theta: Array, there: npt.NDArray[np.bool_]
     ) -> Array:
-        """Return the effort a log would hold if the controllers alone were the model's.
+        """Return (S, R) what the controllers alone make of a motion; see `FullModel.replay_law`.
 
-        They are fed with the recorded motion; no machine is simulated.
-
-        Args:
-            seen: The recording's motion, of all the machine's drives.
-            theta: (S, N) candidates.
-            there: (D, K) cycles of `drives` that are wanted.
-
-        Returns:
-            (S, R) effort, drive by drive. Each drive's is known but for a
-            constant: a log does not show what an integral part held before.
+        No machine is simulated. Each drive's effort is known but for a constant: a log does not
+        show what an integral part held before.
         """
         block = self.rows(theta)
         places, blocks = _in_lanes(np.arange(len(block)), block)
@@ -689,19 +665,7 @@ class DriveModel(MachineModel):
         limit: float | Array = math.inf,
         stop: Callable[[], bool] | None = None,
     ) -> Array:
-        """Return the costs of candidates, eq. 2.
-
-        Args:
-            theta: (S, N) candidates.
-            limit: Cost above which a candidate need not be simulated to the end; one for all, or
-                (S,).
-            stop: Asked now and then; True where the result is not needed any more.
-
-        Returns:
-            (S,) costs: weight times RMS error, averaged over the outputs that have samples; inf
-            where a candidate diverged. Where one is above `limit`
-            it is a lower bound of the cost.
-        """
+        """Return (S,) costs of candidates (S, N), eq. 2; arguments as of `FullModel.costs`."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         if self._as_a_whole:
             return super().costs(theta, limit, stop)

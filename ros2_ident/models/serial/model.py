@@ -18,8 +18,7 @@ from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.serial.arm import Arm, arm_of
 from ros2_ident.models.serial.kernel import room_for, simulate, state_for
-from ros2_ident.models.serial.parameters import Inertials
-from ros2_ident.models.serial.transmission import Transmission
+from ros2_ident.models.serial.parameters import Inertials, Transmission
 
 # What a model and all that extend it have in common, made once: for 20 s of seven joints it takes
 # longer than a hundred candidates.

@@ -13,6 +13,7 @@ from ros2_ident.machine.machine import Machine
 
 # How far a delta's arm hangs below the level in the middle of the workspace, rad.
 _HANGING = 0.5
+_LEAVES = 'the motion leaves the reach of the rods; shrink its space'
 
 
 def feet(machine: Machine, position: Array) -> Array:
@@ -123,9 +124,7 @@ def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, A
     away = points[None, :2] - foot[:, :, None]
     square = machine.number('rod_length') ** 2 - np.sum(away**2, axis=1)
     if not np.all(square > 0.0):
-        raise IdentError(
-            ErrorCode.BAD_VALUES, 'the motion leaves the reach of the rods; shrink its space'
-        )
+        raise IdentError(ErrorCode.BAD_VALUES, _LEAVES)
     rise = np.sqrt(square)
     return points[2] + rise, speeds[2] - np.sum(away * speeds[None, :2], axis=1) / rise
 
@@ -142,19 +141,7 @@ def space_of_delta(machine: Machine) -> Space:
 
 
 def set_points_of_delta(points: Array, speeds: Array, machine: Machine) -> tuple[Array, Array]:
-    """Return the drives' set-points of a platform's way: the arms bend outwards.
-
-    Args:
-        points: (3, K) platform positions [m].
-        speeds: (3, K) platform speeds [m/s].
-        machine: A delta.
-
-    Returns:
-        (3, K) angles [rad] and their rates [rad/s].
-
-    Raises:
-        IdentError: BAD_VALUES where a rod would not reach.
-    """
+    """Return angles (3, K) [rad] of arms that bend outwards, and rates; as `set_points` else."""
     azimuth = machine.numbers('shaft_azimuth')[:, None]
     arm, rod = machine.number('arm_length'), machine.number('rod_length')
     out = np.stack([np.cos(azimuth), np.sin(azimuth)])
@@ -164,9 +151,7 @@ def set_points_of_delta(points: Array, speeds: Array, machine: Machine) -> tuple
     square = ahead**2 + points[2] ** 2
     wanted = (square + across**2 + arm**2 - rod**2) / (2.0 * arm * np.sqrt(square))
     if not np.all(np.abs(wanted) < 1.0):
-        raise IdentError(
-            ErrorCode.BAD_VALUES, 'the motion leaves the reach of the rods; shrink its space'
-        )
+        raise IdentError(ErrorCode.BAD_VALUES, _LEAVES)
     up = np.arctan2(points[2], ahead) + np.arccos(wanted)
     up = np.remainder(up + np.pi, 2.0 * np.pi) - np.pi
     # Along a rod nothing moves: its product with the platform's speed is that with the joint's.
