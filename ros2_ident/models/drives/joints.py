@@ -9,7 +9,6 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.kernel import drive as drive_kernel
-from ros2_ident.kernel import rows
 from ros2_ident.models.drives.model import DriveModel
 
 
@@ -91,35 +90,30 @@ class Joint:
 
 def joints_of(model: DriveModel, theta: Array) -> tuple[Joint, ...]:
     """Return the drives compared, as a candidate (N,) has them."""
-    block = model.rows(np.atleast_2d(theta))[0]
-    return tuple(
-        _joint(model, block, model.machine.drives.index(name), name) for name in model.drives
-    )
+    block = model.rows(np.atleast_2d(theta))
+    return tuple(_joint(model, block, model.machine.drives.index(name)) for name in model.drives)
 
 
 def at_joints(model: DriveModel, theta: Array, effort: Array) -> Array:
     """Return (D, K) efforts of the drives compared, as logged, at their joints."""
-    block = model.rows(np.atleast_2d(theta))[0]
-    places = [model.machine.drives.index(name) for name in model.drives]
-    gear = np.array([block[rows.row_of('gear', d)] for d in places])
-    return np.asarray(gear[:, None] * effort)
+    gear = model.candidates.of(model.rows(np.atleast_2d(theta)), 'gear')[0]
+    return np.asarray(gear[list(model.signals.places), None] * effort)
 
 
-def _joint(model: DriveModel, block: Array, d: int, name: str) -> Joint:
+def _joint(model: DriveModel, block: Array, d: int) -> Joint:
     def of(row: str) -> float:
-        return float(block[rows.row_of(row, d)])
+        return float(model.candidates.of(block, row)[0, d])
 
     gear = of('gear')
-    braking = of('back_emf')
     return Joint(
-        name=name,
+        name=model.machine.drives[d],
         travel=model.travels[d],
         coulomb=gear * of('coulomb'),
-        viscous=gear * of('viscous') + braking,
+        viscous=gear * of('viscous') + of('back_emf'),
         armature=of('motor_mass'),
         offset=of('constant_load') + gear * of('log_bias'),
         gains=_gains(model, of, d),
-        limit=gear * of('torque_limit') * (of('drive_gain') if of('drive_gain') else 1.0),
+        limit=gear * of('torque_limit') * (of('drive_gain') or 1.0),
     )
 
 

@@ -24,7 +24,7 @@ from ros2_ident.machine.keys import NEUTRAL
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.band import Band
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
-from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
+from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel, Outputs
 from ros2_ident.models.protocol import (
     EffectAt,
     effort_range,
@@ -609,9 +609,7 @@ class DriveModel(MachineModel):
 
     def _smoothed(self, theta: Array) -> Array:
         """Return (S, O, K) outputs of candidates (S, N) whose log is smoothed."""
-        every = np.ones((len(self.signals), self._cycles), dtype=bool)
-        task = self.signals.task(every, np.empty((len(theta), every.size)))
-        out: Array = self._simulated(theta, task).reshape(-1, *every.shape)
+        out = self._everything(theta, self.signals)
         smoothing = self.candidates.of(self.rows(theta), 'log_smoothing')
         periods = smoothing[:, list(self.signals.sources)]
         efforts = [output.quantity == 'effort' for output in self.outputs]
@@ -626,11 +624,14 @@ class DriveModel(MachineModel):
 
     def simulated_effort(self, theta: Array) -> Array:
         """Return (D, K) the effort that a log of one candidate (N,) would hold."""
-        every = np.ones((len(self.drives), self._cycles), dtype=bool)
         effort = chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
-        task = effort.task(every, np.empty((1, every.size)))
-        out: Array = self._simulated(np.atleast_2d(theta), task)[0].reshape(every.shape)
-        return out
+        return np.asarray(self._everything(np.atleast_2d(theta), effort)[0])
+
+    def _everything(self, theta: Array, signals: Outputs) -> Array:
+        """Return (S, O, K) what the kernels make of some outputs of candidates (S, N)."""
+        every = np.ones((len(signals), self._cycles), dtype=bool)
+        task = signals.task(every, np.empty((len(theta), every.size)))
+        return np.asarray(self._simulated(theta, task).reshape(-1, *every.shape))
 
     def replay_law(
         self, seen: RecordedMotion, theta: Array, there: npt.NDArray[np.bool_]
