@@ -7,7 +7,6 @@ from the model; here both sides pass the same low-pass, are decimated, and every
 the noise that it leaves.
 """
 
-from dataclasses import dataclass
 import time
 
 import numpy as np
@@ -33,21 +32,6 @@ _STAYS = 1e-9
 _SHORT = 40
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Residual and its derivative, as they are solved.
-
-    Attributes:
-        left: (R,) residual at the middle of the box.
-        slopes: (R, N) its derivative by the parameters.
-        series: Lengths of the series.
-    """
-
-    left: Array
-    slopes: Array
-    series: tuple[int, ...]
-
-
 def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitted:
     """Fit a problem that is linear in its parameters.
 
@@ -67,23 +51,24 @@ def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitte
     """
     begin = time.monotonic()
     middle = 0.5 * (problem.low + problem.high)
-    whole = _rows(problem, middle)
-    used = _decimated(whole, decimation)
+    left, slopes = _rows(problem, middle)
+    rows, series = _decimated(np.column_stack([left, slopes]), problem.series, decimation)
+    kept, columns = rows[:, 0], rows[:, 1:]
     lowest = np.where(problem.low >= 0.0, 0.0, -np.inf)
-    change, weights = _solved(used, lowest - middle)
+    change, weights = _solved(kept, columns, series, lowest - middle)
     theta = np.maximum(middle + change, lowest)
-    residual = whole.left + whole.slopes @ change
+    residual = left + slopes @ change
     cost = problem.cost_of(residual)
     found = SearchResult(
         theta, cost, theta[None], np.array([cost]), 0, 0, (), StopReason.SOLVED, 0.0
     )
     known = intervals(
-        used.slopes * weights[:, None],
-        (used.left + used.slopes @ change) * weights,
+        columns * weights[:, None],
+        (kept + columns @ change) * weights,
         theta,
         problem.low,
         problem.high,
-        series=used.series,
+        series=series,
         level=level,
     )
     return Fitted(
@@ -102,8 +87,8 @@ def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitte
     )
 
 
-def _rows(problem: Solvable, middle: Array) -> _Rows:
-    """Return residual and slopes at the middle of the box, by a step to either side."""
+def _rows(problem: Solvable, middle: Array) -> tuple[Array, Array]:
+    """Return residual (R,) and slopes (R, N) in the middle, by a step to either side."""
     step = _STEP * (problem.high - problem.low)
     sides = np.concatenate([middle + np.diag(step), middle - np.diag(step), middle[None]])
     values = problem.residuals(sides)
@@ -129,37 +114,39 @@ def _rows(problem: Solvable, middle: Array) -> _Rows:
             f'{"do" if len(names) != 1 else "does"} not act linearly on the effort; hold '
             'them with --fix NAME=VALUE, or leave out --method algebraic',
         )
-    return _Rows(left, slopes, problem.series)
+    return left, slopes
 
 
-def _decimated(rows: _Rows, factor: int) -> _Rows:
-    """Return the rows through a low-pass without phase, one of `factor` kept."""
-    both = np.column_stack([rows.left, rows.slopes])
+def _decimated(
+    rows: Array, series: tuple[int, ...], factor: int
+) -> tuple[Array, tuple[int, ...]]:
+    """Return rows (R, C) through a low-pass without phase, one of `factor` kept, and lengths."""
     parts = []
-    for part in np.split(both, np.cumsum(rows.series)[:-1]):
+    for part in np.split(rows, np.cumsum(series)[:-1]):
         long = factor > 1 and len(part) >= _SHORT * factor
         parts.append(decimate(part, factor, axis=0, zero_phase=True) if long else part)
-    kept = np.concatenate(parts)
-    return _Rows(kept[:, 0], kept[:, 1:], tuple(len(part) for part in parts))
+    return np.concatenate(parts), tuple(len(part) for part in parts)
 
 
-def _solved(rows: _Rows, lowest: Array) -> tuple[Array, Array]:
+def _solved(
+    residual: Array, slopes: Array, series: tuple[int, ...], lowest: Array
+) -> tuple[Array, Array]:
     """Return the (N,) step from the middle, at least `lowest`, and the (R,) weights behind it."""
-    lengths = np.array([n for n in rows.series if n])
-    weights = np.ones(len(rows.left))
-    change = np.zeros(rows.slopes.shape[1])
+    lengths = np.array([n for n in series if n])
+    weights = np.ones(len(residual))
+    change = np.zeros(slopes.shape[1])
     for _ in range(_ROUNDS):
-        weighted = rows.slopes * weights[:, None]
+        weighted = slopes * weights[:, None]
         scale = np.linalg.norm(weighted, axis=0)
         scale[scale == 0.0] = 1.0
         # The triangular factor has the minimum of the whole.
-        both = np.column_stack([weighted / scale, -rows.left * weights])
+        both = np.column_stack([weighted / scale, -residual * weights])
         triangle = np.asarray(np.linalg.qr(both, mode='r'))
         columns = np.concatenate([triangle[:, :-1], _STAYS * np.eye(len(scale))])
         wanted = np.concatenate([triangle[:, -1], np.zeros(len(scale))])
         answer = lsq_linear(columns, wanted, (lowest * scale, np.inf), method='bvls').x
         change = answer / scale
-        left = rows.left + rows.slopes @ change
+        left = residual + slopes @ change
         parts = np.split(left, np.cumsum(lengths)[:-1])
         sizes = np.array([max(float(np.std(part)), 1e-300) for part in parts])
         weights = np.repeat(sizes.max() / sizes, lengths)

@@ -227,21 +227,9 @@ def _require_memory(settings: FitSettings, dimension: int) -> None:
         )
 
 
-class _Either:
-    """A cancel event and a deadline as one."""
-
-    def __init__(self, cancel: Cancel | None, deadline: float | None) -> None:
-        self._cancel = cancel
-        self._deadline = deadline
-
-    def is_set(self) -> bool:
-        cancelled = self._cancel is not None and self._cancel.is_set()
-        return cancelled or (self._deadline is not None and time.monotonic() >= self._deadline)
-
-
 @dataclass(eq=False)
 class _Fit:
-    """One fit: the phases, and what is noted on the way."""
+    """One fit: the phases, and what is noted on the way; a `Cancel` of its refinement."""
 
     problem: Solvable
     settings: FitSettings
@@ -272,6 +260,12 @@ class _Fit:
     def elapsed(self) -> float:
         """Wall time since the start, s."""
         return time.monotonic() - self.start
+
+    def is_set(self) -> bool:
+        """Return whether to end: cancelled, or out of time."""
+        cancelled = self.cancel is not None and self.cancel.is_set()
+        seconds = self.settings.budget.seconds
+        return cancelled or (seconds is not None and self.elapsed >= seconds)
 
     def solve(self) -> Fitted:
         """Run the phases."""
@@ -374,7 +368,7 @@ class _Fit:
 
     # ------------------------------------------------------------------ refinement
 
-    def _starts(self, ga: SearchResult, stop: Cancel) -> Array:
+    def _starts(self, ga: SearchResult) -> Array:
         """Return (B, N) the best candidate and the best that lie apart from it and each other.
 
         Some costs are lower bounds only; those that matter are found out as far as they do.
@@ -403,8 +397,8 @@ class _Fit:
         known = chosen(np.where(exact, costs, np.inf))
         limit = float(costs[known[-1]]) if len(known) == count - 1 else np.inf
         rows = np.flatnonzero(beside_best & ~exact & (costs <= limit))
-        while len(rows) and not stop.is_set():
-            costs[rows] = self.problem.costs(candidates[rows], limit, stop.is_set)
+        while len(rows) and not self.is_set():
+            costs[rows] = self.problem.costs(candidates[rows], limit, self.is_set)
             exact[rows] = costs[rows] <= limit
             rows = np.array([row for row in chosen(costs) if not exact[row]], dtype=np.intp)
             limit = np.inf
@@ -412,23 +406,21 @@ class _Fit:
 
     def _refine(self, ga: SearchResult) -> Refinement | None:
         budget = self.settings.budget
-        deadline = None if budget.seconds is None else self.start + budget.seconds
-        stop = _Either(self.cancel, deadline)
-        starts = self._starts(ga, stop)
+        starts = self._starts(ga)
         limit = self.per_start
         if budget.evaluations is not None:
             # The last Jacobian comes on top.
             left = budget.evaluations - ga.evaluations - 2 * len(self.names)
             starts = starts[: max(1, left // (USUAL_STEPS * (len(self.names) + 1)))]
             limit = min(limit, left // len(starts))
-        if limit < 1 or stop.is_set():
+        if limit < 1 or self.is_set():
             return None
         return refine(
             self._watched(ga, len(starts)),
             starts,
             self.problem.low,
             self.problem.high,
-            cancel=stop,
+            cancel=self,
             max_evaluations=limit,
             good_enough=DOWN_TO_NOISE * self.problem.noise,
             journal=self.journal,

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 import sys
-from typing import Any
 
 import numpy as np
 
@@ -21,8 +20,6 @@ from ros2_ident.models.planned import drives_moved, planned_model
 from ros2_ident.models.protocol import EffectAt, effort_range, FullModel
 from ros2_ident.recording import Dataset, Stream
 from ros2_ident.simulate.motions import Motion
-
-Whole = np.ndarray[Any, np.dtype[np.int64]]
 
 START = 1_700_000_000_000_000_000  # ns, stamp of the first sample
 
@@ -277,10 +274,6 @@ def nuisance_of(machine: Machine) -> Nuisance:
     return Nuisance(effort_noise=noise, effort_step=0.2 * noise)
 
 
-def _rounded(values: Array, step: float) -> Array:
-    return np.asarray(step * np.round(values / step)) if step > 0.0 else values
-
-
 def make_streams(
     log: Log, motion: Motion, nuisance: Nuisance, rng: np.random.Generator
 ) -> dict[str, Stream]:
@@ -298,34 +291,31 @@ def make_streams(
     every = max(1, round(nuisance.period / log.cycle))
     samples = np.arange(0, log.effort.shape[1], every)
 
-    def stamps() -> tuple[Whole, Whole]:
+    def stream(**rows: tuple[Array, float | None, float]) -> Stream:
+        """Sample (D, K) rows, each with its noise, None for none, and its resolution."""
         kept = samples[rng.random(samples.size) >= nuisance.drop]
         limit = 0.3 * every * log.cycle
         late = np.clip(nuisance.jitter * rng.standard_normal(kept.size), -limit, limit)
-        ns = np.round((kept * log.cycle + late) * 1e9).astype(np.int64)
-        return kept, START + ns
+        stamp = START + np.round((kept * log.cycle + late) * 1e9).astype(np.int64)
+        sampled = {}
+        for name, (row, noise, step) in rows.items():
+            values = row[:, kept].T
+            if noise is not None:
+                values = values + noise * rng.standard_normal(values.shape)
+            sampled[name] = step * np.round(values / step) if step > 0.0 else values
+        return Stream(log.names, stamp, **sampled)
 
-    streams = {}
-    kept, stamp = stamps()
-    speed = log.velocity[:, kept].T
-    streams['/joint_states'] = Stream(
-        log.names,
-        stamp,
-        position=_rounded(log.position[:, kept].T, nuisance.position_step),
-        velocity=speed + nuisance.velocity_noise * rng.standard_normal(speed.shape),
-    )
-    kept, stamp = stamps()
-    effort = log.effort[:, kept].T
-    noisy = effort + nuisance.effort_noise * rng.standard_normal(effort.shape)
-    streams['/effort'] = Stream(log.names, stamp, effort=_rounded(noisy, nuisance.effort_step))
-    kept, stamp = stamps()
-    streams['/joint_command'] = Stream(
-        log.names,
-        stamp,
-        position=motion.position[:, kept].T,
-        velocity=motion.velocity[:, kept].T if nuisance.command_velocity else None,
-    )
-    return streams
+    told = {'position': (motion.position, None, 0.0)}
+    if nuisance.command_velocity:
+        told['velocity'] = motion.velocity, None, 0.0
+    return {
+        '/joint_states': stream(
+            position=(log.position, None, nuisance.position_step),
+            velocity=(log.velocity, nuisance.velocity_noise, 0.0),
+        ),
+        '/effort': stream(effort=(log.effort, nuisance.effort_noise, nuisance.effort_step)),
+        '/joint_command': stream(**told),
+    }
 
 
 def simulate_bag(

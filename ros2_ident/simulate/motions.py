@@ -76,6 +76,10 @@ class Path:
         points = self.place[:, None] + way[:, None] * part
         self._append(points, way[:, None] * rate / (count * self.cycle))
 
+    def go(self, target: Array, space: Space, pace: float) -> None:
+        """Go straight to a point (M,) [m] at a share of what a space allows."""
+        self.move(target, pace * space.speed, pace * space.acceleration)
+
     def wave(self, seconds: float, shape: Callable[[Array], tuple[Array, Array]]) -> None:
         """Add a wave about the present place, faded in and out over its first and last tenth.
 
@@ -142,18 +146,18 @@ def _pick_and_place(path: Path, space: Space, rng: np.random.Generator, seconds:
         place = space.point(rng, 0.95)
         if space.centre.size > 1:
             place[-1] = floor[-1] + 0.2 * space.reach[-1] * rng.random()
-            path.move(place + lift, pace * space.speed, pace * space.acceleration)
-        path.move(place, 0.5 * pace * space.speed, 0.5 * pace * space.acceleration)
+            path.go(place + lift, space, pace)
+        path.go(place, space, 0.5 * pace)
         path.rest(rng.uniform(0.08, 0.25))
         if space.centre.size > 1:
-            path.move(place + lift, 0.6 * pace * space.speed, 0.6 * pace * space.acceleration)
+            path.go(place + lift, space, 0.6 * pace)
 
 
 def _multi_point(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
     """Quintic moves from point to point, at full pace."""
     while path.seconds < seconds:
         pace = rng.uniform(0.4, 1.0)
-        path.move(space.point(rng), pace * space.speed, pace * space.acceleration)
+        path.go(space.point(rng), space, pace)
         if rng.random() < 0.3:
             path.rest(rng.uniform(0.02, 0.15))
 
@@ -224,11 +228,7 @@ def _reversals(path: Path, space: Space, rng: np.random.Generator, seconds: floa
         )
         pace = rng.uniform(0.1, 0.5)
         for sign in (1.0, -1.0, 0.0):
-            path.move(
-                middle + sign * share * space.reach * direction,
-                pace * space.speed,
-                pace * space.acceleration,
-            )
+            path.go(middle + sign * share * space.reach * direction, space, pace)
         share = 0.01 if share > 0.4 else 1.8 * share
 
 
@@ -236,7 +236,7 @@ def _dwell(path: Path, space: Space, rng: np.random.Generator, seconds: float) -
     """Moves with rests of 0.1 to 1.5 s between them."""
     while path.seconds < seconds:
         pace = rng.uniform(0.1, 0.6)
-        path.move(space.point(rng), pace * space.speed, pace * space.acceleration)
+        path.go(space.point(rng), space, pace)
         path.rest(float(np.exp(rng.uniform(np.log(0.1), np.log(1.5)))))
 
 
