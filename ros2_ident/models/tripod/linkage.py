@@ -17,18 +17,6 @@ LINKAGE = 14
 
 
 @inlined
-def _times(a, factor):
-    """Return a vector times a number."""
-    return a[0] * factor, a[1] * factor, a[2] * factor
-
-
-@inlined
-def _dot(a, b):
-    """Return the product of two vectors."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
 def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
     """Write the drives' mass matrix, inverted, their load and what a lifted frame does to them.
 
@@ -45,17 +33,28 @@ def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
         out: (LINKAGE * W,) output; all but the last two rows.
     """
     gravity = load(par, MACHINE.gravity * W)
+    ax1, ay1, az1 = a1
+    ax2, ay2, az2 = a2
+    ax3, ay3, az3 = a3
+    bias_x, bias_y, bias_z = bias
     r1, r2, r3 = inertia
     g1, g2, g3 = weight
-    lifted = (bias[0], bias[1], bias[2] + gravity)
-    store(out, 6 * W, mass * _dot(a1, lifted) + gravity * g1)
-    store(out, 7 * W, mass * _dot(a2, lifted) + gravity * g2)
-    store(out, 8 * W, mass * _dot(a3, lifted) + gravity * g3)
-    p1, p2 = _times(a1, mass), _times(a2, mass)
-    m11 = p1[0] * a1[0] + p1[1] * a1[1] + (p1[2] * a1[2] + r1)
-    m22 = p2[0] * a2[0] + p2[1] * a2[1] + (p2[2] * a2[2] + r2)
-    m33 = mass * _dot(a3, a3) + r3
-    m12, m13, m23 = _dot(p1, a2), _dot(p1, a3), _dot(p2, a3)
+    lift = bias_z + gravity
+    store(out, 6 * W, mass * (ax1 * bias_x + ay1 * bias_y + az1 * lift) + gravity * g1)
+    store(out, 7 * W, mass * (ax2 * bias_x + ay2 * bias_y + az2 * lift) + gravity * g2)
+    store(out, 8 * W, mass * (ax3 * bias_x + ay3 * bias_y + az3 * lift) + gravity * g3)
+    mx1 = mass * ax1
+    my1 = mass * ay1
+    mz1 = mass * az1
+    mx2 = mass * ax2
+    my2 = mass * ay2
+    mz2 = mass * az2
+    m11 = mx1 * ax1 + my1 * ay1 + (mz1 * az1 + r1)
+    m22 = mx2 * ax2 + my2 * ay2 + (mz2 * az2 + r2)
+    m33 = mass * (ax3 * ax3 + ay3 * ay3 + az3 * az3) + r3
+    m12 = mx1 * ax2 + my1 * ay2 + mz1 * az2
+    m13 = mx1 * ax3 + my1 * ay3 + mz1 * az3
+    m23 = mx2 * ax3 + my2 * ay3 + mz2 * az3
     n11 = m22 * m33 - m23 * m23
     n12 = m13 * m23 - m12 * m33
     n13 = m12 * m23 - m13 * m22
@@ -69,9 +68,14 @@ def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
     if frame:
         # The frame lifts everything: what its acceleration does to the drives is what gravity
         # does.
-        store(out, 9 * W, g1 + mass * a1[2])
-        store(out, 10 * W, g2 + mass * a2[2])
-        store(out, 11 * W, g3 + mass * a3[2])
+        store(out, 9 * W, g1 + mass * az1)
+        store(out, 10 * W, g2 + mass * az2)
+        store(out, 11 * W, g3 + mass * az3)
+
+
+@inlined
+def _times(a, factor):
+    return a[0] * factor, a[1] * factor, a[2] * factor
 
 
 @inlined
@@ -97,18 +101,6 @@ def _inverse(rod1, rod2, rod3):
 
 
 @inlined
-def _masses(par, tool, half):
-    """Return the platform's mass with its share of the rods, and (3,) the drives' own bodies.
-
-    Each rod's mass is halved between its ends (Codourey 1998); `half` is what that is to a drive.
-    """
-    r1 = load(par, (MACHINE_COUNT + DRIVE.rail_mass) * W) + half
-    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + DRIVE.rail_mass) * W) + half
-    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + DRIVE.rail_mass) * W) + half
-    return tool + 1.5 * load(par, MACHINE.mass_per_rod * W), (r1, r2, r3)
-
-
-@inlined
 def _depth(bx, by, qx, qy, length):
     """Return how far the first joint is above the platform, which hangs below all three.
 
@@ -125,11 +117,15 @@ def on_rails(par, place, rate, tool, frame, out):
 
     s'' = inverse mass matrix (gear forces - load).
     """
+    w1, w2, w3 = rate
     x, y = load(par, MACHINE.rail_x * W), load(par, MACHINE.rail_y * W)
     x_2, x_3 = load(par, MACHINE.rail_x_2 * W), load(par, MACHINE.rail_x_3 * W)
     y_2, y_3 = load(par, MACHINE.rail_y_2 * W), load(par, MACHINE.rail_y_3 * W)
     radius = load(par, MACHINE.rail_radius * W)
-    u2, u3 = place[1] - place[0], place[2] - place[0]
+    length = load(par, MACHINE.rod_length * W)
+    rod = load(par, MACHINE.mass_per_rod * W)
+    u2 = place[1] - place[0]
+    u3 = place[2] - place[0]
     inverse = load(par, MACHINE.rail_inverse_radius * W)
     bx = (x_2 * u2 + x_3 * u3) * inverse
     by = (y_2 * u2 + y_3 * u3) * inverse
@@ -137,26 +133,59 @@ def on_rails(par, place, rate, tool, frame, out):
     h3 = 0.5 * u3 * u3
     qx = (x_2 * h2 + x_3 * h3) * inverse - radius * x
     qy = (y_2 * h2 + y_3 * h3) * inverse - radius * y
-    z = _depth(bx, by, qx, qy, load(par, MACHINE.rod_length * W))
-    x1, y1 = -(qx + bx * z), -(qy + by * z)
+    z1 = _depth(bx, by, qx, qy, length)
+    z2 = z1 + u2
+    z3 = z1 + u3
+    x1 = -(qx + bx * z1)
+    y1 = -(qy + by * z1)
     x2 = x1 + radius * load(par, MACHINE.rail_2_x * W)
     y2 = y1 + radius * load(par, MACHINE.rail_2_y * W)
     x3 = x1 + radius * load(par, MACHINE.rail_3_x * W)
     y3 = y1 + radius * load(par, MACHINE.rail_3_y * W)
-    c1, c2, c3, over = _inverse((x1, y1, z), (x2, y2, z + u2), (x3, y3, z + u3))
-    # Columns of A = dp/ds, and the part of the platform's acceleration that the rates make.
-    a1, a2, a3 = _times(c1, z * over), _times(c2, (z + u2) * over), _times(c3, (z + u3) * over)
-    vx, vy, vz = _sum(a1, a2, a3, rate)
+    (cx1, cy1, cz1), (cx2, cy2, cz2), (cx3, cy3, cz3), over = _inverse(
+        (x1, y1, z1), (x2, y2, z2), (x3, y3, z3)
+    )
+    # Columns of A = dp/ds.
+    k1 = z1 * over
+    k2 = z2 * over
+    k3 = z3 * over
+    ax1 = cx1 * k1
+    ay1 = cy1 * k1
+    az1 = cz1 * k1
+    ax2 = cx2 * k2
+    ay2 = cy2 * k2
+    az2 = cz2 * k2
+    ax3 = cx3 * k3
+    ay3 = cy3 * k3
+    az3 = cz3 * k3
+    vx = ax1 * w1 + ax2 * w2 + ax3 * w3
+    vy = ay1 * w1 + ay2 * w2 + ay3 * w3
+    vz = az1 * w1 + az2 * w2 + az3 * w3
+    # The part of the platform's acceleration that the rates make.
     square = vx * vx + vy * vy
-    e1 = (square + (rate[0] - vz) * (rate[0] - vz)) * over
-    e2 = (square + (rate[1] - vz) * (rate[1] - vz)) * over
-    e3 = (square + (rate[2] - vz) * (rate[2] - vz)) * over
-    bias = _sum(c1, c2, c3, (e1, e2, e3))
-    mass, bodies = _masses(par, tool, 0.5 * load(par, MACHINE.mass_per_rod * W))
-    _platform(par, mass, a1, a2, a3, bias, bodies, bodies, frame, out)
+    c1 = (square + (w1 - vz) * (w1 - vz)) * over
+    c2 = (square + (w2 - vz) * (w2 - vz)) * over
+    c3 = (square + (w3 - vz) * (w3 - vz)) * over
+    bias_x = cx1 * c1 + cx2 * c2 + cx3 * c3
+    bias_y = cy1 * c1 + cy2 * c2 + cy3 * c3
+    bias_z = cz1 * c1 + cz2 * c2 + cz3 * c3
+    # Each rod's mass is halved between its ends (Codourey 1998).
+    mass = tool + 1.5 * rod
+    r1 = load(par, (MACHINE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
+    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
+    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
+    _platform(
+        par, mass, (ax1, ay1, az1), (ax2, ay2, az2), (ax3, ay3, az3), (bias_x, bias_y, bias_z),
+        (r1, r2, r3), (r1, r2, r3), frame, out,
+    )  # fmt: skip
     if frame:
-        store(out, 12 * W, mass * bias[2])
-        store(out, 13 * W, bodies[0] + bodies[1] + bodies[2] + mass)
+        store(out, 12 * W, mass * bias_z)
+        store(out, 13 * W, r1 + r2 + r3 + mass)
+
+
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
@@ -224,10 +253,15 @@ def on_arms(par, place, rate, tool, frame, out):
     e2 = _reaction(rod2, t2, b2, v, w2, over)
     e3 = _reaction(rod3, t3, b3, v, w3, over)
     bias = _sum(c1, c2, c3, (e1, e2, e3))
+    # Each rod's mass is halved between its ends (Codourey 1998).
     rod = load(par, MACHINE.mass_per_rod * W)
     arm = load(par, MACHINE.arm_length * W)
-    mass, bodies = _masses(par, tool, 0.5 * rod * arm * arm)
-    _platform(par, mass, a1, a2, a3, bias, bodies, (g1, g2, g3), frame, out)
+    half = 0.5 * rod * arm * arm
+    mass = tool + 1.5 * rod
+    r1 = load(par, (MACHINE_COUNT + DRIVE.rail_mass) * W) + half
+    r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + DRIVE.rail_mass) * W) + half
+    r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + DRIVE.rail_mass) * W) + half
+    _platform(par, mass, a1, a2, a3, bias, (r1, r2, r3), (g1, g2, g3), frame, out)
     if frame:
         # The arms themselves count with the frame, but for what their turning makes.
         swing = u1 * w1 * w1 + u2 * w2 * w2 + u3 * w3 * w3
