@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.grid import find_ticks, sample_period, Ticks
-from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.limits import require_memory
 from ros2_ident.recording.streams import (
     Dataset,
     FIELDS,
@@ -112,7 +112,7 @@ def align(
         off, cycles = _released(placed, start, cycles, cycle, warnings)
     warnings += _outside(placed, start, cycles)
     what = f'{where}: a grid of {cycles} controller cycles takes'
-    Limits.from_environment().require_memory(what, _GRIDS * cycles * len(names) * 8)
+    require_memory(what, _GRIDS * cycles * len(names) * 8)
     command = placed.get('command')
     position = velocity = None
     if command is not None:

@@ -261,7 +261,13 @@ def _scanned(path: Path, files: list[Path], topics: Topics, metadata: Metadata |
         scanned[0][1].expect(metadata.counts, content.counts)
     for file, losses in scanned:
         if losses.text and losses.whole:
-            content.warnings.append(_account(file, losses))
+            remedy = 'copy the file again'
+            if file.suffix == '.mcap':
+                name = printable(file.name)
+                remedy = f'`mcap recover {name}` writes a sound file of the same content'
+            lost = f', {losses.messages} are lost' if losses.messages else ''
+            read = f'{losses.whole} whole messages were read{lost}'
+            content.warnings.append(f'{file}: is damaged: {losses.text}, {read}; {remedy}')
         elif losses.text:
             said = f'{losses.text}, no message is whole; copy or record the bag again'
             refused.append(damaged(file, said))
@@ -272,16 +278,6 @@ def _scanned(path: Path, files: list[Path], topics: Topics, metadata: Metadata |
     if stated not in (None, +Counter(content.counts)) and not content.warnings:
         content.warnings.append(_unfit(path))
     return content
-
-
-def _account(file: Path, losses: Losses) -> str:
-    """Return what a file has lost."""
-    remedy = 'copy the file again'
-    if file.suffix == '.mcap':
-        remedy = f'`mcap recover {printable(file.name)}` writes a sound file of the same content'
-    lost = f', {losses.messages} are lost' if losses.messages else ''
-    read = f'{losses.whole} whole messages were read{lost}'
-    return f'{file}: is damaged: {losses.text}, {read}; {remedy}'
 
 
 def _scan(path: Path, content: Content) -> Losses:
@@ -347,30 +343,14 @@ def _check_topics(
             ErrorCode.NO_DATA,
             f'{path}: the bag holds no message; record again while the drives publish',
         )
-    for topic, several in roles.items():
-        given = [role for role in several if topics.named(role)]
-        if given and not raw.counts.get(topic):
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                f'{path}: holds no message of {topic}, named as its {given[0]} topic, only '
-                f'{_held(raw)}; name one of these, or `none` where no {given[0]} was recorded',
-            )
-    if any(messages.count for messages in raw.messages.values()):
-        return
-    silent = [topic for topic in roles if topic in raw.types]
-    if silent:
+    named = [x for x, several in roles.items() if any(map(topics.named, several))]
+    lacking = [x for x in named if not raw.counts.get(x)]
+    if lacking or not any(messages.count for messages in raw.messages.values()):
         raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{path}: {", ".join(silent)} is in the bag but without a message; record again while '
-            'the drives publish',
+            ErrorCode.MISSING_STREAM,
+            f'{path}: holds no message of {", ".join(lacking or roles)}, only {_held(raw)}; name '
+            'the topics of state, effort and command, or `none` for one that was not recorded',
         )
-    remedy = 'record the topic on which the drives report their joints'
-    if any(kind in ROLES_OF for kind in raw.types.values()):
-        remedy = 'say which one is state, effort or command'
-    raise IdentError(
-        ErrorCode.MISSING_STREAM,
-        f'{path}: holds none of {", ".join(roles)}, only {_held(raw)}; {remedy}',
-    )
 
 
 def _held(raw: Content) -> str:

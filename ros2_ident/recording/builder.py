@@ -10,7 +10,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.grid import sample_period
-from ros2_ident.recording.limits import Limits, variable_of
+from ros2_ident.recording.limits import limit, require_memory, variable_of
 from ros2_ident.recording.outliers import leave_out
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.streams import (
@@ -252,15 +252,15 @@ class RecordingBuilder:
 
     def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
         """Return the names as they may be shown, no more of them than a stream may have."""
-        known, limits = self._tracks[role].joints, Limits.from_environment()
+        known = self._tracks[role].joints
         if all(name in known for name in names):
             return tuple(names)
-        if len({*known, *names}) > limits.joints:
+        if len({*known, *names}) > limit('joints'):
             raise self._bad(
-                f'{self.source}: {role} names more than {limits.joints} joints; record the drives '
-                f'only, or raise {variable_of("joints")}'
+                f'{self.source}: {role} names more than {limit("joints")} joints; record the '
+                f'drives only, or raise {variable_of("joints")}'
             )
-        return tuple(printable(name, 8 * limits.name) for name in names)
+        return tuple(printable(name, 8 * limit('name')) for name in names)
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         """Return the segments of one role."""
@@ -273,7 +273,7 @@ class RecordingBuilder:
             return []
         needed = 3 * sum(measured) * len(names) * track.count * 8
         what = f'{self.source}: {role} with {len(names)} joints takes'
-        Limits.from_environment().require_memory(what, needed)
+        require_memory(what, needed)
         stamp, _, fields = track.joined(track.blocks)
         track.blocks.clear()  # hours of them twice would not fit
         for target in fields:

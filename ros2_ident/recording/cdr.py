@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
-from ros2_ident.recording.limits import Limits, variable_of
+from ros2_ident.recording.limits import limit, variable_of
 from ros2_ident.recording.streams import FloatArray, IntArray
 
 # Messages of one size are sorted by layout so many times together, then one by one.
@@ -96,7 +96,6 @@ class Cursor:
         self.fixed[:2] = True
         self.at = _HEADER
         self._data = data
-        self._limits = Limits.from_environment()
         self._unpack = struct.Struct(f'{">" if self.big else "<"}I').unpack_from
 
     def skip(self, size: int, align: int) -> int:
@@ -118,9 +117,9 @@ class Cursor:
         size = self.count()
         if self.at + size > len(self._data):
             raise ValueError('message ends early')
-        if not free and size > self._limits.name + 1:
+        if not free and size > limit('name') + 1:
             raise TooManyNamesError(
-                f'a joint has a name of {size - 1} bytes, more than the {self._limits.name} '
+                f'a joint has a name of {size - 1} bytes, more than the {limit("name")} '
                 f'allowed; shorten it, or raise {variable_of("name")}'
             )
         begin = self.skip(size, 1)
@@ -138,9 +137,9 @@ class Cursor:
         number = self.count()
         if number > len(self._data):
             raise ValueError('more names than bytes')
-        if number > self._limits.joints:
+        if number > limit('joints'):
             raise TooManyNamesError(
-                f'a message names {number} joints, more than the {self._limits.joints} allowed; '
+                f'a message names {number} joints, more than the {limit("joints")} allowed; '
                 f'record the drives only, or raise {variable_of("joints")}'
             )
         return tuple(self.text() for _ in range(number))
@@ -231,14 +230,8 @@ def _by_layout(
         yield layout, left[same]
         left = left[~same]
     # hardly two are alike: comparing each with all others would take for ever
-    groups: dict[object, tuple[Layout, list[int]]] = {}
     for row in left.tolist():
-        layout = parse(messages[int(rows[row])])
-        places = [None if x is None else x.tobytes() for x in layout.places]
-        key = layout.names, tuple(places), layout.big
-        groups.setdefault(key, (layout, []))[1].append(row)
-    for layout, chosen in groups.values():
-        yield layout, np.array(chosen, dtype=np.int64)
+        yield parse(messages[int(rows[row])]), np.array([row])
 
 
 def _block(layout: Layout, table: NDArray[np.uint8], rows: IntArray) -> Block:

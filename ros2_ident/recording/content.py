@@ -9,7 +9,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
-from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.limits import limit, require_memory
 from ros2_ident.recording.ros2_control import (
     ARRAY,
     offers,
@@ -60,7 +60,6 @@ class Messages:
         self.lost = 0
         self.blocks: deque[Decoded] = deque()
         self._parse = parse
-        self._limits = Limits.from_environment()
         self._times: list[int] = []
         self._data: list[bytes] = []
         self._held = 0
@@ -110,7 +109,7 @@ class Messages:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
             self.blocks.append((clock[block.rows], block))
         # the builder needs them twice while it puts them together
-        self._limits.require_memory('the values of one topic take', 3 * self._bytes)
+        require_memory('the values of one topic take', 3 * self._bytes)
 
     def _is_whole(self, log_time: int, message: bytes) -> bool:
         """Say whether a message decodes by itself."""
@@ -168,7 +167,7 @@ def messages_of(kind: str, role: str, names: Sequence[str]) -> Messages:
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
-    raw, sound = inflate('zstd', packed, budget.limits.chunk)
+    raw, sound = inflate('zstd', packed, budget.chunk)
     try:
         budget.take(len(raw))
     except Damage:
@@ -217,7 +216,7 @@ class Content:
             Damage: There are more topics than any machine has.
         """
         if topic not in self.types:
-            if len(self.types) >= 100 * Limits.from_environment().joints:
+            if len(self.types) >= 100 * limit('joints'):
                 raise Damage('it names more topics than are allowed')
             self.types[topic] = kind
         self.counts.setdefault(topic, 0)

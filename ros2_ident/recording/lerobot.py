@@ -12,7 +12,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.limits import require_memory
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import damaged, digest
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
@@ -162,7 +162,7 @@ def _values(file: Path, columns: _Columns) -> tuple[IntArray, IntArray, FloatArr
     try:
         with parquet.ParquetFile(file) as opened:
             needed = 24 * opened.metadata.num_rows * (len(columns) + 2)
-            Limits.from_environment().require_memory(f'{file}: its values take', needed)
+            require_memory(f'{file}: its values take', needed)
             table = opened.read([*features, 'episode_index', 'frame_index'])
         read = {}
         for name in features:

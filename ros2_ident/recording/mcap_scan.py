@@ -115,7 +115,7 @@ class _Walk:
 
     def _record(self, at: int, opcode: int, end: int) -> int:
         """Read one record of the data section; return where the next one begins."""
-        large = end - at > HEAD.size + self.budget.limits.chunk
+        large = end - at > HEAD.size + self.budget.chunk
         data = b'' if large else self.data[at:end]
         if opcode in (Opcode.CHUNK, Opcode.MESSAGE) and large:
             self.losses.blocks += 1
@@ -159,7 +159,7 @@ class _Walk:
     def _break_off(self, at: int) -> None:
         """Take what the last chunk of a file that breaks off still holds."""
         self.losses.end = at
-        most = self.budget.limits.chunk
+        most = self.budget.chunk
         data = self.data[at : at + most]
         if data[:1] == b'\x06':
             with contextlib.suppress(*_DAMAGED):
@@ -222,7 +222,7 @@ class _Walk:
         stated = _parsed(Footer, tail[HEAD.size :])
         length = self.size - FOOTER_SIZE - stated.summary_start
         found, at = Summary(), 0
-        if not stated.summary_start or not 0 <= length <= self.budget.limits.chunk:
+        if not stated.summary_start or not 0 <= length <= self.budget.chunk:
             length = 0
         records = self.data[stated.summary_start : stated.summary_start + length]
         while at + HEAD.size <= length:

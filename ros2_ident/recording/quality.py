@@ -248,7 +248,18 @@ def check(
             findings += [Finding('ok', 'topics', '', text) for text in recording.notes]
         for role, stream in recording.streams.items():
             findings += about(role, _of_stream(role, stream))
-        findings += _judge_recording(recording)
+        if recording.duration < _SHORT:
+            text = (
+                f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s '
+                'with acceleration, cruise and reversal'
+            )
+            findings.append(Finding('warn', 'short', '', text))
+        if recording.command is None:
+            text = (
+                'there is no command stream: the recorded motion will drive the model, which '
+                'leaves the controller untested; record the set-point too where there is one'
+            )
+            findings.append(Finding('warn', 'no_command', 'command', text))
         found, said = _judge_drives(number, recording, wanted, gravity)
         drives += found
         findings += said
@@ -293,22 +304,6 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
                     'are left out; check the driver if you expected them'
                 )
                 yield 'warn', 'nan', text
-
-
-def _judge_recording(recording: Recording) -> Iterator[Finding]:
-    """Judge what a recording holds as a whole."""
-    if recording.duration < _SHORT:
-        text = (
-            f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s with '
-            'acceleration, cruise and reversal'
-        )
-        yield Finding('warn', 'short', '', text)
-    if recording.command is None:
-        text = (
-            'there is no command stream: the recorded motion will drive the model, which leaves '
-            'the controller untested; record the set-point too where there is one'
-        )
-        yield Finding('warn', 'no_command', 'command', text)
 
 
 def _judge_drives(
@@ -418,26 +413,18 @@ def _of_velocity(motion: Motion) -> Iterator[Said]:
         return
     reported = motion.slowly(fill_gaps(motion.reported))
     lag, gain, share = best_lag(motion.velocity[:, None], reported, motion.period, -0.02)
-    if share < 0.5:
-        text = (
-            f'the reported velocity explains {100.0 * share:.0f} % of the derivative of the '
-            'position; leave the velocity out of the log, or correct its scale and source'
-        )
-        yield 'warn', 'velocity', text
-    elif not 0.9 < gain[0] < 1.1:
-        text = (
-            f'the reported velocity is {gain[0]:.3g} times the derivative of the position; '
-            'correct its unit or sign in the driver'
-        )
-        yield 'warn', 'velocity', text
+    text = (
+        f'the reported velocity is {gain[0]:.3g} times the derivative of the position and '
+        f'explains {100.0 * share:.0f} % of it'
+    )
+    if share < 0.5 or not 0.9 < gain[0] < 1.1:
+        remedy = 'correct its unit, sign or source in the driver, or leave it out'
+        yield 'warn', 'velocity', f'{text}; {remedy}'
     elif abs(lag) > max(0.6 * motion.period, 1e-3):
-        text = (
-            f'the reported velocity is {abs(lag) * 1e3:.3g} ms {"late" if lag > 0 else "early"}; '
-            'the position is the better measurement of this motion'
-        )
-        yield 'warn', 'velocity_lag', text
+        text = f'the reported velocity is {abs(lag) * 1e3:.3g} ms {"late" if lag > 0 else "early"}'
+        yield 'warn', 'velocity_lag', f'{text}; the position is the better measurement'
     else:
-        yield 'ok', 'velocity', 'the reported velocity is the derivative of the position'
+        yield 'ok', 'velocity', text
 
 
 def _explained(motion: Motion, effort: FloatArray) -> tuple[float, float]:
@@ -464,41 +451,30 @@ def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
     # Counts and percents are whole numbers, many of them.
     if np.abs(values - np.round(values)).max() < 1e-9 and np.unique(values).size >= 5:
         what = 'percent of the rated torque' if top <= 300.0 else 'milliamperes or counts'
-        text = (
-            f'all efforts are whole numbers up to {top:g}, which looks like {what}; state '
-            'effort_unit with torque_constant or rated_torque in the machine file'
-        )
-        yield 'warn', 'effort_unit', text
+        text = f'all efforts are whole numbers up to {top:g}, which looks like {what}; state '
+        remedy = 'effort_unit with torque_constant or rated_torque in the machine file'
+        yield 'warn', 'effort_unit', text + remedy
     lag, explained = _explained(motion, effort)
+    share = f'{100.0 * explained:.0f} % of its effort'
+    text = f'inertia, friction and gravity of this joint explain {share}'
     if explained < 0.3:
-        text = (
-            'inertia, friction and gravity of this joint alone explain '
-            f'{100.0 * explained:.0f} % of its effort; other joints load it, or the effort '
-            'is no torque of this drive'
-        )
-        yield 'warn', 'effort_unexplained', text
+        remedy = 'other joints load it, or the effort is no torque of this drive'
+        yield 'warn', 'effort_unexplained', f'{text}; {remedy}'
         return
     late = f', about {lag * 1e3:.2g} ms late' if lag > max(motion.period, 2e-3) else ''
-    text = f'inertia, friction and offset explain {100.0 * explained:.0f} % of the effort'
     yield 'ok', 'effort', text + late
 
 
 def _of_gravity(at_rest: float, spread: float, gravity: float) -> Said:
     """Look for the weight in the effort at rest, where gravity acts along the drive."""
+    text = f'gravity acts along this drive and the effort at rest is {at_rest:.3g}'
     if abs(at_rest) < 0.05 * spread:
-        text = (
-            f'gravity acts along this drive but the effort at rest is {at_rest:.2g}; log the '
-            'whole torque, not one with gravity compensated, or set gravity to 0 in the machine '
-            'file'
-        )
-        return 'warn', 'effort_gravity', text
-    if at_rest * gravity < 0.0:
-        text = (
-            f'the effort at rest is {at_rest:.2g}, it pulls downwards; positive effort has to '
-            'hold the drive against gravity: check the signs of position and effort'
-        )
-        return 'warn', 'effort_gravity', text
-    return 'ok', 'effort_gravity', f'holds {at_rest:.3g} at rest against gravity'
+        remedy = 'log the whole torque, not one with gravity compensated, or set gravity to 0'
+    elif at_rest * gravity < 0.0:
+        remedy = 'it has to hold the drive: check the signs of position and effort'
+    else:
+        return 'ok', 'effort_gravity', text
+    return 'warn', 'effort_gravity', f'{text}; {remedy}'
 
 
 def render(report: Report) -> list[str]:

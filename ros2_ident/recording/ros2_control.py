@@ -6,7 +6,7 @@ only after what is read here, so that no definition of the bag is needed.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -15,7 +15,7 @@ from scipy.interpolate import BPoly
 
 from ros2_ident.recording.cdr import Block, Cursor, Layout, Parse, parse_layout, typestore
 from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
-from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.limits import require_memory
 from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray
 
 CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
@@ -33,9 +33,6 @@ ROLES_OF: Mapping[str, tuple[str, ...]] = MappingProxyType(
         ARRAY: ('command', 'effort', 'state'),
     }
 )
-
-_Places = tuple[IntArray | None, IntArray | None, IntArray | None]
-
 
 def parser(kind: str, role: str, names: Sequence[str] = ()) -> Parse:
     """Return what finds a role's values in messages of a kind.
@@ -77,12 +74,9 @@ def offers(kind: str, data: bytes) -> tuple[str, ...]:
 
 
 def _read_point(cursor: Cursor) -> tuple[IntArray | None, ...]:
-    """Pass over a JointTrajectoryPoint; return places of position, velocity, acceleration, effort.
-
-    The cursor stands at its end, 8 bytes after the place of `time_from_start`.
-    """
+    """Pass over a JointTrajectoryPoint; return places of its fields, the effort last."""
     fields = tuple(cursor.doubles() for _ in range(4))
-    cursor.skip(8, 4)
+    cursor.skip(8, 4)  # time_from_start
     return fields
 
 
@@ -102,9 +96,6 @@ def _controller_state(data: bytes, role: str) -> Layout:
     position, velocity, _, effort = points[which] if which < len(points) else (None,) * 4
     if role == 'effort':
         position = velocity = None
-    for x in (position, velocity, effort):
-        if x is not None and x.size != len(names):
-            raise ValueError(f'{len(names)} names but an array of {x.size} values')
     return Layout(names, (position, velocity, effort), cursor.fixed, cursor.big)
 
 
@@ -124,9 +115,7 @@ def _dynamic_state(data: bytes) -> Layout:
             names.append(joint)
             rows.append([where.get(x, -1) for x in FIELDS])
     cursor.end()
-    table = np.array(rows, dtype=np.int64).reshape(len(rows), len(FIELDS)).T
-    position, velocity, effort = (x if (x >= 0).any() else None for x in table)
-    return Layout(tuple(names), (position, velocity, effort), cursor.fixed, cursor.big)
+    return _layout(names, np.reshape(rows, (-1, len(FIELDS))).astype(np.int64), cursor)
 
 
 def _array_names(names: Sequence[str], default: str) -> list[tuple[str, str]]:
@@ -151,11 +140,16 @@ def _array(data: bytes, named: Sequence[tuple[str, str]]) -> Layout:
     if len(found) != len(named):
         raise ValueError(f'{len(named)} names but an array of {len(found)} values')
     joints = list(dict.fromkeys(joint for joint, _ in named))
-    table = np.full((len(FIELDS), len(joints)), -1)
+    table = np.full((len(joints), len(FIELDS)), -1)
     for (joint, field), place in zip(named, found, strict=True):
-        table[FIELDS.index(field), joints.index(joint)] = place
-    position, velocity, effort = (x if (x >= 0).any() else None for x in table)
-    return Layout(tuple(joints), (position, velocity, effort), cursor.fixed, cursor.big, None)
+        table[joints.index(joint), FIELDS.index(field)] = place
+    return replace(_layout(joints, table, cursor), stamp=None)
+
+
+def _layout(joints: Sequence[str], places: IntArray, cursor: Cursor) -> Layout:
+    """Return a layout by the places (D, 3) of fields, -1 where there is none."""
+    position, velocity, effort = (x if (x >= 0).any() else None for x in places.T)
+    return Layout(tuple(joints), (position, velocity, effort), cursor.fixed, cursor.big)
 
 
 # A trajectory is a few points; joint_trajectory_controller runs through them by a polynomial
@@ -243,7 +237,7 @@ def _followed(trajectories: Sequence[Trajectory]) -> Block:
     last = max(x.start + round(1e9 * x.time[-1]) for x in trajectories)
     first = trajectories[0].start + round(1e9 * trajectories[0].time[0])
     needed = 3 * (16 * len(names) * (last - first) // PERIOD)
-    Limits.from_environment().require_memory('the set-point of the trajectories takes', needed)
+    require_memory('the set-point of the trajectories takes', needed)
     stamp = np.arange(first, last + 1, PERIOD, dtype=np.int64)
     position = np.tile(trajectories[0].knots[0, 0], (stamp.size, 1))
     velocity = np.zeros_like(position)

@@ -23,7 +23,7 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
 from ros2_ident.recording.content import Content, Sink
-from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.limits import limit
 from ros2_ident.recording.ros2_control import CONTROLLER_STATE
 from ros2_ident.recording.shown import printable
 from ros2_ident.recording.storage import Budget, Damage, inflate, Losses
@@ -115,7 +115,7 @@ class _Chunks(Reader):
             Damage: It is larger than allowed.
             ReaderError: It is damaged.
         """
-        chunk, most = self.chunks[place], budget.limits.chunk
+        chunk, most = self.chunks[place], budget.chunk
         self.bio.seek(chunk.datapos)  # type: ignore[union-attr]
         packed = read_bytes(self.bio, chunk.datasize)  # type: ignore[arg-type]
         raw, sound = inflate(_METHODS[chunk.decompressor], packed, most)
@@ -181,7 +181,7 @@ def _guard(base: sqlite3.Connection, size: int) -> None:
         return left < 0
 
     base.set_progress_handler(tick, _EVERY)
-    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, Limits.from_environment().chunk)
+    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, limit('chunk'))
     base.execute('PRAGMA trusted_schema = OFF')
     base.execute('PRAGMA cell_size_check = ON')
     known = dict(base.execute('SELECT name, type FROM sqlite_master'))

@@ -19,7 +19,7 @@ import yaml
 from zstandard import ZstdDecompressor, ZstdError
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording.limits import Limits, size_text, variable_of
+from ros2_ident.recording.limits import limit, size_text, total_of, variable_of
 
 ZSTD = b'\x28\xb5\x2f\xfd'
 # What the decompressors raise at damaged data.
@@ -103,8 +103,8 @@ class Budget:
     """
 
     def __init__(self, size: int) -> None:
-        self.limits = Limits.from_environment()
-        self._left = self.limits.total(size)
+        self.chunk = limit('chunk')
+        self._left = total_of(size)
 
     def take(self, size: int) -> None:
         """Allow a block to decompress to `size` bytes.
@@ -112,14 +112,14 @@ class Budget:
         Raises:
             Damage: It may not.
         """
-        if size > self.limits.chunk:
+        if size > self.chunk:
             raise Damage(
                 f'a block claims to unpack to {size_text(size)}, more than the '
-                f'{size_text(self.limits.chunk)} allowed ({variable_of("chunk")})'
+                f'{size_text(self.chunk)} allowed ({variable_of("chunk")})'
             )
         if size > self._left:
             raise Damage(
-                f'its blocks unpack to more than {self.limits.ratio} times the size of the file, '
+                f'its blocks unpack to more than {limit("ratio")} times the size of the file, '
                 f'the most allowed ({variable_of("ratio")})'
             )
         self._left -= size
@@ -233,10 +233,10 @@ def unpacked(files: list[Path]) -> Iterator[list[tuple[Path, bool]]]:
 
 def _unpack_file(path: Path, target: Path) -> bool:
     """Unpack a file; return whether it is whole."""
-    size, limits = path.stat().st_size, Limits.from_environment()
+    size = path.stat().st_size
     # the disk is other programs' too
     free = shutil.disk_usage(target.parent).free // 2
-    left = most = min(limits.unpacked, limits.total(size), free)
+    left = most = min(limit('unpacked'), total_of(size), free)
     refusal = damaged(
         path,
         f'unpacks from {size_text(size)} to more than {size_text(most)}, the most that is allowed '

@@ -23,7 +23,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, mark, read_yaml, require_ours, write_text
 from ros2_ident.files import write_table as write_rows
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.limits import Limits
+from ros2_ident.recording.limits import require_memory
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import digest
@@ -354,7 +354,7 @@ def _bad(path: object, text: str) -> IdentError:
 def _text(path: Path) -> str:
     # the bytes, the text, a copy to read from, and the values
     needed = 8 * path.stat().st_size
-    Limits.from_environment().require_memory(f'{path}: the table takes', needed)
+    require_memory(f'{path}: the table takes', needed)
     raw = path.read_bytes()
     try:
         return raw.decode('utf-8-sig')

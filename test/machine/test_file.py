@@ -258,7 +258,7 @@ def test_shipped_machine_files_have_nothing_to_change():
         ('tripod', 'error', 'factor: 78.', 'factor: 7.8', 'gear_factor', 'the machine weighs'),
         ('tripod', 'warn', 'cycle: 5.0e-4', 'cycle: 5.0e-3', 'cycle', 'set-points come every'),
         ('tripod', 'warn', 'noise: 0.01', 'noise: 1.0', 'effort_noise', 'the log looks like 0.01'),
-        ('tripod', 'warn', 'gravity: 9.81', 'gravity: -9.81', 'gravity', 'it pulls downwards'),
+        ('tripod', 'warn', 'gravity: 9.81', 'gravity: -9.81', 'gravity', 'has to hold the drive'),
         ('emps', 'error', 'limit: 351.5', 'limit: 3.5', 'effort_unit', '78.72, the limit is'),
     ],
 )

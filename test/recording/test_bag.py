@@ -178,14 +178,14 @@ def test_errors_name_the_remedy(bag, tmp_path):
     (tmp_path / 'zero.mcap').write_bytes(b'')
     (tmp_path / 'text.npz').write_text('a,b')
     (tmp_path / 'nothing').mkdir()
-    lost = 'holds no message of /js, named as its {} topic'
+    lost = 'holds no message of /js, only'
     for path, code, text, *topics in (
         (tmp_path / 'none', 'NO_DATA', 'does not exist; give the path of a bag'),
         (tmp_path / 'nothing', 'NO_DATA', 'holds no .mcap, .db3 or .bag file'),
-        (bag, 'MISSING_STREAM', lost.format('state') + r', only /effort \(sensor_msgs/msg/Joi.*'
-         'name one of these, or `none` where no state was recorded', Topics('/js', '', '')),
-        (bag, 'MISSING_STREAM', lost.format('effort'), Topics(effort='js')),
-        (bag, 'MISSING_STREAM', lost.format('command'), Topics(command='js')),
+        (bag, 'MISSING_STREAM', lost + r' /effort \(sensor_msgs/msg/Joi.*'
+         'name the topics of .* or `none` for one that was not', Topics('/js', '', '')),
+        (bag, 'MISSING_STREAM', lost, Topics(effort='js')),
+        (bag, 'MISSING_STREAM', lost, Topics(command='js')),
         (bag, 'INVALID_GOAL', 'no topic is given', Topics('', '', '')),
         (bag, 'INVALID_GOAL', '/a is given as state and as effort', Topics('/a', 'a', '')),
         (tmp_path / 'zero.mcap', 'DAMAGED_BAG', r'is empty \(0 bytes\)'),
@@ -206,7 +206,7 @@ def test_bags_without_what_is_needed(tmp_path):
         writer.write(connection, START, bytes(data))
     said = '/joint_states is of type std_msgs/msg/String, expected sensor_msgs/msg/JointState'
     fails(tmp_path / 'other', 'MISSING_STREAM', said)
-    said = r'holds none of /effort, only /joint_states \(std_msgs/msg/String\); record the'
+    said = r'holds no message of /effort, only /joint_states \(std_msgs/msg/String\); name the'
     fails(tmp_path / 'other', 'MISSING_STREAM', said, Topics('', '/effort', 'none'))
     unmeasured = write_messages(tmp_path / 'unmeasured', [message()] * 3)
     fails(unmeasured, 'NO_DATA', 'no measured value arrived')

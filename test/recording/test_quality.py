@@ -63,7 +63,7 @@ def test_a_good_recording_is_ok():
     assert drive.effort_rest == pytest.approx(0.2, abs=0.02)
     (said,) = report.of('excitation')
     assert re.search(r'top speed 0\.(39|4).*, 9 reversals, [1-7]\d % of the time', said.sentence)
-    assert re.search('explain (9[5-9]|100) % of the effort$', report.of('effort')[0].sentence)
+    assert re.search('explain (9[5-9]|100) % of its effort$', report.of('effort')[0].sentence)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_a_good_recording_is_ok():
         (np.zeros(TIME.size), 'effort_constant', 'error', ''),
         (np.round(100.0 * EFFORT), 'effort_unit', None, 'looks like percent of the rated torque'),
         (np.round(2000.0 * EFFORT), 'effort_unit', None, 'looks like milliamperes or counts'),
-        (EFFORT - 0.2, 'effort_gravity', 'warn', 'gravity acts along this drive but the effort'),
+        (EFFORT - 0.2, 'effort_gravity', 'warn', 'gravity acts along this drive and the effort'),
         (RNG.normal(size=TIME.size), 'effort_unexplained', 'warn', ''),
     ],
 )
@@ -95,7 +95,7 @@ def test_a_late_effort_is_seen():
         (np.interp(TIME - 0.02, TIME, VELOCITY), r'reported velocity is (19|20)(\.\d)? ms late'),
         (60.0 * VELOCITY, 'the reported velocity is 60 times the derivative'),
         (-VELOCITY, 'the reported velocity is -1 times the derivative'),
-        (RNG.normal(size=TIME.size), 'the reported velocity explains [0-9]+ % of the derivative'),
+        (RNG.normal(size=TIME.size), 'and explains [0-9]+ % of it'),
     ],
 )
 def test_wrong_velocities_are_seen(velocity, text):
