@@ -10,13 +10,12 @@ from identify_cases import axis, axis_data, identified, tripod
 import numpy as np
 
 from ros2_ident.gap.blocks import Interval
-from ros2_ident.gap.diagnosis import Diagnosis, DriveGap, Ranked, Step, Trace, Value
-from ros2_ident.gap.facts import Cause, Facts
+from ros2_ident.gap.diagnosis import Cause, Diagnosis, DriveGap, Facts, Ranked, Step, Trace, Value
 from ros2_ident.gap.localise import localise
 from ros2_ident.gates import Gate
 from ros2_ident.identify.data import Data
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.result import Identification
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import EffectAt
 from ros2_ident.report.files import write_diagnosis, write_result
 from ros2_ident.report.signals import Curves, Signals

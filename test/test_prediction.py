@@ -22,8 +22,8 @@ import pytest
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import identify
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine, make_model
 from ros2_ident.prediction import (
     CHECK,

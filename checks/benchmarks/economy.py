@@ -18,7 +18,7 @@ from scipy.optimize import differential_evolution
 from checks.paper.tripod_runs import FRICTION
 from checks.reference.tripod import simulate_tripod
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.setup import problem_of
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.search import (

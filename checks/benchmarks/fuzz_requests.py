@@ -40,9 +40,9 @@ from report_cases import write_diagnosed, write_identified  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.estimate import read_estimate  # noqa: E402
+from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
-from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import RecordingBuilder  # noqa: E402

@@ -20,8 +20,8 @@ import numpy.typing as npt
 from checks.blind.store import stamp
 from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.identify.data import Data, gather
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import identify
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Recording
 from ros2_ident.search import intervals, refine, ThreadedEvaluator

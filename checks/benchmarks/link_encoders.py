@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.identify.data import read_data
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import solve
 from ros2_ident.identify.settings import IdentifySettings
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, Topics
 from ros2_ident.recording.motion import low_pass, smooth_motion

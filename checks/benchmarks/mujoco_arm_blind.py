@@ -35,7 +35,7 @@ from checks.blind.store import read_json, stamp, write_json
 from checks.share import share_interval
 from ros2_ident.gap.verdict import NAMELESS
 from ros2_ident.identify.data import read_data
-from ros2_ident.identify.setup import problem_of
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.models import load_machine
 from ros2_ident.models.serial.arm import arm_of
 from ros2_ident.models.serial.parameters import Inertials

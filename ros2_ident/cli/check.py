@@ -54,7 +54,7 @@ def _estimate(machine: 'Machine', args: argparse.Namespace, data: 'Data') -> str
 
     import numpy as np
 
-    from ros2_ident.identify.setup import problem_of
+    from ros2_ident.identify.problem import problem_of
     from ros2_ident.lanes import WIDTH
     from ros2_ident.search import GeneticSettings, ThreadedEvaluator
     from ros2_ident.threads import processors

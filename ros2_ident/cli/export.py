@@ -81,8 +81,8 @@ def _description(args: argparse.Namespace, problem: 'Problem') -> str:
 
 def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
     """Return what was solved, with the effects that were found."""
+    from ros2_ident.identify.problem import problem_of
     from ros2_ident.identify.run import read_data
-    from ros2_ident.identify.setup import problem_of
 
     settings = estimate.settings
     machine = machine_behind(args, estimate)

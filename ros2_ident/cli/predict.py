@@ -62,7 +62,7 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
 
     from ros2_ident.cli.export import machine_behind
     from ros2_ident.identify.data import read_data
-    from ros2_ident.identify.setup import at_rest
+    from ros2_ident.identify.problem import at_rest
     from ros2_ident.models import make_model
     from ros2_ident.models.registry import efforts_of, follows, kind_of
 

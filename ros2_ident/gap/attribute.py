@@ -33,17 +33,14 @@ _LEAST = 4
 _HEAT = 4
 # Names that are tried on several drives at once, at most.
 _ALIKE = 3
-# What the log itself shows starts far from a fit that was bent by it, and gets more.
-_SHOWN = 16
+# What the log itself shows starts far from a fit that it bent, and gets more; so do the best.
+_SHOWN, _WHOLE = 16, 12
 # Samples times parameters that a step is held against noise on, at most.
 _MOST = 4_000_000
 # Samples of a mean that noise hardly lifts.
 _MEAN = 9
 # Shares of the highest effort that a drive would make without a limit, to start looking below.
 _BELOW = (0.92, 0.8, 0.65, 0.5)
-
-# What a fit depends on: a digest, its effects, and where it starts.
-_Key = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -110,36 +107,36 @@ class Attribution:
 
     def refit(self, effects: Sequence[EffectAt], theta: Array) -> Explanation:
         """Fit a set of effects jointly from a start (N,)."""
-        key = 'refit', self.fits.key(), tuple(effects), theta
-        return self._known(*key) or self._noted(self.fits.refit(effects, theta), *key)
+        task = self.fits.key(), tuple(effects), theta
+        return self._known(*task) or self._noted(self.fits.refit(effects, theta), *task)
 
     def _known(
-        self, task: str, fits: bytes, effects: Sequence[EffectAt], *more: object
+        self, fits: bytes, effects: Sequence[EffectAt], *more: object
     ) -> Explanation | None:
         """Return a fit that an earlier run has ended, where its cost comes out again."""
         count = len(self.case.fit.with_effects(effects).low)
         wanted = {'unit': Within((count,), 0.0, 1.0), 'cost': Within()}
-        kept = self.journal.get(wanted, task, fits, effects, *more)
+        kept = self.journal.get(wanted, fits, effects, *more)
         if kept is None:
             return None
         e = self.fits.ended_at(effects, kept['unit'])
         return e if e.cost == kept['cost'] else None
 
-    def _noted(self, e: Explanation, *key: object) -> Explanation:
+    def _noted(self, e: Explanation, *task: object) -> Explanation:
         """Write down where a fit ended, unless it was stopped on its way."""
         if not self.stopped():
-            self.journal.put({'unit': e.unit, 'cost': e.cost}, *key)
+            self.journal.put({'unit': e.unit, 'cost': e.cost}, *task)
         return e
 
     def _run(
-        self, run: RunTasks, task: str, asked: Sequence[tuple[Any, ...]], keys: Sequence[_Key]
+        self, run: RunTasks, key: bytes, tasks: Sequence[tuple[Any, ...]]
     ) -> Iterator[Explanation | None]:
-        """Do one task for all that is asked; what an earlier run did is known."""
-        kept = [self._known(task, *key) for key in keys]
-        told = run(task, [a for a, k in zip(asked, kept, strict=True) if k is None])
-        for before, key in zip(kept, keys, strict=True):
+        """Do fits as of `Trials.fit`; what an earlier run did is known."""
+        kept = [self._known(key, *task) for task in tasks]
+        told = run('fit', [t for t, k in zip(tasks, kept, strict=True) if k is None])
+        for before, task in zip(kept, tasks, strict=True):
             e = before or next(told)
-            yield e if before or e is None else self._noted(e, task, *key)
+            yield e if before or e is None else self._noted(e, key, *task)
 
     def standing(self, before: Explanation, after: Explanation) -> float:
         """Return how many standard errors of coloured noise a step stands out, on all data.
@@ -308,27 +305,23 @@ class Attribution:
         with self.workers.tasks(Trials(self.fits, base)) as run:
             screened = self._screened(run, base, candidates)
             promising = [*self._promising(screened), *self._alike(base, screened)]
-            tasks: list[tuple[tuple[EffectAt, ...], Start | Array, int]] = [
-                (start.effects, start, _HEAT) for start in promising
+            own, key = base.effects, self.fits.key(base)
+            tasks: list[tuple[Any, ...]] = [
+                ((*own, *start.effects), _HEAT, start.theta, start.phi) for start in promising
             ]
-            tasks += [((at,), start, _SHOWN) for at, start in self._shown(base, candidates)]
-            key = self.fits.key(base)
-            keys: list[_Key] = [
-                (key, (*base.effects, *at), *_numbers(start), n) for at, start, n in tasks
-            ]
-            for number, e in enumerate(self._run(run, 'begin', tasks, keys), 1):
+            tasks += [((*own, at), _SHOWN, x) for at, x in self._shown(base, candidates)]
+            for number, e in enumerate(self._run(run, key, tasks), 1):
                 if e and e.cost < (leaders[e.effects].cost if e.effects in leaders else np.inf):
                     leaders[e.effects] = e
                 share = 0.5 + 0.3 * number / len(tasks)
-                self.on_step(share, f'fitted {_named(tasks[number - 1][0])}')
+                self.on_step(share, f'fitted {_named(tasks[number - 1][0][len(own) :])}')
             best = [*leaders.values()]
             most = max((base.cost - e.cost for e in best), default=0.0)
             ahead = [e for e in best if base.cost - e.cost >= PROMISING * most]
-            keys = [(self.fits.key(), e.effects, e.unit) for e in ahead]
-            for e in self._run(run, 'finish', [(e,) for e in ahead], keys):
+            for e in self._run(run, key, [(e.effects, _WHOLE, e.theta) for e in ahead]):
                 if e is not None:
                     done[e.effects] = e
-                    self.on_step(0.9, f'refining {_named(e.effects[len(base.effects) :])}')
+                    self.on_step(0.9, f'refining {_named(e.effects[len(own) :])}')
         fitted = [done.get(e.effects, e) for e in best]
         return Round(
             base,
@@ -396,11 +389,6 @@ def visibility(screened: dict[EffectAt, list[Start]]) -> dict[EffectAt, float]:
 def _named(effects: Sequence[EffectAt]) -> str:
     """Return effects at their places in words."""
     return ' and '.join(f'{at.effect} on {at.where}' for at in effects)
-
-
-def _numbers(start: Start | Array) -> tuple[Array, ...]:
-    """Return the numbers that a joint fit starts from."""
-    return (start.theta, start.phi) if isinstance(start, Start) else (start,)
 
 
 def limits_shown(

@@ -32,24 +32,6 @@ _FEWEST = 10
 _KEEPING = Lock()
 
 
-@dataclass(frozen=True, eq=False)
-class Recordings:
-    """Recordings of one machine, each with its nominal model.
-
-    Attributes:
-        models: The models.
-        labels: For each, the bag it came from; empty where there is one only.
-    """
-
-    models: tuple[FullModel, ...]
-    labels: tuple[str, ...] = ()
-
-    def __add__(self, other: 'Recordings') -> 'Recordings':
-        """Return both together."""
-        labels = self.labels + other.labels if self.labels and other.labels else ()
-        return Recordings(self.models + other.models, labels)
-
-
 def recordings_of(
     machine: Machine,
     data: Sequence[Dataset],
@@ -59,7 +41,7 @@ def recordings_of(
     output: str | None = None,
     labels: Sequence[str] = (),
     beside: Sequence[Dataset] = (),
-) -> Recordings:
+) -> 'Part':
     """Return a machine's nominal model on each recording.
 
     Args:
@@ -82,10 +64,10 @@ def recordings_of(
         fixed = held_of(machine, make(data[0]), chosen_drives(machine, drives), fixed)
     models = [make(d, fixed=fixed) for d in data]
     _one_output_a_drive(models)
-    return Recordings(tuple(models), tuple(labels))
+    return Part(tuple(models), tuple(labels))
 
 
-def recordings_from(models: Model | Sequence[Model]) -> Recordings:
+def recordings_from(models: Model | Sequence[Model]) -> 'Part':
     """Return a user's own models, one a recording.
 
     Raises:
@@ -93,7 +75,7 @@ def recordings_from(models: Model | Sequence[Model]) -> Recordings:
     """
     several = tuple(complete(m) for m in (models if isinstance(models, Sequence) else [models]))
     _one_output_a_drive(several)
-    return Recordings(several)
+    return Part(several)
 
 
 def _one_output_a_drive(models: Sequence[FullModel]) -> None:
@@ -156,18 +138,21 @@ class Part:
 
     Attributes:
         models: Their nominal models.
-        masks: For each, (D, K) where a sample is compared.
-        seen: For each, the motion that its controllers saw; empty where they cannot be checked.
         labels: For each, the bag it came from; empty where there is one only.
+        masks: For each, (D, K) where a sample is compared; empty before a case has chosen.
         conditions: How the recordings differ.
     """
 
     models: tuple[FullModel, ...]
-    masks: tuple[Mask, ...]
-    seen: tuple[RecordedMotion, ...] = ()
     labels: tuple[str, ...] = ()
+    masks: tuple[Mask, ...] = ()
     conditions: Conditions = Conditions()
     _joints: dict[tuple[EffectAt, ...], Joint] = field(default_factory=dict, repr=False)
+
+    def __add__(self, other: 'Part') -> 'Part':
+        """Return the recordings of both."""
+        labels = self.labels + other.labels if self.labels and other.labels else ()
+        return Part(self.models + other.models, labels)
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out what is made again."""
@@ -185,6 +170,12 @@ class Part:
             while len(kept) > _KEPT:
                 kept.pop(next(iter(kept)))
         return found
+
+    @cached_property
+    def seen(self) -> tuple[RecordedMotion, ...]:
+        """For each, the motion that its controllers saw; empty unless all was recorded."""
+        seen = tuple(x for m in self.models if (x := m.recorded_motion()) is not None)
+        return seen if len(seen) == len(self.models) else ()
 
     @cached_property
     def law_masks(self) -> tuple[Mask, ...]:
@@ -213,10 +204,9 @@ class Part:
         at = 0
         for mask in self.masks:
             out = np.full(mask.shape, np.nan)
-            for d, row in enumerate(mask):
-                count = int(row.sum())
-                out[d, row] = values[at : at + count]
-                at += count
+            count = int(mask.sum())
+            out[mask] = values[at : at + count]
+            at += count
             parts.append(out)
         return np.concatenate(parts, axis=1)
 
@@ -233,16 +223,7 @@ class Part:
 
 
 def _drives_of(masks: Sequence[Mask]) -> npt.NDArray[np.int64]:
-    parts = [np.full(int(row.sum()), d) for mask in masks for d, row in enumerate(mask)]
-    out: npt.NDArray[np.int64] = np.concatenate(parts or [np.empty(0, np.int64)])
-    return out
-
-
-def _seen(models: Sequence[FullModel]) -> tuple[RecordedMotion, ...]:
-    """Return what controllers saw; nothing unless all drives' motion was recorded everywhere."""
-    found = [m.recorded_motion() for m in models]
-    seen = tuple(x for x in found if x is not None)
-    return seen if len(seen) == len(models) else ()
+    return np.concatenate([np.empty(0, np.int64), *(np.nonzero(mask)[0] for mask in masks)])
 
 
 class Case:
@@ -264,20 +245,17 @@ class Case:
 
     def __init__(
         self,
-        fit: Recordings,
-        check: Recordings | None = None,
+        fit: Part,
+        check: Part | None = None,
         conditions: Conditions | None = None,
     ) -> None:
-        check, differ = check or Recordings(()), conditions or Conditions()
+        check, differ = check or Part(()), conditions or Conditions()
         self._given = fit, check, conditions
         self.drives = fit.models[0].places
         self.noise = fit.models[0].noise
 
-        def part(
-            of: Recordings, masks: Sequence[Mask], seen: tuple[RecordedMotion, ...] | None = None
-        ) -> Part:
-            motions = _seen(of.models) if seen is None else seen
-            return Part(of.models, tuple(masks), motions, of.labels, differ)
+        def part(of: Part, masks: Sequence[Mask]) -> Part:
+            return Part(of.models, of.labels, tuple(masks), differ)
 
         masks = [settled(m) for m in fit.models]
         if check.models:
@@ -294,10 +272,10 @@ class Case:
                 even.append(inside & ~second)
                 odd.append(inside & second)
             self.fit = part(fit, even)
-            self.check = part(fit, odd, self.fit.seen)
+            self.check = part(fit, odd)
         self._require_rows()
         both = fit + check if check.models else fit
-        self.whole = part(both, [settled(m) for m in both.models], ())
+        self.whole = part(both, [settled(m) for m in both.models])
 
     def _require_rows(self) -> None:
         """Refuse a log of which a drive's recorded motion leaves too little to compare."""

@@ -11,9 +11,18 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.blocks import Blocks, Interval
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.coordinates import motion_of
-from ros2_ident.gap.diagnosis import at_bound, Diagnosis, DriveGap, Ranked, Step, Trace, Value
+from ros2_ident.gap.diagnosis import (
+    at_bound,
+    Cause,
+    Diagnosis,
+    DriveGap,
+    Facts,
+    Ranked,
+    Step,
+    Trace,
+    Value,
+)
 from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.facts import Cause, Facts
 from ros2_ident.gap.fits import Explanation, Fits
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
@@ -68,7 +77,8 @@ def compose(
     chain = found.chain if verdict.effect not in NAMELESS else found.chain[:1]
     final = chain[-1]
     model = case.fit.with_effects(final.effects).models[0]
-    rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
+    compared = (*found.chain, *found.rests)
+    rows = [case.check.rows(e.check_residual / fits.check_weight) for e in compared]
     blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
     labels = ['nominal', *(at.title for at in found.chain[-1].effects)]
     steps = tuple(Step(label, blocks.rms(i)) for i, label in enumerate(labels))
@@ -181,15 +191,12 @@ def _again(
     Reference:
         Meinshausen and Bühlmann (2010), Stability selection, JRSS B 72(4).
     """
-    final, rules = found.chain[-1], explainer.rules
-    if not verdict.named or len(found.rests) != len(final.effects):
+    effects, rules, last = found.chain[-1].effects, explainer.rules, len(found.chain) - 1
+    if not verdict.named or len(found.rests) != len(effects):
         return ()
-    case, weight = explainer.case, explainer.fits.check_weight
-    rows = [case.check.rows(e.check_residual / weight) for e in (*found.rests, final)]
-    drawn = Blocks(rows, case.fit.models[0].cycle, length=blocks.length, starts=case.check.starts)
     shares = {
-        at: drawn.falls(i, -1, explainer.floor, rules.material if i else rules.step)
-        for i, at in enumerate(final.effects)
+        at: blocks.falls(last + 1 + i, last, explainer.floor, rules.material if i else rules.step)
+        for i, at in enumerate(effects)
     }
     # An encoder's steps are read from a line in the spectrum, not from what a fit closes.
     return tuple(shares.get(at, 1.0) for at in verdict.named)
@@ -292,7 +299,7 @@ def _per_drive(
     case, floor, last = explainer.case, explainer.floor, len(found.chain) - 1
     gap = np.maximum(explainer.gap(found.chain[0]), 0.0) * floor.per_drive**2
     output = np.empty(len(case.drives))
-    counted = blocks.above(floor, 0, -1)
+    counted = blocks.above(floor, 0, last)
     out = {}
     for d, name in enumerate(case.drives):
         held_out = case.check.measured(d)
@@ -300,7 +307,7 @@ def _per_drive(
         output[d] = max(float(np.mean(measured**2)), 1e-300)
         out[name] = DriveGap(
             before=float(np.sqrt(blocks.squares[0, d])),
-            after=float(np.sqrt(blocks.squares[-1, d])),
+            after=float(np.sqrt(blocks.squares[last, d])),
             noise_floor=float(floor.per_drive[d]),
             share_closed=blocks.share_closed(0, last, floor, drive=d).value if last else 0.0,
             torque_rms=float(np.sqrt(np.mean(np.concatenate(held_out) ** 2))),

@@ -15,7 +15,7 @@ from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
 from ros2_ident.gap.bursts import bursts, not_asked
-from ros2_ident.gap.case import Case, Joint, Recordings, recordings_from, recordings_of
+from ros2_ident.gap.case import Case, Joint, Part, recordings_from, recordings_of
 from ros2_ident.gap.clock import Clock
 from ros2_ident.gap.clock import DiagnoseProgress as DiagnoseProgress
 from ros2_ident.gap.compose import compose
@@ -43,10 +43,9 @@ from ros2_ident.gap.verdict import (
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.examine import examine_models
 from ros2_ident.identify.layout import Conditions
-from ros2_ident.identify.problem import sources
-from ros2_ident.identify.setup import at_rest
+from ros2_ident.identify.problem import at_rest, sources
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models import EffectAt, Model
+from ros2_ident.models import Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
 from ros2_ident.search.fit import FitSettings
@@ -88,8 +87,8 @@ def diagnose(
 
     Args:
         machine: The machine.
-        fit: Recordings to fit on.
-        check: Recordings held out; without them every second block of the fit recordings is held
+        fit: Part to fit on.
+        check: Part held out; without them every second block of the fit recordings is held
             out.
         model: Instead of machine and recordings: a model of the recording to fit on, or one for
             each of several; see `models.protocol`.
@@ -156,7 +155,7 @@ def diagnose(
     return found
 
 
-def _key(asked: object, first: Recordings, second: Recordings) -> str:
+def _key(asked: object, first: Part, second: Part) -> str:
     """Return a digest of all that a diagnosis depends on."""
     total = hashlib.sha256(f'{sources()}{asked!r}'.encode())
     for part in (first, second):
@@ -176,7 +175,6 @@ class _Pass:
     explainer: Explainer
     base: Explanation
     report: GateReport
-    candidates: tuple[EffectAt, ...]
     readings: tuple[CoarseReading, ...]
 
     @property
@@ -196,7 +194,7 @@ class _Passes:
     workers: Workers | None
     journal: Journal
 
-    def run(self, fit: Recordings, check: Recordings) -> Diagnosis:
+    def run(self, fit: Part, check: Part) -> Diagnosis:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
         begun = self._begin(Case(fit, check, self.conditions))
         # Without a gap no effect can stand for a number that the controllers' log contradicts.
@@ -253,8 +251,7 @@ class _Passes:
             law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
         }
         explainer.knows(first, floor)
-        candidates = tuple(case.candidates(self.without))
-        return _Pass(explainer, base, report, candidates, readings)
+        return _Pass(explainer, base, report, readings)
 
     def _readings(self, case: Case, theta: Array) -> tuple[CoarseReading, ...]:
         """Return encoders whose steps show, where these are among the effects looked for."""
@@ -325,8 +322,9 @@ class _Passes:
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
             clock.rounds(explainer.size(e) if explainer.open(e) else 0.0)
 
-        limited = explainer.limited(begun.candidates, SEARCH, self.seed)
-        found = explainer.explain(begun.base, begun.candidates, note, limited)
+        candidates = explainer.case.candidates(self.without)
+        limited = explainer.limited(candidates, SEARCH, self.seed)
+        found = explainer.explain(begun.base, candidates, note, limited)
         verdict = judge(explainer, found, begun.readings)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
@@ -351,7 +349,8 @@ class _Passes:
         if found.rounds:
             visible = found.rounds[0].visible
         elif verdict.effect not in REFUSED:
-            visible = visibility(begun.explainer.look(base, begun.candidates))
+            candidates = begun.explainer.case.candidates(self.without)
+            visible = visibility(begun.explainer.look(base, candidates))
         clock.rounds(0.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()

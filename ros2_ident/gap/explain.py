@@ -409,14 +409,10 @@ class Explainer(Attribution):
             return chain, rests
         order = [int(i) for i in np.argsort(-needs, kind='stable')]
         effects = tuple(final.effects[i] for i in order)
-        nominal = len(chain[0].theta)
-        columns = [list(range(nominal)), *(self.columns(final, i) for i in order)]
+        nominal = list(range(len(chain[0].theta)))
+        columns = [nominal, *(self.columns(final, i) for i in order)]
         theta = final.theta[np.concatenate(columns)]
-        steps, end = [chain[0]], nominal
-        for count in range(1, len(effects)):
-            end += len(columns[count])
-            steps.append(self.refit(effects[:count], theta[:end]))
-        steps.append(self.refit(effects, theta))
+        steps = self.steps_to(self.refit(effects, theta), chain[:1])
         return steps, tuple(rests[i] for i in order)
 
     def without(self, e: Explanation, index: int) -> Explanation:

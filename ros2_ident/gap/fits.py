@@ -86,22 +86,39 @@ class Fits:
         case: The recordings.
         floor: (D,) noise floor of each drive, output unit.
         stopped: Asked often; True ends a fit with the best so far.
+        missed: (D,) mean square by which the controllers miss the log, output unit squared; None
+            where their rows are not looked at, see `watch_law`.
 
     Attributes:
         weight: (R,) weights of the fit part's outputs.
         check_weight: (R',) weights of the held-out part's.
-        law_weight: (L,) weights of the controllers' rows; none until `watch_law`.
     """
 
     def __init__(
-        self, case: Case, floor: Array, stopped: Callable[[], bool] = lambda: False
+        self,
+        case: Case,
+        floor: Array,
+        stopped: Callable[[], bool] = lambda: False,
+        missed: Array | None = None,
     ) -> None:
         self.case = case
         self.floor = floor
         self.stopped = stopped
         self.weight = 1.0 / floor[case.fit.drive]
         self.check_weight = 1.0 / floor[case.check.drive]
-        self.law_weight = np.empty(0)
+        self.missed = missed
+
+    @property
+    def law_weight(self) -> Array:
+        """(L,) weights of the controllers' rows.
+
+        They count less where the stated law is far from the log: there it may be another law, and
+        must not drown the outputs.
+        """
+        if self.missed is None:
+            return np.empty(0)
+        weight: Array = 1.0 / np.sqrt(self.floor**2 + self.missed)[self.case.fit.law_drive]
+        return weight
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out what cannot travel: only the process that asks knows when to stop."""
@@ -115,8 +132,7 @@ class Fits:
         """From here on let fits also see what the controllers make of the recorded motion.
 
         No machine is in these rows, so they tell what sits in a controller or behind a sensor from
-        what happens in the machine. They count less where the stated law is far from the log:
-        there it may be another law, and must not drown the outputs.
+        what happens in the machine.
 
         Args:
             base: The fit without effects.
@@ -133,8 +149,7 @@ class Fits:
         drive = np.concatenate([case.fit.law_drive, case.check.law_drive])
         count = len(case.drives)
         samples = np.maximum(np.bincount(drive, minlength=count), 1)
-        law = np.bincount(drive, (missed / self.floor[drive]) ** 2, count) / samples
-        self.law_weight = 1.0 / (self.floor * np.sqrt(1.0 + law))[case.fit.law_drive]
+        self.missed = np.bincount(drive, missed**2, count) / samples
         span = joint.high - joint.low
         unit = (base.theta - joint.low) / span
         residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
@@ -142,12 +157,7 @@ class Fits:
 
     def renewed(self, floor: Array) -> 'Fits':
         """Return the same fits at another noise floor."""
-        new = Fits(self.case, floor, self.stopped)
-        if self.law_weight.size:
-            drive = self.case.fit.law_drive
-            missed = self.law_weight**-2.0 - self.floor[drive] ** 2
-            new.law_weight = 1.0 / np.sqrt(floor[drive] ** 2 + missed)
-        return new
+        return Fits(self.case, floor, self.stopped, self.missed)
 
     def restated(self, e: Explanation, old: 'Fits') -> Explanation:
         """Return a fit made at another noise floor in units of this one."""
@@ -165,15 +175,16 @@ class Fits:
 
     def evaluate(self, joint: Joint) -> Callable[[Array], Array]:
         """Return what a fit minimises: (S, N) candidates to (S, R) weighted residuals."""
+        law_weight = self.law_weight
 
         def outputs(theta: Array) -> Array:
             return joint.residual(np.atleast_2d(theta)) * self.weight[None]
 
         def both(theta: Array) -> Array:
-            law = joint.law_residual(theta) * self.law_weight[None]
+            law = joint.law_residual(theta) * law_weight[None]
             return np.concatenate([outputs(theta), law], axis=1)
 
-        return both if self.law_weight.size else outputs
+        return both if law_weight.size else outputs
 
     def refit(
         self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
@@ -330,29 +341,36 @@ class Trials:
         free = residual - self.basis @ (self.basis.T @ residual)
         return orders_shown(joint.models[0], candidate, change, free, self.basis)
 
-    def begin(
-        self, effects: tuple[EffectAt, ...], start: Start | Array, iterations: int
+    def fit(
+        self,
+        effects: tuple[EffectAt, ...],
+        iterations: int,
+        theta: Array,
+        phi: Array | None = None,
     ) -> Explanation | None:
-        """Begin the joint fit of more effects; None where time is up."""
+        """Fit effects jointly; None where time is up.
+
+        Args:
+            effects: All of them, those of the base first.
+            iterations: At most.
+            theta: (N,) start; where there is `phi`, of what is in the base.
+            phi: (P,) screened start of the others.
+        """
         if self.fits.stopped():
             return None
-        theta = self._better(start) if isinstance(start, Start) else start
-        return self.fits.refit((*self.base.effects, *effects), theta, iterations)
+        start = theta if phi is None else self._better(effects, theta, phi)
+        return self.fits.refit(effects, start, iterations)
 
-    def finish(self, begun: Explanation) -> Explanation:
-        """Go on with a joint fit to its end."""
-        return begun if self.fits.stopped() else self.fits.refit(begun.effects, begun.theta)
-
-    def _better(self, start: Start) -> Array:
-        """Return a screened start, or the base with a trace of the effect if that is better."""
+    def _better(self, effects: tuple[EffectAt, ...], theta: Array, phi: Array) -> Array:
+        """Return a screened start, or the base with a trace of the effects if that is better."""
         base = self.base
-        joint = self.fits.case.fit.with_effects((*base.effects, *start.effects))
-        neutral, model = start.phi.copy(), joint.models[0]
-        for i, p in enumerate(p for at in start.effects for p in model.scaled(at)):
+        joint = self.fits.case.fit.with_effects(effects)
+        neutral, new = phi.copy(), effects[len(base.effects) :]
+        for i, p in enumerate(p for at in new for p in joint.models[0].scaled(at)):
             if p.role == 'size':
-                neutral[i] = p.neutral + 0.02 * (start.phi[i] - p.neutral)
+                neutral[i] = p.neutral + 0.02 * (phi[i] - p.neutral)
         points = np.array(
-            [np.concatenate([start.theta, start.phi]), np.concatenate([base.theta, neutral])]
+            [np.concatenate([theta, phi]), np.concatenate([base.theta, neutral])]
         )
         points = np.clip(points, joint.low, joint.high)
         losses = np.mean(self.fits.evaluate(joint)(points) ** 2, axis=1)

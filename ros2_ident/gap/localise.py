@@ -139,17 +139,12 @@ def tested(
         parts = np.zeros((signs.shape[1], basis.shape[1]))
         np.add.at(parts, block, basis * value[:, None])
         observed = float((parts.sum(axis=0) ** 2).sum())
-        chance = widen * (thrown(signs, parts) ** 2).sum(axis=1)
+        # Not `@`: the library's threads cost more than they bring here.
+        chance = widen * (np.einsum('fn,nb->fb', signs, parts) ** 2).sum(axis=1)
         p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
         expected = float(chance.mean())
         gain = max(0.0, observed - expected)
         out.append((gain / max(explainable - expected, gain, 1e-300), p_value))
-    return out
-
-
-def thrown(signs: Array, parts: Array) -> Array:
-    """Return signs @ parts, without the library's threads: they cost more than they bring here."""
-    out: Array = np.einsum('fn,nb->fb', signs, parts)
     return out
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import IdentError
+from ros2_ident.gap.diagnosis import Facts, Misfit, WrongConstant
 from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.facts import Facts, Misfit, WrongConstant
 from ros2_ident.gap.fits import Explanation, Fits, PROMISING, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
@@ -263,9 +263,7 @@ class _Fit:
     def _at(self, factor: float) -> Fits:
         case = self.fits.case
         case = case if factor == 1.0 else case.stating(self.name, factor * self.stated)
-        there = Fits(case, self.fits.floor, self.fits.stopped)
-        there.law_weight = self.fits.law_weight
-        return there
+        return Fits(case, self.fits.floor, self.fits.stopped, self.fits.missed)
 
     def _slope(self, e: Explanation, factor: float) -> Array:
         """Return (R,) the derivative of the weighted residual by the number's logarithm."""

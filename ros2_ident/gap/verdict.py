@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import expit
 
 from ros2_ident.effects import get_effect
+from ros2_ident.gap.diagnosis import Facts
 from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.facts import Facts
 from ros2_ident.gap.fits import Explanation
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.models import EffectAt
@@ -98,10 +99,6 @@ class Verdict:
         return (EffectAt(self.effect, self.where[0]), *self.also)
 
 
-def _sigmoid(x: float) -> float:
-    return float(1.0 / (1.0 + np.exp(-np.clip(x, -60.0, 60.0))))
-
-
 def twins(at: EffectAt) -> list[EffectAt]:
     """Return what is the same as an effect on every possible log."""
     return [EffectAt(other, at.where) for other in get_effect(at.effect).twins]
@@ -174,7 +171,7 @@ def _with_readings(
     unexplained = float(after[rest].max(initial=0.0)) >= least
     first = strongest.at
     closes = float((before - after).sum())
-    sure = _sigmoid((float(np.sqrt(before.max())) - explainer.rules.material) / t.size)
+    sure = expit((float(np.sqrt(before.max())) - explainer.rules.material) / t.size)
     if not chain and unexplained and plain.effect == UNKNOWN:
         # Something else is missing, and more than steps.
         return plain
@@ -201,12 +198,12 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     base, final = found.chain[0], found.chain[-1]
     size = explainer.size(base)
     closed = explainer.share(base, final) if len(found.chain) > 1 else 0.0
-    missing = _sigmoid((size - rules.material) / t.size)
+    missing = expit((size - rules.material) / t.size)
     # Where none counts, the one that comes nearest may still be it in another form.
     tried = found.rounds[0].fitted if found.rounds else ()
     alone = max((explainer.share(base, e) for e in tried), default=0.0)
     nearest = closed if len(found.chain) > 1 else alone
-    named = t.escaped + (1.0 - t.escaped) * _sigmoid((nearest - rules.closed) / t.closed)
+    named = t.escaped + (1.0 - t.escaped) * expit((nearest - rules.closed) / t.closed)
     # What is left may be immaterial however small the share that closes, and a limit that the
     # controllers' log shows is there however little of its course a constant one repeats.
     left = np.maximum(explainer.gap(final), 0.0)
@@ -228,7 +225,7 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     if len(found.chain) == 1 and certain < rules.unknown:
         # Too small to be sure of it, and nothing explains it: small imperfections look like this,
         # and so does noise that was slow enough to be quiet where it was measured.
-        sure = _sigmoid((rules.unknown - certain) / t.size)
+        sure = expit((rules.unknown - certain) / t.size)
         return Verdict(NONE, (), sure, (), (), ranking, closed)
     if len(found.chain) == 1 or (closed < rules.closed and not believed):
         return Verdict(

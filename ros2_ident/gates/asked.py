@@ -121,47 +121,8 @@ def fit_asked(machine: Machine, data: Dataset, drive: str) -> Asked | None:
         How it makes its effort, None where it is not told it.
     """
     log = _log_of(machine, data, data.names.index(drive))
-    return None if log is None else _fitted(log, drive)
-
-
-def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
-    """Return a drive's log, None where a part of it is missing, too short, or does not change."""
-    if data.command_effort is None or data.effort is None or data.position is None:
+    if log is None:
         return None
-    asked, effort = data.command_effort[d], data.effort[d]
-    if not np.isfinite(asked).all() or not np.ptp(asked) or not np.isfinite(effort).any():
-        return None
-    band = min(machine.number('bandwidth') if machine.known('bandwidth') else SLOW, SLOW)
-    cutoff = allowed_cutoff(data.position[d], data.cycle, 2.0 * band)
-    band = min(band, 0.5 * cutoff)
-    if data.duration < (_SHORTEST + 2.0 * _ENDS) / band:
-        return None
-    try:
-        motion = smooth_motion(data.position[d : d + 1], data.cycle, cutoff)
-    except IdentError:
-        return None
-    ends, stride = int(_ENDS / (band * data.cycle)), int(1.0 / (_VALUES * band * data.cycle))
-    kept = slice(ends, asked.size - ends, max(1, stride))
-    rows = np.stack([asked, fill_gaps(effort), motion[1][0], motion[2][0]])
-    slow = low_pass(rows, data.cycle, band)
-    beside = np.stack([np.ones_like(slow[1, kept]), slow[2, kept], slow[3, kept]], axis=1)
-    stream = data.streams.get('effort') or data.streams.get('state')
-    jitter = 0.0 if stream is None else stream.jitter
-    return _Log(
-        ends * data.cycle, max(1, stride) * data.cycle, data.cycle,
-        slow[0], slow[1, kept], beside,
-        # A sample stands at the nearest cycle.
-        math.hypot(jitter, data.cycle / math.sqrt(12.0)),
-        # White noise, of which the band lets a part through.
-        max(
-            machine.effort_noise * math.sqrt(2.0 * band * data.cycle),
-            1e-6 * float(np.ptp(slow[1, kept])),
-        ),
-    )  # fmt: skip
-
-
-def _fitted(log: _Log, drive: str) -> Asked | None:
-    """Return how a drive makes its effort at the delay that suits best."""
     fits = []
     for lag in np.arange(0.0, LATEST_EFFORT, log.cycle):
         columns = np.concatenate([log.late(lag)[:, None], log.beside], axis=1)
@@ -201,6 +162,42 @@ def _fitted(log: _Log, drive: str) -> Asked | None:
         certain=top,
         count=left.size,
     )
+
+
+def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
+    """Return a drive's log, None where a part of it is missing, too short, or does not change."""
+    if data.command_effort is None or data.effort is None or data.position is None:
+        return None
+    asked, effort = data.command_effort[d], data.effort[d]
+    if not np.isfinite(asked).all() or not np.ptp(asked) or not np.isfinite(effort).any():
+        return None
+    band = min(machine.number('bandwidth') if machine.known('bandwidth') else SLOW, SLOW)
+    cutoff = allowed_cutoff(data.position[d], data.cycle, 2.0 * band)
+    band = min(band, 0.5 * cutoff)
+    if data.duration < (_SHORTEST + 2.0 * _ENDS) / band:
+        return None
+    try:
+        motion = smooth_motion(data.position[d : d + 1], data.cycle, cutoff)
+    except IdentError:
+        return None
+    ends, stride = int(_ENDS / (band * data.cycle)), int(1.0 / (_VALUES * band * data.cycle))
+    kept = slice(ends, asked.size - ends, max(1, stride))
+    rows = np.stack([asked, fill_gaps(effort), motion[1][0], motion[2][0]])
+    slow = low_pass(rows, data.cycle, band)
+    beside = np.stack([np.ones_like(slow[1, kept]), slow[2, kept], slow[3, kept]], axis=1)
+    stream = data.streams.get('effort') or data.streams.get('state')
+    jitter = 0.0 if stream is None else stream.jitter
+    return _Log(
+        ends * data.cycle, max(1, stride) * data.cycle, data.cycle,
+        slow[0], slow[1, kept], beside,
+        # A sample stands at the nearest cycle.
+        math.hypot(jitter, data.cycle / math.sqrt(12.0)),
+        # White noise, of which the band lets a part through.
+        max(
+            machine.effort_noise * math.sqrt(2.0 * band * data.cycle),
+            1e-6 * float(np.ptp(slow[1, kept])),
+        ),
+    )  # fmt: skip
 
 
 def _is_limited(effort: Array, left: Array, usual: Array) -> bool:

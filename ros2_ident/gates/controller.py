@@ -2,6 +2,7 @@
 """Is the controller in the log the machine file's: gains, scale and sign of the effort, stamps?"""
 
 from dataclasses import replace
+from itertools import permutations
 import math
 
 import numpy as np
@@ -248,21 +249,18 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
     rows = {name: data.effort[data.names.index(name)] for name in lost}
     own = {law.drive: law for law in laws}
     owner = {}
-    for drive in lost:
-        for other in lost:
-            if other == drive:
-                continue
-            effort = np.array(data.effort)
-            effort[data.names.index(drive)] = rows[other]
-            law = fit_law(machine, replace(data, effort=effort), drive)
-            if law is None:
-                continue
-            # What is far off on its own drive need not be near on the other one's.
-            better = law.misfit_file < SWAPPED * own[drive].misfit_file
-            stated = better and law.followed > STRAYS
-            rest = 1.0 - own[drive].explained
-            if stated or 1.0 - law.explained < min(1.0 - OWN, 0.5 * rest):
-                owner[drive] = other
+    for drive, other in permutations(lost, 2):
+        effort = np.array(data.effort)
+        effort[data.names.index(drive)] = rows[other]
+        law = fit_law(machine, replace(data, effort=effort), drive)
+        if law is None:
+            continue
+        # What is far off on its own drive need not be near on the other one's.
+        better = law.misfit_file < SWAPPED * own[drive].misfit_file
+        stated = better and law.followed > STRAYS
+        rest = 1.0 - own[drive].explained
+        if stated or 1.0 - law.explained < min(1.0 - OWN, 0.5 * rest):
+            owner[drive] = other
     if len(owner) < 2 or len(set(owner.values())) != len(owner):
         return []
     pairs = ', '.join(f"{other}'s effort is {drive}'s" for drive, other in owner.items())

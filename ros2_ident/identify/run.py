@@ -19,11 +19,10 @@ from ros2_ident.identify.hidden import weigh_fit
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble, cut_short, doubted
 from ros2_ident.identify.outputs import checked, Outputs
-from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.problem import Problem, problem_of, problem_of_models
 from ros2_ident.identify.result import Identification, Outcome, PoorFit
 from ros2_ident.identify.settings import IdentifyProgress as IdentifyProgress
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
-from ros2_ident.identify.setup import problem_of, problem_of_models
 from ros2_ident.models import EffectAt, Machine, Model
 from ros2_ident.models.registry import compared_of
 from ros2_ident.prediction import CHECK, IDENTIFIED, LOG, of_description, predicted, Prediction

@@ -13,10 +13,9 @@ from ros2_ident.arrays import Array, plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import Diagnosis, Value
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.problem import Problem
+from ros2_ident.identify.problem import Problem, problem_of
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.identify.settings import IdentifyProgress
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
 from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.grid import find_ticks

@@ -14,7 +14,7 @@ import pytest
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
-from ros2_ident.identify.setup import problem_of
+from ros2_ident.identify.problem import problem_of
 
 
 def test_short_segments_are_left_out_with_a_warning():

@@ -18,7 +18,7 @@ from reader_cases import equal
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
-from ros2_ident.identify.setup import problem_of
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.recording import read_bag, Topics, write_bag
 from ros2_ident.report.files import load_result, write_result
 from ros2_ident.report.overlay import (

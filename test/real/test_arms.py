@@ -10,9 +10,9 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from ros2_ident.gates.asked import fit_asked  # noqa: E402
 from ros2_ident.identify.data import read_data  # noqa: E402
+from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.identify.run import solve  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
-from ros2_ident.identify.setup import problem_of  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 
 ROOT = Path(__file__).parents[2]

@@ -27,7 +27,7 @@ add_effect_files(sys.argv[3:])
 from pathlib import Path
 import numpy as np
 from ros2_ident.identify.data import read_data
-from ros2_ident.identify.setup import problem_of
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.models import EffectAt, load_machine
 from ros2_ident.search.levenberg import local_fit
 machine = load_machine(sys.argv[2])

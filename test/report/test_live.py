@@ -13,9 +13,9 @@ from report_cases import write_identified
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import DiagnoseProgress
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import read_data
 from ros2_ident.identify.settings import IdentifyProgress
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.report.page import live, LivePage, write_report
 
 BAG = ROOT / 'bags/axis_reversals'

@@ -11,8 +11,8 @@ from report_cases import diagnosed
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import read_data
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.overlay import overlay_streams, write_overlay
 from ros2_ident.report.scene import (

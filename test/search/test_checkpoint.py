@@ -10,9 +10,9 @@ from identify_cases import After, axis, axis_data, identified, QUICK
 import pytest
 
 from ros2_ident.errors import IdentError
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.result import Outcome
 from ros2_ident.identify.run import identify
-from ros2_ident.identify.setup import problem_of
 from ros2_ident.search import Budget
 
 
@@ -62,7 +62,7 @@ def test_the_checkpoint_of_another_fit_is_refused(tmp_path, other):
 def test_another_process_knows_the_checkpoint_for_its_own(tmp_path):
     code = (
         'from identify_cases import axis, axis_data; '
-        'from ros2_ident.identify.setup import problem_of; '
+        'from ros2_ident.identify.problem import problem_of; '
         'print(problem_of(axis(), axis_data()).key)'
     )
     other = subprocess.run(

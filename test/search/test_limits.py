@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from ros2_ident.identify.data import gather
+from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import identify
-from ros2_ident.identify.setup import problem_of
 
 # ---------------------------------------------------------------- the simulations
 
