@@ -20,7 +20,7 @@ EFFECT = Effect(
     source='Janot, Gautier, Brunot 2019, offset',
     parameters=(
         EffectParameter(
-            'force', 'N', -30.0, 30.0, 0.0, symbol='F', meaning='force, or torque of a joint'
+            'force', 'force', -1.0, 1.0, 0.0, symbol='F', meaning='force, or torque of a joint'
         ),
     ),
     hook=Hook.CARRIAGE_FORCE,

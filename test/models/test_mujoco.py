@@ -189,7 +189,8 @@ def test_effects_change_attributes_where_an_mjcf_has_them(folder) -> None:
     offered = {at.effect for at in model.extensions()}
     assert {'viscous_friction', 'coulomb_friction', 'velocity_gain_error'} <= offered
     assert 'position_gain_error' not in offered  # kp is identified
-    assert not {'backlash', 'stribeck', 'effort_bias'} & offered
+    assert {'stribeck', 'cable_spring', 'torque_ripple'} <= offered
+    assert not {'backlash', 'encoder_quantisation', 'effort_bias'} & offered
     at = EffectAt('viscous_friction', 'two')
     wider = model.extended([at])
     by_hand = machine_of(folder, {**BOXES})
@@ -198,8 +199,52 @@ def test_effects_change_attributes_where_an_mjcf_has_them(folder) -> None:
     told = wider.simulate(np.append(theta, 0.3)[None])
     expected = same.simulate(theta_of(same, **{'two.damping': 0.4})[None])
     assert told == pytest.approx(expected, abs=1e-12)
-    with pytest.raises(IdentError, match='an MJCF has no attribute'):
+    with pytest.raises(IdentError, match='no force on a joint and no attribute'):
         model.extended([EffectAt('backlash', 'two')])
+
+
+PUSHED = {
+    'cable_spring': ((0.4, 0.3), lambda q, v: (0.0, -0.4 * (q - 0.3))),
+    'constant_force': ((0.5,), lambda q, v: (0.0, -0.5)),
+    'torque_ripple': ((0.3, 0.0, 7.0), lambda q, v: (0.0, 0.3 * np.sin(7.0 * q))),
+    'stribeck': ((0.2, 0.5), lambda q, v: (0.2 * np.exp(-((v / 0.5) ** 2)), 0.0)),
+    'quadratic_drag': ((0.2,), lambda q, v: (0.2 * v**2, 0.0)),
+}
+
+
+@pytest.mark.parametrize('effect', PUSHED)
+def test_an_effect_is_a_force_on_its_joint_in_every_step(folder, effect) -> None:
+    values, law = PUSHED[effect]
+    own = mujoco.MjModel.from_xml_string(MJCF)
+    data = mujoco.MjData(own)
+    expected = np.empty(COMMAND.shape)
+    for k in range(COUNT):
+        expected[:, k] = data.qpos
+        data.ctrl[:] = COMMAND[:, k]
+        for _ in range(4):
+            friction, data.qfrc_applied[1] = law(data.qpos[1], data.qvel[1])
+            own.dof_frictionloss[1] = 0.05 + friction
+            mujoco.mj_step(own, data)
+    # The log of joint two counts backwards from 0.1 on.
+    boxes = {**BOXES, 'joint_zero': [-3.0, 3.0, 'rad']}
+    machine = machine_of(folder, boxes, direction=['forward', 'backward'])
+    sense, zero = np.array([[1.0], [-1.0]]), np.array([[0.0], [0.1]])
+    command = sense * COMMAND + zero
+    if effect in ('cable_spring', 'constant_force', 'torque_ripple'):
+        # The same force, as the log counts.
+        values = {
+            'cable_spring': (0.4, 0.1 - 0.3),
+            'constant_force': (-0.5,),
+            'torque_ripple': (0.3 * np.cos(0.7), -0.3 * np.sin(0.7), 7.0),
+        }[effect]
+    data = data_with(machine, command, command=command)
+    model = Mujoco(machine, data, effects=[EffectAt(effect, 'two')])
+    model._begin[:] = np.stack([zero[:, 0], np.zeros(2)])
+    nominal = model.extended([])
+    theta = theta_of(nominal, joint_zero=(0.0, 0.1))
+    told = model.simulate(np.append(theta, values)[None])[0]
+    assert told == pytest.approx(sense * expected + zero, abs=1e-7)
+    assert np.abs(told - nominal.simulate(theta[None])[0]).max() > 1e-3
 
 
 def a_log(machine, seed, change):

@@ -215,7 +215,8 @@ class Candidates:
         effort = 'N m' if turns else linear
         out: list[tuple[Parameter, Target]] = []
         for p in self.scaled(at):
-            name, unit = f'{prefix}.{p.name}', p.unit.replace('effort', effort)
+            name = f'{prefix}.{p.name}'
+            unit = p.unit.replace('effort', effort).replace('force', 'N m' if turns else 'N')
             absent = p.neutral if p.role == 'size' else None
             declared = Parameter(name, unit, p.low, p.high, kind, effect.source, absent)
             out.append(
@@ -268,7 +269,8 @@ class Candidates:
         if unit == '1/W':
             return 1.0 / (force * per_metre(travel))
         factor = angular_factor(unit) if travel == 'rad' else 1.0
-        return effort * factor if unit.startswith('effort') else factor
+        sizes = {'effort': effort, 'force': force}
+        return factor * next((v for name, v in sizes.items() if unit.startswith(name)), 1.0)
 
     def full_effort(self, drive: int) -> float:
         """Return the effort that a share of a drive's limit refers to.

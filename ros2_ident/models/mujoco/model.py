@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import CATALOGUE, Context, EffectParameter, get_effect, Hook
+from ros2_ident.effects import CATALOGUE, Context, Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.kind import Space
@@ -20,7 +20,8 @@ from ros2_ident.machine.units import per_metre
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
 from ros2_ident.models.kinds import MUJOCO as KIND
-from ros2_ident.models.mujoco.plant import OWN, Plant
+from ros2_ident.models.mujoco.forces import Forces, HOOKS
+from ros2_ident.models.mujoco.plant import Felt, OWN, Plant
 from ros2_ident.models.protocol import EffectAt, effort_range, Output
 from ros2_ident.recording import Dataset
 
@@ -101,7 +102,8 @@ class Mujoco(MachineModel):
             for name in _FACTORS:
                 base[rows.row_of(name, d)] = 1.0
             base[rows.row_of('torque_limit', d)] = math.inf
-            base[rows.row_of('gear', d)] = base[rows.row_of('regularisation', d)] = 1.0
+            for name in ('gear', 'motor_turn', 'regularisation'):
+                base[rows.row_of(name, d)] = 1.0
         return base
 
     def _declared(self) -> dict[str, list[Parameter]]:
@@ -180,10 +182,7 @@ class Mujoco(MachineModel):
         return tuple(
             EffectAt(effect.id, drive)
             for effect in CATALOGUE.values()
-            if effect.hook is Hook.PARAMETER
-            and effect.place == 'drive'
-            and {p.target for p in effect.parameters} <= _EXPRESSED
-            and effect.applies(context)
+            if effect.place == 'drive' and _expressed(effect) and effect.applies(context)
             for drive in self.drives
         )
 
@@ -197,6 +196,7 @@ class Mujoco(MachineModel):
             drives=len(self.machine.drives),
             identified=frozenset(rows_of.get(name, name) for name in self.machine.bounds),
             lifted=True,
+            features=frozenset({'motor_torque'}),
             effort='effort' in self.signals.quantities,
         )
 
@@ -207,12 +207,11 @@ class Mujoco(MachineModel):
     def extended(self, effects: Sequence[EffectAt]) -> 'Mujoco':
         """Return the model of the same recording with these effects and no others."""
         for at in effects:
-            targets = {p.target for p in get_effect(at.effect).parameters}
-            if not targets <= _EXPRESSED:
+            if not _expressed(get_effect(at.effect)):
                 raise IdentError(
                     ErrorCode.INVALID_GOAL,
-                    f'a {self.name} cannot be extended by {at.effect}, which an MJCF has no '
-                    'attribute for',
+                    f'a {self.name} cannot be extended by {at.effect}, which is no force on a '
+                    'joint and no attribute of an MJCF',
                 )
         return type(self)(
             self.machine, self.data, drives=self.drives, effects=effects, fixed=self.fixed,
@@ -275,7 +274,7 @@ class Mujoco(MachineModel):
         start[:, 0] = sense * (start[:, 0] - zero)
         start[:, 1] *= sense
         in_joints = sense[:, None] * (command - zero[:, :, None])
-        told = self.plant.rollout(values, in_joints, start)
+        told = self.plant.rollout(values, in_joints, start, self._forces(values, block, zero))
         parts = []
         places = list(self.signals.places)
         for quantity in quantities:
@@ -287,6 +286,26 @@ class Mujoco(MachineModel):
                 seen = row['log_gain'][:, :, None] * seen + row['log_bias'][:, :, None]
             parts.append(seen[:, places])
         return np.concatenate(parts, axis=1)
+
+    def _forces(
+        self, values: Sequence[dict[str, dict[int, float]]], block: Array, zero: Array
+    ) -> Felt | None:
+        """Return what effects put on joints in candidates' attributes; None for none."""
+        if not self._candidates.on.any():
+            return None
+        block = block.copy()
+        for name, row in (('frictionloss', 'coulomb'), ('damping', 'viscous'),
+                          ('armature', 'motor_mass')):  # fmt: skip
+            for d in range(len(self.machine.drives)):
+                block[:, rows.row_of(row, d)] = [self._attribute(v, name, d) for v in values]
+        felt = Forces(block, self._candidates.on, self.cycle / self.plant.substeps)
+        sense = np.array([at.sense for at in self.plant.places])
+
+        def forces(time: float, position: Array, velocity: Array, effort: Array) -> Array:
+            loss, force = felt.at(time, sense * position + zero, sense * velocity, sense * effort)
+            return np.stack([loss, sense * force])
+
+        return forces
 
     def _own(self, name: str, own: Mapping[str, Array], count: int) -> Array:
         """Return (S, D) a parameter of each drive; the constant where it is none, or 0."""
@@ -325,6 +344,12 @@ class Mujoco(MachineModel):
     def _attribute(self, found: Mapping[str, Mapping[int, float]], name: str, d: int) -> float:
         """Return an attribute as a candidate has it so far, else the description's."""
         return found[name][d] if d in found.get(name, {}) else self.plant.stated(name, d)
+
+
+def _expressed(effect: Effect) -> bool:
+    """Return whether the simulator can have an effect: by a force on a joint, or attributes."""
+    targets = {p.target for p in effect.parameters if p.target}
+    return effect.hook in {*HOOKS, Hook.PARAMETER} and targets <= _EXPRESSED
 
 
 @dataclass(frozen=True)

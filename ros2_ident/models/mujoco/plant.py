@@ -5,7 +5,7 @@ Nothing else in this process imports MuJoCo. Every thread has models and data of
 """
 # mypy: disable-error-code="no-any-return"
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import copy
 import functools
 import math
@@ -32,6 +32,8 @@ _SUBSTEPS = 10_000
 _SENSORS = {'position': 'JOINTPOS', 'velocity': 'JOINTVEL', 'effort': 'JOINTACTFRC'}
 # Of an actuator, what a machine file states in the description's place; a URDF has none.
 OWN = 'kp', 'kv', 'force_limit'
+# See `Plant.rollout`.
+Felt = Callable[[float, Array, Array, Array], Array]
 # Steps to close a loop, and how far apart its ends may be, m or rad.
 _STEPS, _CLOSED = 30, 1e-10
 
@@ -356,6 +358,7 @@ class Plant:
         values: list[dict[str, dict[int, float]]],
         command: Array,
         start: Array,
+        forces: Felt | None = None,
     ) -> dict[str, Array]:
         """Simulate candidates.
 
@@ -363,6 +366,8 @@ class Plant:
             values: Of each candidate, as of `changed`.
             command: (S, D, K) or (1, D, K) set-points in the joints' own coordinates.
             start: (S, 2, D) positions and rates of the joints at the first cycle.
+            forces: What the joints feel besides: of an instant [s], and of positions, rates and
+                efforts (S, D), the size of friction and what else acts (2, S, D).
 
         Returns:
             (S, D, K) positions, velocities and efforts by quantity, in the joints' own
@@ -388,7 +393,10 @@ class Plant:
             # A step's force acts half a step before and after its beginning.
             fresh = steps[:, self.substeps :: self.substeps]
             fresh += 0.5 * (control[:, :-1] - fresh)
-        ends, told = self._own.roller.rollout(models, data, states, steps)
+        if forces is None:
+            ends, told = self._own.roller.rollout(models, data, states, steps)
+        else:
+            ends, told = self._stepped(models, states, steps, forces)
         # Where it is unstable MuJoCo stops, and time with it.
         told[ends[:, -1, 0] < (steps.shape[1] - 0.5) * self.model.opt.timestep] = math.inf
         after = told[:, 1 :: self.substeps] if self.substeps > 1 else told[:, 1:]
@@ -407,6 +415,39 @@ class Plant:
                     asked = gear * (kp * error - kv * gear * rate[s, d])
                     force[s, d] = np.clip(asked, -_limit(model, at), _limit(model, at))
         return out
+
+
+    def _stepped(
+        self, models: list[Any], states: Array, control: Array, forces: Felt
+    ) -> tuple[Array, Array]:
+        """Return what a rollout returns, the last state alone, its forces renewed every step."""
+        mj = _mujoco()
+        spec = int(mj.mjtState.mjSTATE_CTRL | mj.mjtState.mjSTATE_QFRC_APPLIED)
+        count, steps, nu = control.shape
+        count = len(models)
+        told = np.empty((count, steps, self.model.nsensordata))
+        now, seen = np.empty((count, 1, self._state)), np.empty((count, 1, told.shape[2]))
+        given = np.zeros((count, 1, nu + self.model.nv))
+        dofs = [at.dof for at in self.places]
+        # A state begins with the time.
+        place = [1 + at.position for at in self.places]
+        rate = [1 + self.model.nq + dof for dof in dofs]
+        friction = [model.dof_frictionloss for model in models]
+        effort = np.zeros((count, len(dofs)))
+        for n in range(steps):
+            loss, force = forces(
+                n * self.model.opt.timestep, states[:, place], states[:, rate], effort
+            )
+            for own, sizes in zip(friction, loss, strict=True):
+                own[dofs] = sizes
+            given[:, 0, :nu] = control[:, n]
+            given[:, 0, [nu + dof for dof in dofs]] = force
+            self._own.roller.rollout(
+                models, self._data, states, given, control_spec=spec, state=now, sensordata=seen
+            )
+            states[:], told[:, n] = now[:, 0], seen[:, 0]
+            effort = told[:, n, self._sensors['effort']]
+        return now, told
 
 
 def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
