@@ -18,7 +18,6 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.joints import at_joints, Joint, joints_of
 from ros2_ident.models.drives.model import DriveModel
-from ros2_ident.models.serial.arm import Body
 from ros2_ident.models.serial.cone import mended, nearest
 from ros2_ident.models.serial.model import Serial
 
@@ -88,8 +87,9 @@ class Content:
 
     def inertials(self) -> Iterator[tuple[str, float, Array, Array]]:
         """Yield each heavy link: name, mass [kg], centre (3,) [m], inertia (3, 3) [kg m^2]."""
-        links = self.links
-        for body, own in zip(links.bodies, links.inertials, strict=True) if links else ():
+        if self.links is None or not isinstance(self.model, Serial):
+            return
+        for body, own in zip(self.model.arm.bodies, self.links.inertials, strict=True):
             if own[0] > 0.0:
                 yield body.name, *body.inertial(own)
 
@@ -244,13 +244,11 @@ class Links:
     """Links that bodies can be, and the candidate that they are.
 
     Attributes:
-        bodies: (D,) the bodies, as they are described.
         inertials: (D, 10) what they have now, in the frames of the joints.
         theta: (N,) the candidate, moved as little as its uncertainty allows.
         mended: Bodies whose described inertials none can have.
     """
 
-    bodies: tuple[Body, ...]
     inertials: Array
     theta: Array
     mended: tuple[str, ...]
@@ -309,17 +307,14 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     out[columns] += shift
     out[others] -= follow @ shift
     return Links(
-        arm.bodies,
         found,
         out,
         tuple(
-            body.name
-            for body, change in zip(arm.bodies, believed - described, strict=True)
-            if change.any()
+            x.name for x, off in zip(arm.bodies, believed - described, strict=True) if off.any()
         ),
     )
 
 
 def effort_of(model: Serial, links: Links) -> Array:
     """Return (D, K) what links ask of the joints along the recorded motion, N m or N."""
-    return model.links_effort(links.inertials - np.array([b.inertials for b in links.bodies]))
+    return model.links_effort(links.inertials - np.array([b.inertials for b in model.arm.bodies]))

@@ -120,15 +120,6 @@ def press(page: Any, plot: str, text: str) -> Any:
     )
 
 
-def test_a_button_shows_the_worst_moment_and_all_again(page: Any) -> None:
-    press(page, 'effort-plot', '61.8 s')
-    seen = page.execute_script(RANGE)
-    assert seen['start'] < 61.8 < seen['end'] < seen['start'] + 5.0
-    assert seen['most'] == pytest.approx(4.0, abs=0.01)
-    press(page, 'effort-plot', 'whole')
-    assert page.execute_script(RANGE)['end'] > 99.0
-
-
 def phone_width(page: Any) -> int:
     """Return how wide the page is in a window of 400 pixels."""
     phone = {'width': 400, 'height': 800, 'deviceScaleFactor': 1, 'mobile': True}

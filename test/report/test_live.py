@@ -121,7 +121,7 @@ def test_the_browser_follows_a_run_and_then_shows_the_report(
             " && document.getElementById('headline').textContent === 'Generation 2 of 12'"
             " && document.getElementById('times').textContent.includes('best 2 N')"
             " && document.querySelector('[role=progressbar]').ariaValueNow === '31'"
-            " && document.querySelectorAll('.drawn').length === 2"
+            " && document.querySelectorAll('.drawn').length === 1"
             f" && document.querySelectorAll('#values .box').length === {len(problem.parameters)}",
         )
         write_report_of(tmp_path)

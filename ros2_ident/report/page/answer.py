@@ -34,9 +34,7 @@ from ros2_ident.words.identification import at_bounds, determined, message, unde
 
 Level = Literal['good', 'doubtful', 'bad']
 
-# Drives that the first screen lists; the table further down has all.
-LISTED = 6
-# Parameters of an identification that it lists.
+# Parameters of an identification that the first screen lists.
 PARAMETERS = 10
 # A gap left above the noise, in units of the noise floor, that wants a cause of its own.
 UNEXPLAINED = 1.0
@@ -198,23 +196,16 @@ def _counted(d: Diagnosis) -> list[tuple[EffectAt, float]]:
 
 
 def _gaps(d: Diagnosis) -> tuple[Gap, ...]:
-    """Return the drives with the largest gaps above their noise floor, in the machine's order."""
+    """Return the gap of each drive, in the machine's order."""
     drives = {n: g for n, g in d.per_drive.items() if math.isfinite(g.before)}
-    first = sorted(drives, key=lambda n: -(drives[n].over_floor or drives[n].before))
-    chosen = {n: g for n, g in drives.items() if n in first[:LISTED]}
-    longest = max((max(g.before, g.after) for g in chosen.values()), default=1.0)
-    return tuple(_gap(n, g, d, longest) for n, g in chosen.items())
-
-
-def quiet(g: DriveGap, d: Diagnosis) -> bool:
-    """Whether what a drive's residual has above its noise is too little to count."""
-    # the gap's square is the residual's less the noise's
-    return g.before**2 - g.noise_floor**2 < (d.evidence['material'] * g.noise_floor) ** 2
+    longest = max((max(g.before, g.after) for g in drives.values()), default=1.0)
+    return tuple(_gap(n, g, d, longest) for n, g in drives.items())
 
 
 def _gap(name: str, g: DriveGap, d: Diagnosis, longest: float) -> Gap:
     note = ''
-    if quiet(g, d):
+    # the gap's square is the residual's less the noise's
+    if g.before**2 - g.noise_floor**2 < (d.evidence['material'] * g.noise_floor) ** 2:
         note = 'too slow for noise' if name in d.facts.slow else 'noise only'
     floor = min(1.0, g.noise_floor / longest) if math.isfinite(g.noise_floor) else None
     closes = len(d.steps) > 1 and math.isfinite(g.after) and not note
@@ -236,9 +227,6 @@ def _closes(d: Diagnosis) -> Iterator[str]:
         yield f'{said} of the gap’s power, its square less the noise’s, closes{told}.'
         if _unexplained(d):
             yield 'No effect of the catalogue explains the rest.'
-    more = len(d.per_drive) - LISTED
-    if more > 0:
-        yield f'{"One more drive" if more == 1 else f"{more} more drives"}: see the table below.'
 
 
 def _unexplained(d: Diagnosis) -> bool:
@@ -277,19 +265,15 @@ def of_identification(result: Identification, out: str) -> Answer:
     level: Level = 'bad'
     if result.outcome is Outcome.IDENTIFIED:
         level = 'doubtful' if doubts else 'good'
-    gaps = _left(result)
-    more = len(gaps) - LISTED
     closes = [f'Held out: {result.validated_on}.'] if result.validation else []
-    if more > 0:
-        closes.append(f'{more} more in the file `result.json`.')
     said, told = _identified(result)
     # of the first drive where they differ
     unit = next((x.unit for x in result.residuals if x.unit), result.cost.unit)
     return Answer(
         level,
         said,
-        (*filter(None, [told]), *_precision(result)),
-        tuple(gaps[:LISTED]),
+        (told,) if told else (),
+        tuple(_left(result)),
         tuple(closes),
         tuple(steps.of_identification(result, out)),
         tuple(doubts),
@@ -307,18 +291,6 @@ def _identified(result: Identification) -> tuple[str, str]:
     # Bounds are said one by one.
     loose = undetermined(result.parameters)
     return f'{determined(result.parameters)}.', f'Not determined: {loose}.' if loose else ''
-
-
-def _precision(result: Identification) -> Iterator[str]:
-    """Yield how well the parameters are known."""
-    known = [p for p in result.parameters if p.identifiable and math.isfinite(width(p))]
-    if not known:
-        return
-    best, worst = min(known, key=width), max(known, key=width)
-    text = f'{best.name} is known best, to {precision(width(best))}'
-    if worst is not best and width(worst) <= UNKNOWN:
-        text += f'; {worst.name} least, to {precision(width(worst))}'
-    yield f'{text} (95 % intervals).'
 
 
 def _doubts(result: Identification) -> Iterator[str]:

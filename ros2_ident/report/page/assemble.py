@@ -22,7 +22,7 @@ from ros2_ident.report.files import (
     SIGNALS,
 )
 from ros2_ident.report.page import charts, numbers
-from ros2_ident.report.page.answer import of_diagnosis, of_identification, quiet
+from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.render import Picture, render
 from ros2_ident.report.page.several import write_fleet
@@ -126,10 +126,6 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
     about = [CATALOGUE[e] for e in shown if e in CATALOGUE]
     return {
         'answer': of_diagnosis(w, out),
-        'closes': {
-            name: numbers.percent(math.nan if quiet(g, d) else g.share_closed)
-            for name, g in d.per_drive.items()
-        },
         'hero': hero,
         'maps': maps,
         'where': _leading(d),
@@ -138,7 +134,6 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
         'noise': FLOORS[d.floor.method],
         'moved': moved(d),
         'about': about,
-        'signs': numbers.legend((e.equation, [p.symbol for p in e.parameters]) for e in about),
         'catalogue': CATALOGUE,
         'words': words,
         'checks': [(g.gate, g.sentence) for g in d.gates],

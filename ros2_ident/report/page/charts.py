@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 import itertools
 import math
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,8 +38,6 @@ _KEYS = {
 WIDE = 20.0
 # Plots of a cost over parameters side by side, and their height, pixels.
 COLUMNS, HIGH = 4, 205
-# How a cloud of candidates is drawn: as pixels, for it can be of many thousands.
-_DOTS: dict[str, Any] = {'s': 9.0, 'lw': 0.0, 'rasterized': True}
 
 Laws = Sequence[tuple[str, Array, Array]]
 
@@ -207,36 +205,16 @@ def _explained(found: ResidualMap) -> float:
 # ---------------------------------------------------------------------- the search
 
 
-def _of_costs(axes: 'Axes', costs: Array) -> None:
-    """Prepare axes for costs (E,), logarithmic where they span much."""
-    tidy(axes)
-    axes.tick_params(labelsize=11.0)
-    if costs.min() > 0.0 and costs.max() > WIDE * costs.min():
-        axes.set_yscale('log')
-        numbers(axes.yaxis)
-
-
-def cost_over_time(points: Sequence[tuple[float, float]], unit: str) -> Picture:
-    """Draw the best cost over the time of a run, s."""
-    times, costs = np.array(points).T
-
-    def draw(made: 'Figure') -> None:
-        axes = made.subplots()
-        _of_costs(axes, costs)
-        axes.plot(times, costs, color=INK, lw=1.8)
-        axes.set(xlabel='time [s]', ylabel=f'best cost [{unit}]')
-
-    summary = f'Best cost over time, now {number(float(costs[-1]))} {unit}'
-    return Picture(svg(draw, WIDTH, 200), summary, least=WIDTH * 7 // 10)
-
-
 def cost_over_parameters(result: Identification) -> Picture | None:
-    """Draw the known costs over each parameter: the paper's figures 8, 9 and 11."""
+    """Draw the known costs over each parameter: the paper's figures 8, 9 and 11.
+
+    The axis of the costs is logarithmic where they span much.
+    """
     history = result.history
     finite = np.isfinite(history.costs)
     if not finite.any():
         return None
-    rows = -(-len(result.parameters) // COLUMNS)
+    rows, costs = -(-len(result.parameters) // COLUMNS), history.costs[finite]
 
     def draw(made: 'Figure') -> None:
         grid = made.subplots(rows, COLUMNS, sharey=True, squeeze=False)
@@ -244,8 +222,12 @@ def cost_over_parameters(result: Identification) -> Picture | None:
             if n >= len(result.parameters):
                 axes.remove()
                 continue
-            p, costs = result.parameters[n], history.costs[finite]
-            _of_costs(axes, costs)
+            p = result.parameters[n]
+            tidy(axes)
+            axes.tick_params(labelsize=11.0)
+            if costs.min() > 0.0 and costs.max() > WIDE * costs.min():
+                axes.set_yscale('log')
+                numbers(axes.yaxis)
             if math.isfinite(p.low) and math.isfinite(p.high):
                 axes.axvspan(p.low, p.high, color=ORANGE, alpha=0.25, lw=0.0)
             axes.scatter(
@@ -253,7 +235,9 @@ def cost_over_parameters(result: Identification) -> Picture | None:
                 costs,
                 c=history.generations[finite],
                 cmap='viridis_r',
-                **_DOTS,
+                s=9.0,
+                lw=0.0,
+                rasterized=True,  # there can be many thousands
             )
             if math.isfinite(p.value):
                 axes.axvline(p.value, color=RED, lw=1.5, ls='--')

@@ -25,7 +25,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.report.page.numbers import number
 from ros2_ident.report.page.render import INK, Key, Picture
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.report.style import GREY, ORANGE, RED, SKY
@@ -45,8 +44,6 @@ BEYOND = 10.0
 GAP = 0.02
 # A curve breaks where its next sample is so many times later than usual, and by so many s.
 LATE, LATE_SECONDS = 10.0, 0.02
-# The worst moments that are offered, and into how many stretches the time is cut to find them.
-MOMENTS, STRETCHES = 3, 50
 LINE, GRID = '#9aa5b1', '#e6eaee'
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 
@@ -69,12 +66,10 @@ def effort_plot(
     measured = np.concatenate([r.measured[:, k] for r, k in parts], axis=1)
     simulated = np.concatenate([r.simulated[..., k] for r, k in parts], axis=2)
     tracking = np.concatenate([r.tracking[:, k] for r, k in parts], axis=1)
-    # (D, T) the residual that matters over each drive's noise floor
-    over = np.asarray(measured - simulated[max(0, signals.judged)], dtype=np.float64)
-    over = np.where(np.isfinite(over), over, np.nan)
-    over /= np.array([floor.get(drive) or 1.0 for drive in signals.drives])[:, None]
-    power, count = np.nansum(over**2, axis=1), np.isfinite(over).sum(axis=1)
-    first = int(np.argmax(power / np.maximum(1, count)))
+    # The drive with the largest residual over its noise floor is shown first.
+    over = (measured - simulated[max(0, signals.judged)]).astype(np.float64) ** 2
+    floors = np.array([floor.get(drive) or 1.0 for drive in signals.drives])
+    first = int(np.argmax(np.ma.masked_invalid(over).mean(axis=1).filled(0.0) / floors**2))
     plots = _Plots(time, starts)
     for d, drive in enumerate(signals.drives):
         shown = len(signals.drives) < TABS or d == first
@@ -114,7 +109,7 @@ def effort_plot(
         f'{", ".join(signals.drives)} over time, with the residual below',
         keys=tuple(_keys(signals, bool(np.isfinite(tracking).any()))),
         notes=tuple(_notes(recordings, rows, bool(floor))),
-        choices=tuple(_choices(signals, starts, first, time, _worst_moments(time, over))),
+        choices=tuple(_choices(signals, first)),
         height=sum(made.height for made in plots.figures if made.visible),
         least=320,
     )
@@ -133,31 +128,15 @@ def _keys(signals: Signals, tracked: bool) -> Iterator[Key]:
 
 
 def _choices(
-    signals: Signals,
-    starts: Sequence[float],
-    first: int,
-    time: Array,
-    moments: Sequence[tuple[float, float, int]],
+    signals: Signals, first: int
 ) -> Iterator[tuple[str, str, tuple[tuple[str, str, bool], ...]]]:
-    """Yield the buttons: drives, models, and stretches of time to look at."""
+    """Yield the buttons: drives and models."""
     drives, judged = signals.drives, signals.judged
     if len(drives) >= TABS:
         yield 'Drive', 'drive', tuple((n, str(d), d == first) for d, n in enumerate(drives))
     if len(signals.models) > 1:
         models = [(n, str(m), m == judged) for m, n in enumerate(signals.models)]
         yield 'Simulation', 'model', (('both', '', judged < 0), *models)
-    yield 'Largest residuals', 'view', tuple(
-        (f'{number(0.5 * (a + b), 3)} s, {drives[d]}', f'{a},{b}', False) for a, b, d in moments
-    )
-    titles = [r.title for r in signals.recordings if r.time.size]
-    views = [('all' if len(titles) > 1 else 'whole', f'{time[0]},{time[-1]}', False)]
-    if len(titles) > 1:
-        ends = [*starts[1:], float(time[-1])]
-        views += [
-            (f'{n}: {title}' if title else str(n), f'{a},{b}', False)
-            for n, (title, a, b) in enumerate(zip(titles, starts, ends, strict=True), 1)
-        ]
-    yield 'Recording', 'view', tuple(views)
 
 
 class _Plots:
@@ -166,9 +145,7 @@ class _Plots:
     def __init__(self, time: Array, starts: Sequence[float]) -> None:
         self._time, self._starts = time, starts
         self._data: dict[str, Any] = {'time': np.round(time / TICK).astype(np.int32)}
-        self._whole = Range1d(
-            start=float(time[0]), end=float(time[-1]), bounds='auto', name='whole'
-        )
+        self._whole = Range1d(start=float(time[0]), end=float(time[-1]), bounds='auto')
         line = Span(dimension='height', line_color=GREY)
         self._cursor = CrosshairTool(dimensions='height', overlay=line)
         self._views: list[dict[str, Any]] = []
@@ -318,24 +295,3 @@ def _joined(
         times.append(recording.time[at] + starts[-1])
         end = float(times[-1][-1])
     return np.concatenate(times), starts
-
-
-def _worst_moments(time: Array, residual: Array) -> list[tuple[float, float, int]]:
-    """Return start, end and drive of the stretches with the largest residual, the worst first.
-
-    Args:
-        time: (T,) s.
-        residual: (D, T) in units that compare between drives, NaN for none.
-    """
-    squares = np.nan_to_num(residual**2)
-    span = max(float(time[-1] - time[0]) / STRETCHES, 1e-9)
-    number_of = np.minimum((time - time[0]) / span, STRETCHES - 1).astype(np.int64)
-    power = np.stack([np.bincount(number_of, row, STRETCHES) for row in squares])
-    out: list[tuple[float, float, int]] = []
-    while len(out) < MOMENTS and power.max() > 0.0:
-        drive, stretch = np.unravel_index(int(power.argmax()), power.shape)
-        # around the largest of all in the stretch
-        middle = float(time[int(np.where(number_of == stretch, squares[drive], -1.0).argmax())])
-        out.append((middle - span, middle + span, int(drive)))
-        power[:, max(0, stretch - 2) : stretch + 3] = 0.0
-    return out

@@ -19,7 +19,6 @@ from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import PAGE
 from ros2_ident.report.overlay import Preview
-from ros2_ident.report.page.charts import cost_over_time
 from ros2_ident.report.page.effort import effort_plot
 from ros2_ident.report.page.numbers import quantity
 from ros2_ident.report.page.render import Picture, render
@@ -50,7 +49,6 @@ class LivePage:
         }  # fmt: skip
         self._problem = problem
         self._next = -math.inf
-        self._costs: list[tuple[float, float]] = []
         self._signals: Signals | None = None
         self._notes: dict[str, float] = {}
         compared = problem is not None and problem.models[0].outputs[0].quantity == 'effort'
@@ -102,10 +100,8 @@ class LivePage:
         pictures: dict[str, Picture] = {}
         if known:
             parameters += self._parameters(progress)
-            self._costs.append((progress.elapsed, progress.best_cost))
             best = quantity(progress.best_cost, progress.unit, 4)
             more = [f'best {best}', f'{progress.evaluations} candidates']
-            pictures['cost-plot'] = cost_over_time(self._costs, progress.unit)
         if self._signals is not None:
             pictures['effort-plot'] = effort_plot(self._signals)
         self._write(

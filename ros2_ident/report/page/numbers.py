@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers, units and equations as people read them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 import math
 import re
 
@@ -30,25 +30,6 @@ _GREEK = {
     'pi': 'π',
     'dm': 'Δm',
 }
-
-# What the signs of equations mean, in the order in which they are explained.
-MEANINGS = {
-    'v': 'motor speed',
-    'z': 'motor position',
-    'z_cmd': 'set-point',
-    's': 'position of the load side',
-    'M': 'torque',
-    'M_log': 'logged effort',
-    'F': 'force on the gear',
-    'gear': 'force on the gear over motor torque',
-    't': 'time since the log began',
-    'm_t': 'mass of the tool',
-    'c_G': 'stiffness of the gear',
-    'k_p': 'position gain',
-    'k_v': 'velocity gain',
-    'k_I': 'integral gain',
-}
-_SIGN = re.compile(r'[A-Za-z]+(?:_\w+)?')
 
 
 def number(value: float | None, digits: int = 5) -> str:
@@ -155,18 +136,6 @@ def equation(text: str) -> Markup:
     return Markup(html)
 
 
-def legend(laws: Iterable[tuple[str, Iterable[str]]]) -> list[tuple[str, str]]:
-    """Return the signs that equations use and do not explain, each with its meaning.
-
-    Args:
-        laws: Equation and the signs of its own parameters, which stand beside it.
-    """
-    used: set[str] = set()
-    for equation, own in laws:
-        used |= {*_SIGN.findall(equation)} - {*own}
-    return [(sign, meaning) for sign, meaning in MEANINGS.items() if sign in used]
-
-
 def prose(text: str) -> Markup:
     """Return a sentence with what stands between backticks as code.
 
@@ -176,14 +145,3 @@ def prose(text: str) -> Markup:
     within = rf'(?<=\d) (?=%|(?:{_UNITS})\b)|(?<=\bN) (?=[ms]\b)|(?<=±) (?=\d)'
     html = re.sub(within, '\N{NO-BREAK SPACE}', html)
     return Markup(re.sub('`([^`]*)`', r'<code>\1</code>', html))
-
-
-def name(text: str) -> Markup:
-    """Return a name that may end a line after a point or an underscore."""
-    return Markup(re.sub(r'([._])', r'\1<wbr>', str(escape(text))))
-
-
-def command(text: str) -> Markup:
-    """Return lines to paste; where one is too long, it does not end within an option's name."""
-    html = str(escape(text))
-    return Markup(re.sub(r'(?<!\S)(--[\w-]+)', r'<span class="shown">\1</span>', html))

@@ -87,11 +87,6 @@ const identPage = {
         }
       }
     },
-    view(name, value) {
-      const [start, end] = value.split(',').map(Number)
-      const [range] = identPage.models(name, 'Range1d').filter((r) => r.name === 'whole')
-      range.setv({start, end})
-    },
   },
 
   press(button) {
@@ -106,7 +101,6 @@ const identPage = {
     }
     if (!this.documents[plot]) return
     this.actions[action](plot, value)
-    if (!button.hasAttribute('aria-pressed')) return
     for (const other of button.parentNode.querySelectorAll('button')) {
       other.setAttribute('aria-pressed', String(other === button))
     }

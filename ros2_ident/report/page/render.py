@@ -98,10 +98,8 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
     )
     environment.filters |= {
         'change': numbers.change,
-        'command': numbers.command,
         'equation': numbers.equation,
         'item': _item,
-        'name': numbers.name,
         'number': numbers.number,
         'percent': numbers.percent,
         'places': _places,

@@ -15,7 +15,7 @@ from ros2_ident.machine.keys import digits
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
 from ros2_ident.report.diagnosis import Written
-from ros2_ident.report.page.numbers import change, legend, plus_minus, quantity, some
+from ros2_ident.report.page.numbers import change, plus_minus, quantity, some
 from ros2_ident.words import verdict as words
 
 # Machines of a fleet that its page has steps for.
@@ -62,11 +62,6 @@ class Step:
     def loose(self) -> bool:
         """Whether a number of an equation is not determined."""
         return any(LOOSE in value for law in self.laws for *_, value in law.numbers)
-
-    @property
-    def signs(self) -> list[tuple[str, str]]:
-        """The signs that its equations use and do not explain, each with its meaning."""
-        return legend((law.equation, [n[0] for n in law.numbers]) for law in self.laws)
 
 
 def law_of(at: EffectAt, parameters: Mapping[str, Value]) -> Law | None:
