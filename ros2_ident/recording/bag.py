@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read logs into recordings: bags whole or damaged, tables, LeRobot folders."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,9 +19,6 @@ from ros2_ident.recording.storage import (
     damaged,
     digest,
     Losses,
-    Metadata,
-    NAME,
-    read_metadata,
     storage_files,
     SUFFIXES,
     unpacked,
@@ -151,22 +147,12 @@ def _read(path: Path, topics: Topics) -> list[Recording]:
     """Read a bag; see `read_bag`."""
     roles = topics.roles()
     files, warnings = storage_files(path)
-    metadata = read_metadata(path)
-    if (path / NAME).exists() and not warnings:
-        listed_files = [path / x for x in metadata.files] if metadata else []
-        if sorted(listed_files) != sorted(files):
-            warnings.append(_unfit(path))
-        if listed_files and all(x.is_file() for x in listed_files):
-            files = list(dict.fromkeys(listed_files))
-        else:
-            metadata = None
-
-    content = _scanned(path, files, topics, metadata)
+    content = _scanned(files, topics)
     chosen, notes = supplemented(topics, content)
     if chosen != topics:
-        roles, content = chosen.roles(), _scanned(path, files, chosen, metadata)
+        roles, content = chosen.roles(), _scanned(files, chosen)
     if not content.warnings:  # damage says it all: metadata.yaml cannot fit a broken file
-        content.warnings[:0] = warnings
+        content.warnings += warnings
     _check_topics(path, content, roles, topics)
     builder = RecordingBuilder(str(path), digest(files), notes)
     for sentence in content.warnings:
@@ -229,21 +215,15 @@ def _unread(topic: str, kind: str, roles: tuple[str, ...]) -> str:
     return f'{topic} ({kind}) is not read; to read it: {ways}'
 
 
-def _unfit(path: Path) -> str:
-    return (
-        f'{path}: metadata.yaml does not fit the files; `ros2 bag reindex {path}` writes it anew'
-    )
-
-
-def _scanned(path: Path, files: list[Path], topics: Topics, metadata: Metadata | None) -> Content:
-    """Return the messages of all files, and in warnings what is lost.
+def _scanned(files: list[Path], topics: Topics) -> Content:
+    """Return the messages of all files, one after the other, and in warnings what is lost.
 
     Raises:
         IdentError: DAMAGED_BAG where no file yields a message and one is damaged.
     """
     content = Content(topics.roles(), topics.names)
     refused: list[IdentError] = []
-    scanned: list[tuple[Path, Losses]] = []
+    found = 0
     with unpacked(files) as plain:
         for file, (place, whole) in zip(files, plain, strict=True):
             try:
@@ -251,32 +231,24 @@ def _scanned(path: Path, files: list[Path], topics: Topics, metadata: Metadata |
             except Damage as exc:
                 refused.append(_unreadable(file, place.suffix, str(exc)))
                 continue
+            content.sort()
+            found += losses.whole
             if not whole:
                 losses.say('it cannot be unpacked to its end')
-            scanned.append((file, losses))
-            if metadata is not None:
-                content.sort()  # the files follow each other
-        content.sort()
-    if metadata is not None and len(files) == 1 and scanned and not scanned[0][1].counted:
-        scanned[0][1].expect(metadata.counts, content.counts)
-    for file, losses in scanned:
-        if losses.text and losses.whole:
-            remedy = 'copy the file again'
-            if file.suffix == '.mcap':
-                name = printable(file.name)
-                remedy = f'`mcap recover {name}` writes a sound file of the same content'
-            lost = f', {losses.messages} are lost' if losses.messages else ''
-            read = f'{losses.whole} whole messages were read{lost}'
-            content.warnings.append(f'{file}: is damaged: {losses.text}, {read}; {remedy}')
-        elif losses.text:
-            said = f'{losses.text}, no message is whole; copy or record the bag again'
-            refused.append(damaged(file, said))
-    if refused and not any(losses.whole for _, losses in scanned):
+            if losses.text and not losses.whole:
+                said = f'{losses.text}, no message is whole; copy or record the bag again'
+                refused.append(damaged(file, said))
+            elif losses.text:
+                remedy = 'copy the file again'
+                if file.suffix == '.mcap':
+                    name = printable(file.name)
+                    remedy = f'`mcap recover {name}` writes a sound file of the same content'
+                lost = f', {losses.messages} are lost' if losses.messages else ''
+                read = f'{losses.whole} whole messages were read{lost}'
+                content.warnings.append(f'{file}: is damaged: {losses.text}, {read}; {remedy}')
+    if refused and not found:
         raise refused[0]
     content.warnings += [x.message for x in refused]
-    stated = None if metadata is None else +Counter(metadata.counts)
-    if stated not in (None, +Counter(content.counts)) and not content.warnings:
-        content.warnings.append(_unfit(path))
     return content
 
 

@@ -258,7 +258,6 @@ class _Walk:
             self.content.counts[topic] += count
         self.losses.whole = self.found.total()
         if summary.statistics is not None:
-            self.losses.counted = True
             stated: Counter[str] = Counter()
             for number, count in summary.statistics.channel_message_counts.items():
                 if number in self.ways:

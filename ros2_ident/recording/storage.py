@@ -2,7 +2,6 @@
 """The files of a bag: found, hashed, unpacked, and what metadata.yaml says of them."""
 
 from bz2 import BZ2File
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -43,7 +42,6 @@ class Losses:
         blocks: Compressed blocks inside the file that are damaged.
         skipped: Bytes between the blocks that make no sense.
         unknown: Messages of a topic that is described nowhere.
-        counted: The file itself states how many messages it holds.
         said: Whatever else was found, without subject.
     """
 
@@ -54,7 +52,6 @@ class Losses:
     blocks: int = 0
     skipped: int = 0
     unknown: int = 0
-    counted: bool = False
     said: list[str] = field(default_factory=list)
 
     def say(self, text: str) -> None:
@@ -186,9 +183,14 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
         )
     # split recordings count up: bag_9 comes before bag_10
     files.sort(key=lambda x: [int(p) if p.isdigit() else p for p in re.split(r'(\d+)', x.name)])
-    if (path / 'metadata.yaml').exists() or all(x.suffix == '.bag' for x in files):
-        return files, []
-    return files, [f'{path}: metadata.yaml is missing; `ros2 bag reindex {path}` writes it anew']
+    stated = [path / x for x in read_metadata(path)[0]]
+    said, there = '', (path / NAME).exists()
+    if sorted(stated) != sorted(files) and (there or any(x.suffix != '.bag' for x in files)):
+        said = 'does not fit the files' if there else 'is missing'
+    if stated and all(x.is_file() for x in stated):
+        files = list(dict.fromkeys(stated))
+    remedy = f'`ros2 bag reindex {path}` writes it anew'
+    return files, [f'{path}: metadata.yaml {said}; {remedy}'] if said else []
 
 
 def digest(files: Iterable[Path]) -> str:
@@ -255,36 +257,20 @@ def _unpack_file(path: Path, target: Path) -> bool:
     return True
 
 
-@dataclass(frozen=True)
-class Metadata:
-    """Content of metadata.yaml; nothing is taken from it that the files themselves hold.
+def read_metadata(folder: Path) -> tuple[list[str], dict[str, str]]:
+    """Return the storage files and the custom data of a bag's metadata.yaml, as far as it is one.
 
-    Attributes:
-        files: Names of the storage files, in the order of recording.
-        counts: Messages by topic.
-        custom: Texts by their keys.
+    Nothing else is taken from it: the files themselves hold it.
     """
-
-    files: tuple[str, ...]
-    counts: Mapping[str, int] = field(default_factory=dict)
-    custom: Mapping[str, str] = field(default_factory=dict)
-
-
-def read_metadata(folder: Path) -> Metadata | None:
-    """Return what a bag's metadata.yaml says, or None where there is none that makes sense."""
     path = folder / NAME
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST:
-            return None
+            return [], {}
         data = yaml.load(path.read_text(encoding='utf-8'), Loader=_LOADER)  # noqa: S506 - safe
         info = data['rosbag2_bagfile_information']
-        counts: Counter[str] = Counter()
-        for entry in info['topics_with_message_count']:
-            counts[str(entry['topic_metadata']['name'])] += int(entry['message_count'])
         custom = {str(k): str(v) for k, v in (info.get('custom_data') or {}).items()}
-        files = tuple(Path(str(x)).name for x in info['relative_file_paths'])
+        return [Path(str(x)).name for x in info['relative_file_paths']], custom
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return None
+        return [], {}
     except yaml.YAMLError:
-        return None
-    return Metadata(files, counts, custom)
+        return [], {}

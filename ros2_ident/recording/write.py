@@ -220,10 +220,8 @@ def _is_marked(path: Path, mark: str) -> bool:
     """Return whether a bag has a mark, and its directory holds nothing else."""
     if path.is_symlink() or not path.is_dir():
         return False
-    about = read_metadata(path)
-    if about is None or about.custom.get(MARK) != mark:
-        return False
-    return {x.name for x in path.iterdir()} <= {NAME, *about.files}
+    files, custom = read_metadata(path)
+    return custom.get(MARK) == mark and {x.name for x in path.iterdir()} <= {NAME, *files}
 
 
 # Live messages in an MCAP file as they arrive, so that a crash or a restart does not lose them.

@@ -225,10 +225,6 @@ def test_files_of_a_bag_follow_each_other_as_its_metadata_say(tmp_path):
     one, two = read_bag(tmp_path)
     assert alike(one.state, moved.state) and alike(two.state, early.state)
     assert one.warnings == ()
-    # Without them, all messages stand in the order of their times.
-    (tmp_path / 'metadata.yaml').unlink()
-    (read,) = read_bag(tmp_path)
-    assert read.state.stamp[0] == early.state.stamp[0] and read.state.stamp.size == 240
 
 
 def test_a_compressed_file_that_is_cut_is_read_as_far_as_it_goes(tmp_path):
