@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bring a recording's streams onto one grid of controller cycles, on which each is numbered."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -30,29 +31,6 @@ _STREAMED = 50
 _STRANGERS = 12
 # Arrays of drives and cycles that a data set holds, twice while they are made.
 _GRIDS = 10
-
-
-@dataclass(frozen=True)
-class _Placed:
-    """A stream reduced to the drives, with the cycle number of each sample.
-
-    Attributes:
-        role: `state`, `effort` or `command`.
-        stream: The samples of the drives, one a cycle.
-        tick: Their cycle numbers (T,).
-        instants: Sampling times (T,) in cycles: whole numbers where the stream keeps to the grid.
-        ticks: How its stamps lie on the grid.
-        period: The typical spacing of its stamps, s.
-        reference: The stamp that the numbers count from, ns.
-    """
-
-    role: str
-    stream: Stream
-    tick: IntArray
-    instants: FloatArray
-    ticks: Ticks
-    period: float
-    reference: int
 
 
 def align(
@@ -97,32 +75,26 @@ def align(
     only_efforts = asking is not None and asking.position is None and asking.effort is not None
     if not follows or ('command' not in need and only_efforts):
         recording = replace(recording, command=None)
-    warnings = list(recording.warnings)
     recording, found = with_positions(recording, names)
+    lay = _Layout(recording, names, cycle)
     if found:
-        warnings.append(
+        lay.warnings.append(
             f'state: no position of {", ".join(found)} was recorded; it is the integral of the '
             'speed, from 0'
         )
-    placed = _place(recording, names, cycle, warnings)
-    where = recording.source or 'recording'
-    start, cycles = _span(where, placed, cycle, warnings)
-    off = None
-    if released:
-        off, cycles = _released(placed, start, cycles, cycle, warnings)
-    warnings += _outside(placed, start, cycles)
-    what = f'{where}: a grid of {cycles} controller cycles takes'
-    require_memory(what, _GRIDS * cycles * len(names) * 8)
-    command = placed.get('command')
-    position = velocity = None
-    if command is not None:
-        position, velocity = _setpoint(command, start, cycles, cycle)
-    measured = {field: _measured(field, placed, names, start, cycles) for field in FIELDS}
-    _check_need(where, recording, names, measured, command is not None, need)
-    origin = placed['state'] if 'state' in placed else next(iter(placed.values()))
-    offset = origin.ticks.phase + start * cycle * (1.0 + origin.ticks.drift)
+    lay.place()
+    lay.span()
+    off = lay.released() if released else None
+    lay.tell_outside()
+    what = f'{lay.where}: a grid of {lay.cycles} controller cycles takes'
+    require_memory(what, _GRIDS * lay.cycles * len(names) * 8)
+    position, velocity = lay.set_point()
+    measured = {field: lay.measured(field) for field in FIELDS}
+    lay.check_need(measured, need)
+    origin = lay.placed['state'] if 'state' in lay.placed else next(iter(lay.placed.values()))
+    offset = origin.ticks.phase + lay.start * cycle * (1.0 + origin.ticks.drift)
     begin = origin.reference + round(offset * 1e9)
-    grid = np.arange(cycles, dtype=np.float64) * cycle
+    grid = np.arange(lay.cycles, dtype=np.float64) * cycle
     return Dataset(
         names,
         float(cycle),
@@ -132,8 +104,8 @@ def align(
         measured['position'],
         measured['velocity'],
         measured['effort'],
-        {role: _quality(x, start, cycles) for role, x in placed.items()},
-        tuple(dict.fromkeys(warnings)),
+        {role: lay.quality(x) for role, x in lay.placed.items()},
+        tuple(dict.fromkeys(lay.warnings)),
         _beside(recording.state, names, begin, grid),
         off,
         _asked(asking, names, begin, grid),
@@ -177,46 +149,278 @@ def _between(stream: Stream, values: FloatArray, begin: int, grid: FloatArray) -
     return np.interp(grid, ((stream.stamp - begin) * 1e-9)[there], values[there])
 
 
-def _place(
-    recording: Recording, names: tuple[str, ...], cycle: float, warnings: list[str]
-) -> dict[str, _Placed]:
-    """Reduce the streams to the drives and number their samples on one common grid."""
-    placed: dict[str, _Placed] = {}
-    where = recording.source or 'recording'
-    reference, shift = 0, 0
-    # What is in one message has one stamp, and is told of once.
-    remarks = dict[str, list[str]]()
-    for role, whole in recording.streams.items():
-        stream = _reduced(where, role, whole, names, warnings)
-        if stream is None:
-            continue
-        if not placed:
-            reference = int(stream.stamp[0])
-        counted_from = reference + shift
-        stream, ticks = _numbered(stream, counted_from, cycle)
-        if not placed:
-            shift = round(ticks.phase * 1e9)
-        elif ticks.stride and abs(ticks.phase) > 0.35 * cycle:
-            warnings.append(
-                f'{role}: stamps lie {abs(ticks.phase) * 1e3:.3g} ms beside those of '
-                f'{next(iter(placed))}, near half a cycle: it may be one cycle off'
+@dataclass(frozen=True)
+class _Placed:
+    """A stream reduced to the drives, with the cycle number of each sample.
+
+    Attributes:
+        stream: The samples of the drives, one a cycle.
+        tick: Their cycle numbers (T,).
+        instants: Sampling times (T,) in cycles: whole numbers where the stream keeps to the grid.
+        ticks: How its stamps lie on the grid.
+        period: The typical spacing of its stamps, s.
+        reference: The stamp that the numbers count from, ns.
+    """
+
+    stream: Stream
+    tick: IntArray
+    instants: FloatArray
+    ticks: Ticks
+    period: float
+    reference: int
+
+
+class _Layout:
+    """The streams of a recording on a grid of controller cycles, step by step.
+
+    Attributes:
+        placed: The streams that hold the drives, by role.
+        start: First cycle of the grid.
+        cycles: Number of its cycles, K.
+        warnings: What a user has to know.
+    """
+
+    def __init__(self, recording: Recording, names: tuple[str, ...], cycle: float) -> None:
+        self.recording, self.names, self.cycle = recording, names, cycle
+        self.where = recording.source or 'recording'
+        self.warnings = list(recording.warnings)
+        self.placed: dict[str, _Placed] = {}
+        self.start = self.cycles = 0
+
+    def error(self, text: str, code: ErrorCode = ErrorCode.MISSING_STREAM) -> IdentError:
+        """Return an error about the recording."""
+        return IdentError(code, f'{self.where}: {text}')
+
+    def place(self) -> None:
+        """Reduce the streams to the drives and number their samples on one common grid."""
+        reference, shift = 0, 0
+        # What is in one message has one stamp, and is told of once.
+        remarks = dict[str, list[str]]()
+        for role, whole in self.recording.streams.items():
+            stream = self._reduced(role, whole)
+            if stream is None:
+                continue
+            if not self.placed:
+                reference = int(stream.stamp[0])
+            counted_from = reference + shift
+            stream, ticks = _numbered(stream, counted_from, self.cycle)
+            if not self.placed:
+                shift = round(ticks.phase * 1e9)
+            elif ticks.stride and abs(ticks.phase) > 0.35 * self.cycle:
+                self.warnings.append(
+                    f'{role}: stamps lie {abs(ticks.phase) * 1e3:.3g} ms beside those of '
+                    f'{next(iter(self.placed))}, near half a cycle: it may be one cycle off'
+                )
+            for remark in _remarks(ticks, self.cycle):
+                remarks.setdefault(remark, []).append(role)
+            kept = stream if ticks.keep.all() else stream.taken(ticks.keep)
+            tick = ticks.tick[ticks.keep]
+            instants = tick.astype(np.float64) if ticks.stride else ticks.raw[ticks.keep]
+            period = sample_period(stream.stamp)
+            self.placed[role] = _Placed(kept, tick, instants, ticks, period, counted_from)
+        self.warnings += [f'{" and ".join(roles)}: {x}' for x, roles in remarks.items()]
+        if 'state' not in self.placed and 'effort' not in self.placed:
+            raise self.error(
+                'neither a state nor an effort stream holds the drives; record the topic on which '
+                'they report, or name it'
             )
-        period = sample_period(stream.stamp)
-        for remark in _remarks(ticks, cycle):
-            remarks.setdefault(remark, []).append(role)
-        kept, tick, raw = stream, ticks.tick, ticks.raw
-        if not ticks.keep.all():
-            kept, tick, raw = stream.taken(ticks.keep), tick[ticks.keep], raw[ticks.keep]
-        instants = tick.astype(np.float64) if ticks.stride else raw
-        placed[role] = _Placed(role, kept, tick, instants, ticks, period, counted_from)
-    warnings += [f'{" and ".join(roles)}: {remark}' for remark, roles in remarks.items()]
-    if 'state' not in placed and 'effort' not in placed:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{where}: neither a state nor an effort stream holds the drives; record the topic on '
-            'which they report, or name it',
+
+    def _reduced(self, role: str, stream: Stream) -> Stream | None:
+        """Return the stream with the drives only, in their order; None where it does not help."""
+        missing = [name for name in self.names if name not in stream.names]
+        held = ', '.join(stream.names)
+        if missing and role != 'effort':
+            raise self.error(
+                f'{role} has no joint {", ".join(missing)}, it holds {held}; write these names as '
+                'drives in the machine file, or record the others too'
+            )
+        if len(missing) == len(self.names):
+            said = f'effort: holds none of the drives, only {held}; efforts of the state are used'
+            self.warnings.append(said)
+            return None
+        columns = [stream.names.index(x) if x in stream.names else -1 for x in self.names]
+        picked = {field: values[:, columns] for field, values in stream.fields.items()}
+        for values in picked.values():
+            values[:, np.less(columns, 0)] = np.nan
+        picked = {field: x for field, x in picked.items() if not np.isnan(x).all()}
+        if not picked:
+            said = f'{role}: every value of the drives is NaN; the stream is not used'
+            self.warnings.append(said)
+            return None
+        there = np.any([~np.isnan(x).all(axis=1) for x in picked.values()], axis=0)
+        return Stream(self.names, stream.stamp[there], **{k: x[there] for k, x in picked.items()})
+
+    def span(self) -> None:
+        """Set first cycle and number of cycles of the grid."""
+        role, leader = self._leader()
+        first, last = int(leader.tick[0]), int(leader.tick[-1])
+        others = {name: x for name, x in self.placed.items() if name != role}
+        if role == 'command':
+            first, last = self._longest_stretch(leader)
+            # the first or last sample of the command itself may be the one that was dropped
+            reach = max(5 * max(1, leader.ticks.stride), round(0.01 / self.cycle))
+            low = min((int(x.tick[0]) for x in others.values()), default=first)
+            high = max((int(x.tick[-1]) for x in others.values()), default=last)
+            if first == int(leader.tick[0]):
+                first = low if first - reach <= low < first else first
+            if last == int(leader.tick[-1]):
+                last = high if last < high <= last + reach else last
+        for name, x in others.items():
+            apart = max(first - int(x.tick[-1]), int(x.tick[0]) - last)
+            if apart > 0:
+                raise self.error(
+                    f'{role} and {name} do not overlap in time, they are {apart * self.cycle:.3g} '
+                    's apart; record them together, with one clock for all stamps',
+                    ErrorCode.NO_DATA,
+                )
+        if last <= first:
+            text = f'{role} has a single sample of the drives; record a motion of several seconds'
+            raise self.error(text, ErrorCode.NO_DATA)
+        self.start, self.cycles = first, last - first + 1
+
+    def _leader(self) -> tuple[str, _Placed]:
+        """Return role and stream that the grid spans."""
+        role = next(x for x in ('command', 'state', 'effort') if x in self.placed)
+        return role, self.placed[role]
+
+    def _inside(self, placed: _Placed) -> tuple[IntArray, NDArray[np.bool_]]:
+        """Return the cycles of the grid (T,) of a stream's samples, and which lie on it (T,)."""
+        index = placed.tick - self.start
+        return index, (index >= 0) & (index < self.cycles)
+
+    def tell_outside(self) -> None:
+        """Warn of streams that have samples outside the grid."""
+        leader, _ = self._leader()
+        for role, x in self.placed.items():
+            outside = int((~self._inside(x)[1]).sum())
+            if role != leader and outside > max(5, 0.02 * x.tick.size):
+                self.warnings.append(
+                    f'{role}: {outside} of {x.tick.size} samples lie outside the {leader} and are '
+                    'not used'
+                )
+
+    def released(self) -> int | None:
+        """Return the cycle from which on motors are off, None for none.
+
+        The grid goes on to the end of the state where the command is a stream that stops for good.
+        """
+        if 'command' not in self.placed or 'state' not in self.placed:
+            return None
+        command, state = self.placed['command'].tick, self.placed['state'].tick
+        last, end = int(command[-1]) - self.start, int(state[-1]) - self.start + 1
+        if command.size < _STREAMED or last >= self.cycles:
+            return None
+        if end - last <= self._bridged(command):
+            return None
+        self.warnings.append(
+            f'command: stops {(end - last) * self.cycle:.3g} s before the state; the motors are '
+            'taken as switched off from there on'
         )
-    return placed
+        self.cycles = end
+        # Who commands and reads in one loop has stopped commanding by the next reading.
+        return int(state[state > command[-1]][0]) - self.start
+
+    def _bridged(self, tick: IntArray) -> float:
+        """Return the longest hole, in cycles, that is bridged between samples at cycles (T,)."""
+        typical = float(np.median(np.diff(tick))) if tick.size > 1 else 1.0
+        return max(_BRIDGED_SAMPLES * typical, _BRIDGED_SECONDS / self.cycle)
+
+    def _longest_stretch(self, command: _Placed) -> tuple[int, int]:
+        """Return first and last cycle of the command's longest stretch without a long hole."""
+        tick, values = command.tick, command.stream.position
+        steps = np.diff(tick)
+        long = steps > self._bridged(tick)
+        if values is not None and steps.size:
+            # a set-point that is only sent when it changes has not lost anything while it stands
+            still = np.nanmax(np.abs(np.diff(values, axis=0)), axis=1, initial=0.0) == 0.0
+            long &= ~still
+        holes = np.flatnonzero(long)
+        begins, ends = tick[[0, *(holes + 1)]], tick[[*holes, -1]]
+        best = int(np.argmax(ends - begins))
+        first, last = int(begins[best]), int(ends[best])
+        if holes.size:
+            self.warnings.append(
+                f'command: has {holes.size} holes of up to {float(steps.max()) * self.cycle:.3g} '
+                f's; only the longest stretch without, {(last - first) * self.cycle:.4g} s of '
+                f'{float(tick[-1] - tick[0]) * self.cycle:.4g} s, is used'
+            )
+        return first, last
+
+    def set_point(self) -> tuple[FloatArray, FloatArray] | tuple[None, None]:
+        """Return set-point and its velocity (D, K) at every cycle, None where there is none."""
+        if 'command' not in self.placed:
+            return None, None
+        command = self.placed['command']
+        position, velocity = command.stream.position, command.stream.velocity
+        grid = np.arange(self.start, self.start + self.cycles).astype(np.float64) * self.cycle
+        out = np.empty((len(self.names), self.cycles))
+        rate = np.empty_like(out)
+        for column, name in enumerate(self.names):
+            there = np.isfinite(position[:, column]) if position is not None else np.zeros(1, bool)
+            if position is None or not there.any():
+                raise self.error(
+                    f'command: holds no position of {name}; record its set-point, or leave the '
+                    'topic out'
+                )
+            feed = None if velocity is None else velocity[there, column]
+            feed = None if feed is None or np.isnan(feed).any() else feed
+            out[column], rate[column] = interpolate_setpoint(
+                command.instants[there] * self.cycle, position[there, column], feed, grid
+            )
+        return out, rate
+
+    def measured(self, field: str) -> FloatArray | None:
+        """Return a field (D, K), NaN where no sample is, or None where it was never measured."""
+        out = np.full((len(self.names), self.cycles), np.nan)
+        # an effort of its own topic counts before that of the state
+        for role in ('state', 'effort') if field == 'effort' else ('state',):
+            x = self.placed.get(role)
+            if x is None or (values := x.stream.values(field)) is None:
+                continue
+            index, inside = self._inside(x)
+            for row, column in zip(out, values.T, strict=True):
+                if not np.isnan(column).all():
+                    row[:] = np.nan
+                    row[index[inside]] = column[inside]
+        return None if np.isnan(out).all() else out
+
+    def check_need(
+        self, measured: Mapping[str, FloatArray | None], need: Collection[str]
+    ) -> None:
+        """Refuse data without a field that is needed."""
+        if 'command' in need and 'command' not in self.placed:
+            raise self.error(
+                'holds no command stream; record the set-point, or let the recorded motion drive '
+                'the model'
+            )
+        for field in filter(need.__contains__, FIELDS):
+            values = measured[field]
+            if values is not None and not np.isnan(values).all(axis=1).any():
+                continue
+            sources = [x for role, x in self.recording.streams.items() if role != 'command']
+            if values is not None:
+                pairs = zip(self.names, values, strict=True)
+                silent = ', '.join(name for name, x in pairs if np.isnan(x).all())
+                raise self.error(f'no {field} of {silent}; leave these out, or record theirs too')
+            if any(field in x.fields for x in sources):
+                raise self.error(
+                    f'every {field} of the drives is NaN; switch the measurement on in the drive, '
+                    'or name the topic that carries it',
+                    ErrorCode.BAD_VALUES,
+                )
+            raise self.error(
+                f'no stream holds {field}; record it, or name the topic that carries it'
+            )
+
+    def quality(self, placed: _Placed) -> StreamQuality:
+        """Count what of a stream lies on the grid."""
+        inside = self._inside(placed)[1]
+        stride = placed.ticks.stride
+        steps = np.diff(placed.tick[inside])
+        usual = stride or (float(np.median(steps)) if steps.size else 1.0)
+        missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum())
+        rate = 1.0 / placed.period if placed.period else 0.0
+        return StreamQuality(int(inside.sum()), missing, rate, placed.ticks.jitter, stride)
 
 
 def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Ticks]:
@@ -263,239 +467,6 @@ def _remarks(ticks: Ticks, cycle: float) -> list[str]:
             f'clock of the stamps, not {cycle * 1e3:.6g} ms'
         )
     return remarks
-
-
-def _reduced(
-    where: str, role: str, stream: Stream, names: tuple[str, ...], warnings: list[str]
-) -> Stream | None:
-    """Return the stream with the drives only, in their order; None where it does not help."""
-    missing = [name for name in names if name not in stream.names]
-    if missing and role != 'effort':
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{where}: {role} has no joint {", ".join(missing)}, it holds '
-            f'{", ".join(stream.names)}; write these names as drives in the machine file, or '
-            'record the others too',
-        )
-    if len(missing) == len(names):
-        warnings.append(
-            f'effort: holds none of the drives, only {", ".join(stream.names)}; efforts of the '
-            'state are used'
-        )
-        return None
-    columns = [stream.names.index(x) if x in stream.names else -1 for x in names]
-    picked = {field: values[:, columns] for field, values in stream.fields.items()}
-    for values in picked.values():
-        values[:, np.less(columns, 0)] = np.nan
-    picked = {field: x for field, x in picked.items() if not np.isnan(x).all()}
-    if not picked:
-        warnings.append(f'{role}: every value of the drives is NaN; the stream is not used')
-        return None
-    filled = np.any([~np.isnan(x).all(axis=1) for x in picked.values()], axis=0)
-    return Stream(names, stream.stamp[filled], **{k: x[filled] for k, x in picked.items()})
-
-
-def _span(
-    where: str, placed: dict[str, _Placed], cycle: float, warnings: list[str]
-) -> tuple[int, int]:
-    """Return first cycle and number of cycles of the grid."""
-    leader = _leader(placed)
-    first, last = int(leader.tick[0]), int(leader.tick[-1])
-    others = [x for x in placed.values() if x is not leader]
-    if leader.role == 'command':
-        first, last = _longest_stretch(leader, cycle, warnings)
-        # the first or last sample of the command itself may be the one that was dropped
-        reach = max(5 * max(1, leader.ticks.stride), round(0.01 / cycle))
-        low = min((int(x.tick[0]) for x in others), default=first)
-        high = max((int(x.tick[-1]) for x in others), default=last)
-        if first == int(leader.tick[0]):
-            first = low if first - reach <= low < first else first
-        if last == int(leader.tick[-1]):
-            last = high if last < high <= last + reach else last
-    for other in others:
-        if other.tick[-1] < first or other.tick[0] > last:
-            gap = max(first - int(other.tick[-1]), int(other.tick[0]) - last) * cycle
-            raise IdentError(
-                ErrorCode.NO_DATA,
-                f'{where}: {leader.role} and {other.role} do not overlap in time, they are '
-                f'{gap:.3g} s apart; record them together, with one clock for all stamps',
-            )
-    if last <= first:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{where}: {leader.role} has a single sample of the drives; record a motion of '
-            'several seconds',
-        )
-    return first, last - first + 1
-
-
-def _leader(placed: dict[str, _Placed]) -> _Placed:
-    """Return the stream that the grid spans."""
-    return placed.get('command') or placed.get('state') or placed['effort']
-
-
-def _outside(placed: dict[str, _Placed], start: int, cycles: int) -> Iterator[str]:
-    """Yield which streams have samples outside the grid."""
-    leader = _leader(placed)
-    for other in placed.values():
-        outside = int(((other.tick < start) | (other.tick >= start + cycles)).sum())
-        if other is not leader and outside > 0.02 * other.tick.size and outside > 5:
-            yield (
-                f'{other.role}: {outside} of {other.tick.size} samples lie outside the '
-                f'{leader.role} and are not used'
-            )
-
-
-def _released(
-    placed: dict[str, _Placed], start: int, cycles: int, cycle: float, warnings: list[str]
-) -> tuple[int | None, int]:
-    """Return the cycle from which on motors are off, None for none, and the cycles up to then.
-
-    The grid goes on to the end of the state where the command is a stream that stops for good.
-    """
-    if 'command' not in placed or 'state' not in placed:
-        return None, cycles
-    command, state = placed['command'].tick, placed['state'].tick
-    last = int(command[-1]) - start
-    end = int(state[-1]) - start + 1
-    if command.size < _STREAMED or last >= cycles:
-        return None, cycles
-    typical = float(np.median(np.diff(command)))
-    if end - last <= max(_BRIDGED_SAMPLES * typical, _BRIDGED_SECONDS / cycle):
-        return None, cycles
-    warnings.append(
-        f'command: stops {(end - last) * cycle:.3g} s before the state; the motors are taken as '
-        'switched off from there on'
-    )
-    # Who commands and reads in one loop has stopped commanding by the next reading.
-    return int(state[state > command[-1]][0]) - start, end
-
-
-def _longest_stretch(command: _Placed, cycle: float, warnings: list[str]) -> tuple[int, int]:
-    """Return first and last cycle of the longest stretch of the command without a long hole."""
-    tick = command.tick
-    values = command.stream.position
-    steps = np.diff(tick)
-    typical = float(np.median(steps)) if steps.size else 1.0
-    long = steps > max(_BRIDGED_SAMPLES * typical, _BRIDGED_SECONDS / cycle)
-    if values is not None and steps.size:
-        # a set-point that is only sent when it changes has not lost anything while it stands
-        still = np.nanmax(np.abs(np.diff(values, axis=0)), axis=1, initial=0.0) == 0.0
-        long &= ~still
-    holes = np.flatnonzero(long)
-    if not holes.size:
-        return int(tick[0]), int(tick[-1])
-    begins = np.concatenate([[0], holes + 1])
-    ends = np.concatenate([holes, [tick.size - 1]])
-    best = int(np.argmax(tick[ends] - tick[begins]))
-    first, last = int(tick[begins[best]]), int(tick[ends[best]])
-    warnings.append(
-        f'command: has {holes.size} holes of up to {float(steps.max()) * cycle:.3g} s; only the '
-        f'longest stretch without, {(last - first) * cycle:.4g} s of '
-        f'{float(tick[-1] - tick[0]) * cycle:.4g} s, is used'
-    )
-    return first, last
-
-
-def _setpoint(
-    command: _Placed, start: int, cycles: int, cycle: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return set-point and its velocity (D, K) at every cycle."""
-    position, velocity = command.stream.position, command.stream.velocity
-    if position is None:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            'command: holds no position of the drives; record the position set-point, or leave '
-            'the topic out',
-        )
-    grid = np.arange(start, start + cycles).astype(np.float64) * cycle
-    time = command.instants * cycle
-    out = np.empty((position.shape[1], cycles))
-    rate = np.empty_like(out)
-    for column, name in enumerate(command.stream.names):
-        there = ~np.isnan(position[:, column])
-        if not there.any():
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'command: every position of {name} is NaN; record its set-point, or leave the '
-                'topic out',
-            )
-        feed = None
-        if velocity is not None:
-            feed = velocity[there, column]
-            feed = None if np.isnan(feed).any() else feed
-        out[column], rate[column] = interpolate_setpoint(
-            time[there], position[there, column], feed, grid
-        )
-    return out, rate
-
-
-def _measured(
-    field: str, placed: dict[str, _Placed], names: tuple[str, ...], start: int, cycles: int
-) -> FloatArray | None:
-    """Return a measured field (D, K) with NaN where no sample is, or None where never measured."""
-    out = np.full((len(names), cycles), np.nan)
-    # an effort of its own topic counts before that of the state
-    for x in (placed.get('state'), placed.get('effort') if field == 'effort' else None):
-        if x is None or (values := x.stream.values(field)) is None:
-            continue
-        index = x.tick - start
-        inside = (index >= 0) & (index < cycles)
-        for row, column in zip(out, values.T, strict=True):
-            if not np.isnan(column).all():
-                row[:] = np.nan
-                row[index[inside]] = column[inside]
-    return None if np.isnan(out).all() else out
-
-
-def _check_need(
-    where: str,
-    recording: Recording,
-    names: tuple[str, ...],
-    measured: dict[str, FloatArray | None],
-    commanded: bool,
-    need: Collection[str],
-) -> None:
-    """Refuse data without a field that is needed."""
-    if 'command' in need and not commanded:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{where}: holds no command stream; record the set-point, or let the recorded motion '
-            'drive the model',
-        )
-    for field in filter(need.__contains__, FIELDS):
-        values = measured[field]
-        if values is not None and not np.isnan(values).all(axis=1).any():
-            continue
-        code = ErrorCode.MISSING_STREAM
-        text = f'no stream holds {field}; record it, or name the topic that carries it'
-        if values is not None:
-            silent = [n for n, x in zip(names, values, strict=True) if np.isnan(x).all()]
-            text = f'no {field} of {", ".join(silent)}; leave these out, or record theirs too'
-        elif any(field in x.fields for role, x in recording.streams.items() if role != 'command'):
-            code = ErrorCode.BAD_VALUES
-            text = (
-                f'every {field} of the drives is NaN; switch the measurement on in the drive, or '
-                'name the topic that carries it'
-            )
-        raise IdentError(code, f'{where}: {text}')
-
-
-def _quality(placed: _Placed, start: int, cycles: int) -> StreamQuality:
-    """Count what of a stream lies on the grid."""
-    tick = placed.tick
-    inside = (tick >= start) & (tick < start + cycles)
-    stride = placed.ticks.stride
-    steps = np.diff(tick[inside])
-    usual = stride or (float(np.median(steps)) if steps.size else 1.0)
-    missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum()) if steps.size else 0
-    return StreamQuality(
-        int(inside.sum()),
-        missing,
-        1.0 / placed.period if placed.period else 0.0,
-        placed.ticks.jitter,
-        stride,
-    )
 
 
 Spline = Callable[[FloatArray], FloatArray]

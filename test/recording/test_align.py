@@ -127,7 +127,7 @@ def test_errors_name_the_remedy():
         (Recording(good.state, command=stream(ticks + 10_000, fields='p')), 'NO_DATA',
          'command and state do not overlap in time, they are 4.9 s apart; record them', {}),
         (Recording(good.state, command=stream(ticks, fields='v')), 'MISSING_STREAM',
-         'command: holds no position of the drives', {}),
+         'command: holds no position of drive_1', {}),
         (stream(ticks[:1]), 'NO_DATA', 'has a single sample of the drives', {}),
     ):  # fmt: skip
         recording = recording if isinstance(recording, Recording) else Recording(recording)
