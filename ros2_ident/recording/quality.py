@@ -40,7 +40,8 @@ SAID: dict[Sign, str] = {
     'right': 'the effort overcomes friction, so it has the sign of the motion',
     'reversed': 'where the same positions are passed both ways the effort takes power from the '
     'drive instead of overcoming friction: its sign is reversed against the motion; negate the '
-    'effort or the position in the driver',
+    'effort or the position in the driver, or for this log the torque_constant, of a table the '
+    'scale',
     'unsigned': 'the effort never changes its sign while the drive reverses: only its size was '
     'logged; log the signed torque or current, or write "sign: velocity" in the column map of a '
     'table',
