@@ -82,7 +82,6 @@ class Blocks:
         residuals: J residuals to be compared, each (D, K); NaN where there is no sample. Several
             recordings of one machine go side by side along K.
         cycle: Time from column to column, s.
-        length: Block length in cycles; from the first residual where None.
         count: Resamples.
         seed: Seed of the resampling.
         starts: Columns at which a recording begins, besides the first; blocks do not reach across.
@@ -102,13 +101,12 @@ class Blocks:
         residuals: Sequence[Array],
         cycle: float,
         *,
-        length: int | None = None,
         count: int = 1000,
         seed: int = 0,
         starts: Sequence[int] = (),
     ) -> None:
         rows = np.stack(residuals)
-        self.length = block_length(residuals[0], cycle) if length is None else length
+        self.length = block_length(residuals[0], cycle)
         there = np.isfinite(rows)
         size = rows.shape[2]
         table = np.empty((2, *rows.shape[:2], size + 1))
@@ -153,18 +151,6 @@ class Blocks:
         worst = np.maximum(self.squares[before], self.squares[after])
         shown: npt.NDArray[np.bool_] = worst > floor.high**2
         return shown if shown.any() else ~shown
-
-    def falls(self, before: int, after: int, floor: Floor, least: float) -> float:
-        """Return the share of the resamples in which a drive's gap falls by so much.
-
-        Args:
-            before: Number of the residual without an effect.
-            after: Number of the residual with it.
-            floor: The noise floor.
-            least: RMS that counts, in units of the floor.
-        """
-        fall = (self.drawn[:, before] - self.drawn[:, after]) / floor.per_drive**2
-        return float((fall.max(axis=1) >= least**2).mean())
 
     def share_closed(
         self, before: int, after: int, floor: Floor, drive: int | None = None

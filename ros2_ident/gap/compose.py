@@ -77,14 +77,12 @@ def compose(
     chain = found.chain if verdict.effect not in NAMELESS else found.chain[:1]
     final = chain[-1]
     model = case.fit.with_effects(final.effects).models[0]
-    compared = (*found.chain, *found.rests)
-    rows = [case.check.rows(e.check_residual / fits.check_weight) for e in compared]
+    rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
     blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
     labels = ['nominal', *(at.title for at in found.chain[-1].effects)]
     steps = tuple(Step(label, blocks.rms(i)) for i, label in enumerate(labels))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
-    again = _again(explainer, found, verdict, blocks)
     evidence = explainer.noise_of(final).evidence if found.complete else None
     per_drive, whole = _per_drive(explainer, found, blocks)
     values = _values(explainer, final, evidence) | _steps(verdict.readings)
@@ -129,7 +127,6 @@ def compose(
         nominal=nominal,
         gates=tuple(gates),
         not_testable=hidden,
-        again=again,
         complete=found.complete,
         seconds=seconds,
         seed=seed,
@@ -179,27 +176,6 @@ def _cause(verdict: Verdict, *, complete: bool) -> Cause:
     if verdict.facts.slow:
         return Cause.SLOW
     return Cause.UNKNOWN if complete else Cause.CUT_SHORT
-
-
-def _again(
-    explainer: Explainer, found: Explained, verdict: Verdict, blocks: Blocks
-) -> tuple[float, ...]:
-    """Return how often each effect named counts again where blocks held out are resampled.
-
-    Effects that the controller's residual confirms need not show in the outputs.
-
-    Reference:
-        Meinshausen and Bühlmann (2010), Stability selection, JRSS B 72(4).
-    """
-    effects, rules, last = found.chain[-1].effects, explainer.rules, len(found.chain) - 1
-    if not verdict.named or len(found.rests) != len(effects):
-        return ()
-    shares = {
-        at: blocks.falls(last + 1 + i, last, explainer.floor, rules.material if i else rules.step)
-        for i, at in enumerate(effects)
-    }
-    # An encoder's steps are read from a line in the spectrum, not from what a fit closes.
-    return tuple(shares.get(at, 1.0) for at in verdict.named)
 
 
 def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:

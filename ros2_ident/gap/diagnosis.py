@@ -294,8 +294,6 @@ class Diagnosis:
         seconds: Time taken [s].
         seed: Of the search.
         traces: The recordings, those fitted to first.
-        again: For the verdict's effect and each of `also`, the share of the resampled blocks held
-            out in which it counts again.
         facts: Facts behind the verdict.
         prediction: How far free runs come from the recordings judged on, effect by effect.
     """
@@ -323,6 +321,5 @@ class Diagnosis:
     seconds: float
     seed: int
     traces: tuple[Trace, ...]
-    again: tuple[float, ...] = ()
     facts: Facts = Facts()
     prediction: Prediction | None = None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From recordings to segments on the controller's grid, checked before anything is searched."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,10 +31,6 @@ SETTLING = 0.3
 POINTS = 16
 
 
-# Parts of a log, brought onto the grid one at a time, each with its label.
-Parts = Callable[[], Iterator[tuple[Dataset, str]]]
-
-
 @dataclass(frozen=True, eq=False)
 class Data:
     """Data of recordings to identify from.
@@ -46,7 +42,7 @@ class Data:
         source: Path of the bag, or the name of the live buffer; of several with ` + ` between.
         sha256: Hash of the bag's files likewise, empty for live data.
         warnings: What was left out, one sentence each.
-        held_out: Parts of a long log to validate on, unusable ones left out; or None.
+        held_out: Returns parts of a long log to validate on, unusable ones left out; or None.
     """
 
     datasets: tuple[Dataset, ...]
@@ -54,7 +50,7 @@ class Data:
     source: str = ''
     sha256: str = ''
     warnings: tuple[str, ...] = ()
-    held_out: Parts | None = None
+    held_out: 'Callable[[], Data] | None' = None
     labels: tuple[str, ...] = ()
 
     def without_command(self) -> 'Data':
@@ -62,9 +58,9 @@ class Data:
         def bare(dataset: Dataset) -> Dataset:
             return replace(dataset, command_position=None, command_velocity=None)
 
-        parts, datasets = self.held_out, tuple(map(bare, self.datasets))
-        held_out = parts and (lambda: ((bare(dataset), label) for dataset, label in parts()))
-        return replace(self, datasets=datasets, held_out=held_out)
+        rest = self.held_out
+        held_out = rest and (lambda: rest().without_command())
+        return replace(self, datasets=tuple(map(bare, self.datasets)), held_out=held_out)
 
     def quality(self, samples: int) -> Quality:
         """Return a summary; `samples` is the number of efforts compared."""
@@ -151,15 +147,17 @@ def gather(
     labels = _labels(recordings)
     kept: list[tuple[Dataset, Recording, str]] = []
     warnings: list[str] = []
-    held_out: Parts | None = None
+    held_out: Callable[[], Data] | None = None
     windows = choose_windows(recordings, chosen, samples)
     if windows is not None:
         log, bags, rest = recordings, labels, windows.check
 
-        def held_out() -> Iterator[tuple[Dataset, str]]:
+        def held_out() -> Data:
+            parts = []
             for n, begin, end in rest:
                 with suppress(IdentError):
-                    yield _forgotten(aligned(log[n].between(begin, end))), bags[n]
+                    parts.append((_forgotten(aligned(log[n].between(begin, end))), bags[n]))
+            return Data(tuple(d for d, _ in parts), labels=tuple(label for _, label in parts))
 
         seconds = sum(end - begin for _, begin, end in windows.fit) * 1e-9
         warnings.append(

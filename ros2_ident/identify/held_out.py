@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Held-out error: what an estimate leaves of data that it was not fitted on."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -36,13 +35,13 @@ def with_held_out(
     """
     if not np.isfinite(result.theta).all():
         return result
+    on = REST if check is None else check.data.source
+    if check is None and problem.setup is not None:
+        check = problem.setup.held_out()
     if check is not None:
         theta = check.taken_from(problem, result.theta)
         left = check.left(check.residuals(theta[None, :])[0])
-        return replace(result, validation=left, validated_on=check.data.source)
-    rest = problem.left_of(_rest(problem, result.theta))
-    if any(left.samples for left in rest):
-        return replace(result, validation=rest, validated_on=REST)
+        return replace(result, validation=left, validated_on=on)
     if weighed is None:
         return result
     grown = zip(
@@ -58,12 +57,6 @@ def with_held_out(
         for factor in [out.rms / fitted.rms if fitted.rms > 0.0 else 1.0]
     )
     return replace(result, validation=validation, validated_on=QUARTERS)
-
-
-def _rest(problem: Problem, theta: Array) -> Iterator[tuple[int, Array, Array]]:
-    """Yield `Problem.parts` of what is held out, simulated one after the other."""
-    for part in problem.setup.held_out() if problem.setup else ():
-        yield from part.parts(part.residuals(part.taken_from(problem, theta)[None, :])[0])
 
 
 def check_problem(problem: Problem, check: Data) -> Problem:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Models of one machine on all recordings as one problem."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 import hashlib
@@ -223,14 +223,10 @@ class Problem(Layout):
             residual: (R,) weighted.
             masks: For each model (O, K) which samples it is of; all there are where None.
         """
-        return self.left_of(self.parts(residual, masks))
-
-    def left_of(self, parts: Iterable[tuple[int, Array, Array]]) -> tuple[DriveResidual, ...]:
-        """Return what is left of each output in `parts` of this problem, or of others like it."""
         outputs = self.models[0].outputs
         square, whole = np.zeros(len(outputs)), np.zeros(len(outputs))
         count = np.zeros(len(outputs), dtype=int)
-        for o, left, there in parts:
+        for o, left, there in self.parts(residual, masks):
             square[o] += float(np.sum(left**2))
             whole[o] += float(np.sum(there**2))
             count[o] += there.size
@@ -287,7 +283,9 @@ class Setup:
             make_model, machine, drives=drives, effects=self.effects, cutoff=self.cutoff,
             efforts=efforts, quantities=tuple(self.outputs), weights=weights,
         )  # fmt: skip
-        everywhere, somewhere = self._held()
+        given = self.fixed or {}
+        somewhere = {name: value for name, value in given.items() if '@' in name}
+        everywhere = {name: value for name, value in given.items() if '@' not in name}
         held = held_of(machine, make(datasets[0]), drives, everywhere)
         return Problem(
             [make(d, fixed=held) for d in datasets],
@@ -299,35 +297,25 @@ class Setup:
             setup=self,
         )
 
-    def _held(self) -> tuple[dict[str, float], dict[str, float]]:
-        """Return what is held in every recording, and what in one of these."""
-        given = dict(self.fixed or {})
-        somewhere = {name: value for name, value in given.items() if '@' in name}
-        everywhere = {name: value for name, value in given.items() if '@' not in name}
-        if self.data.held_out is not None or len(set(self.data.labels)) > 1:
-            return everywhere, somewhere
-        # A part of one recording knows nothing of the others' values.
-        here = {
-            name: value
-            for name, value in somewhere.items()
-            if name.partition('@')[2] in self.data.labels
-        }
-        return everywhere, here if self.data.labels else somewhere
-
-    def held_out(self) -> Iterator[Problem]:
-        """Make the problem of each part of a long log that is held out, one at a time."""
-        for dataset, label in self.data.held_out() if self.data.held_out else ():
-            yield self._on(Data((dataset,), labels=(label,))).problem()
+    def held_out(self) -> Problem | None:
+        """Make the problem of what is held out of a long log, None where nothing is."""
+        data = self.data.held_out() if self.data.held_out else None
+        return self._on(data).problem() if data and data.datasets else None
 
     def judged_on(self, data: Data) -> Problem:
         """Make the problem of recordings to judge on, for which all share every parameter."""
-        shared = {n: value for n, value in (self.fixed or {}).items() if '@' not in n}
-        return replace(self._on(data), fixed=shared, conditions=Conditions()).problem()
+        return replace(self._on(replace(data, labels=())), conditions=Conditions()).problem()
 
     def _on(self, data: Data) -> 'Setup':
+        # A part knows nothing of other recordings' values.
+        fixed = {
+            name: value
+            for name, value in (self.fixed or {}).items()
+            if '@' not in name or name.partition('@')[2] in data.labels
+        }
         # With the weights of what was fitted, so that all of it is in one unit.
         outputs = dict(zip(self.outputs, self._weights(), strict=True))
-        return replace(self, data=data, bounds=None, outputs=outputs)
+        return replace(self, data=data, bounds=None, outputs=outputs, fixed=fixed)
 
     def _weights(self) -> tuple[float, ...]:
         drives = chosen_drives(self.machine, self.drives)

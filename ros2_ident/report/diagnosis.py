@@ -85,7 +85,6 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
         },
         'facts': {**asdict(d.facts), 'leads': d.facts.leads},
         'also': [_at(a) for a in d.also],
-        'again': d.again,
         'confusable': [_ranked(r) for r in d.confusable],
         'ranking': [_ranked(r) for r in d.ranking],
         'gap': {

@@ -14,8 +14,6 @@ from ros2_ident.recording.shown import enumerated
 from ros2_ident.words.figures import capital, compared, figure, in_travel, joined, length, quantity
 from ros2_ident.words.finding import instants
 
-# Share of the resampled blocks in which an effect has to count to be more than a hint.
-OFTEN = 0.9
 # A gap below this share of the measured output is called small.
 _SMALL = 0.01
 # A headline of more letters names the first effect only: three lines of a page.
@@ -65,14 +63,6 @@ def hidden(gaps: Iterable[tuple[str, float]], unit: str) -> Iterator[str]:
             f'The residual of {", ".join(sizes)} is so slow that it can be noise or a gap of up '
             f'to {", ".join(sizes.values())}: record longer, or the same motion twice.'
         )
-
-
-def hint(title: str, share: float) -> str:
-    """Return in which share of the resampled blocks an effect counts, where that is not enough."""
-    return (
-        f'{capital(title)} counts in only {100.0 * share:.0f} % of the resampled blocks held out: '
-        'treat it as a hint and record another log before acting on it.'
-    )
 
 
 def at_bounds(names: Sequence[str]) -> str:
@@ -316,9 +306,6 @@ def _advice(d: Diagnosis) -> Iterator[str]:
     ends = [name for name, v in d.parameters.items() if v.at_bound]
     if ends:
         yield at_bounds(ends)
-    for at, share in zip(named(d), d.again, strict=False):
-        if share < OFTEN:
-            yield hint(at.title, share)
     yield from hidden(facts.hidden.items(), d.unit)
     for other in d.confusable[1:]:
         one, two = (get_effect(x.at.effect).title for x in (d.confusable[0], other))

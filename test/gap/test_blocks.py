@@ -47,20 +47,6 @@ def test_the_share_closed_covers_and_knows_its_limits():
     assert np.isnan(same.share_closed(0, 1, floor_of(2, 2.0)).value)
 
 
-def test_an_effect_in_one_place_of_the_log_does_not_always_come_again() -> None:
-    noise = np.random.default_rng(5).standard_normal((2, 1, 6000))
-    everywhere, once = noise.copy(), noise.copy()
-    everywhere[0] += np.sin(0.3 * np.arange(6000))
-    once[0, 0, 3000:3200] += 6.0
-    floor = floor_of(1, 1.0)
-    always = Blocks(list(everywhere), 1e-3, length=200).falls(0, 1, floor, 0.5)
-    seldom = Blocks(list(once), 1e-3, length=200).falls(0, 1, floor, 0.5)
-    # One block of thirty, or parts of it: missed by about one resample in four.
-    assert always == 1.0
-    assert 0.6 < seldom < 0.95
-    assert Blocks(list(noise), 1e-3, length=200).falls(0, 1, floor, 0.5) < 0.05
-
-
 # ---------------------------------------------------------------------- motions that repeat
 
 OF = motion(3.0)

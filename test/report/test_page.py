@@ -229,10 +229,6 @@ OF_DIAGNOSIS = {
         {'confusable': [at('stribeck'), at('backlash')]}, 'doubtful',
         [f'{UNSURE}another effect explains it as well'], [],
     ),
-    'hint': (
-        {'also': [at('current_loop_lag', 'drive_2')], 'again': [1.0, 0.6]}, 'doubtful',
-        [f'{UNSURE}not every effect is certain'], [],
-    ),
     'cut short': ({'complete': False}, 'bad', ['No clear answer yet'], []),
     'contradiction': (
         {'gates': [gate('the gain is twice that.', 'fail')]}, 'bad',

@@ -69,5 +69,3 @@ def test_advice_tells_effects_apart_and_lists_those_not_visible():
     unknown = replace(found, effect='unknown', facts=replace(found.facts, cause=Cause.UNKNOWN))
     assert 'isolate the drive' in words.advice(unknown)[0]
     assert words.advice(replace(unknown, probability=0.0)) == ()
-    hint = replace(found, again=(0.6,))
-    assert 'counts in only 60 %' in words.advice(hint)[0]

@@ -13,7 +13,6 @@ from ros2_ident.gap.diagnosis import Cause, Diagnosis, DriveGap
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
-from ros2_ident.models import EffectAt
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.page import steps
 from ros2_ident.report.page.numbers import (
@@ -143,8 +142,6 @@ def _state(level: Level, reservations: Iterable[str]) -> str:
 def _reservations(d: Diagnosis, careful: Sequence[str]) -> Iterator[str]:
     if _unexplained(d):
         yield 'part of the gap stays unexplained'
-    if any(share < words.OFTEN for _, share in _counted(d)):
-        yield 'not every effect is certain'
     if len(d.confusable) > 1:
         yield 'another effect explains it as well'
     if careful:
@@ -162,7 +159,6 @@ def _sure(d: Diagnosis) -> Iterator[str]:
     if rivals:
         yield f'This recording cannot tell it from {some(rivals)}.'
     yield words.judged_on(d.held_out)
-    yield from _again(d)
 
 
 def _that(d: Diagnosis, *, facts_only: bool) -> str:
@@ -176,23 +172,6 @@ def _that(d: Diagnosis, *, facts_only: bool) -> str:
     if d.also:
         return f'that {title_at(d.effect, d.where)}, found first, is a cause'
     return f'that this is the cause, and {words.place(d.where)} the place'
-
-
-def _again(d: Diagnosis) -> Iterator[str]:
-    """Yield how often several effects count where the data held out are resampled."""
-    counted = _counted(d)
-    least = min((share for _, share in counted), default=0.0)
-    if least >= words.OFTEN:
-        often = 'all' if least >= NEARLY_ALL else f'{percent(least)} or more of the'
-        yield f'Each effect is needed again in {often} resamples of those data.'
-    for at, share in counted:
-        if share < words.OFTEN:
-            yield words.hint(at.title, share)
-
-
-def _counted(d: Diagnosis) -> list[tuple[EffectAt, float]]:
-    """Return several effects with how often each counts; nothing where that is not known."""
-    return [*zip(words.named(d), d.again, strict=False)] if d.also else []
 
 
 def _gaps(d: Diagnosis) -> tuple[Gap, ...]:
