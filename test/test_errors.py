@@ -135,6 +135,9 @@ def test_no_code_is_left_out():
     for code, (file, name) in BY_A_NODE.items():
         text = (ROOT / 'test' / file).read_text()
         assert f'ErrorCode.{code.name}' in text[text.index(f'def {name}(') :].split('\n\n\n')[0]
+    page = (ROOT / 'docs/errors.md').read_text()
+    rows = re.findall(r'^\| (\d+) \| `(\w+)` \| .+\. \| .+\. \| (\d) \|$', page, re.MULTILINE)
+    assert rows == [(str(int(x)), x.name, str(x.exit_code)) for x in ErrorCode]
 
 
 def test_a_sentence_never_carries_what_a_terminal_obeys():

@@ -11,7 +11,6 @@ from pathlib import Path
 import re
 
 from ros2_ident.cli.main import COMMANDS, make_parser
-from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.keys import Key
 from ros2_ident.models.registry import OWN_KINDS
 
@@ -82,34 +81,6 @@ def _rows(keys: Iterable[Key]) -> Iterator[tuple[str, ...]]:
             '' if key.section == 'parameters' else absent,
             f'{bounds} {" or ".join(units)}'.strip(),
         )
-
-
-def errors() -> str:
-    """Return docs/errors.md: the catalogue of errors."""
-    lines = [
-        '# Errors',
-        '',
-        _MADE,
-        '',
-        'Every error is a code and one sentence: what was found, where, and what to do.',
-        '`ident` prints the code behind the sentence, in brackets, and ends with this exit code;',
-        'the node puts number and sentence into `error_code` and `error_message` of its messages.',
-        'In Python it is an `IdentError` with `code` and `message`. Numbers are never reused.',
-        '',
-        '| number | code | meaning | remedy | exit code |',
-        '| --- | --- | --- | --- | --- |',
-    ]
-    lines += [
-        f'| {code.value} | `{code.name}` | {code.meaning} | {code.remedy} | {code.exit_code} |'
-        for code in ErrorCode
-    ]
-    lines += [
-        '',
-        '`CANCELLED`, `DIVERGED` and `NOT_IDENTIFIABLE` come with a result: what was found until',
-        'then is printed and written. `ident check` ends with 1 where it finds errors, whatever',
-        'they are; they are all in its report.',
-    ]
-    return '\n'.join(lines) + '\n'
 
 
 def command_line() -> str:
@@ -223,7 +194,6 @@ def generated(root: Path) -> dict[Path, str]:
     """Return the pages, below the root of the source tree."""
     return {
         root / 'docs/cli.md': command_line(),
-        root / 'docs/errors.md': errors(),
         root / 'docs/machine_file.md': machine_file(),
     }
 
