@@ -13,6 +13,7 @@ inf or NaN, as in numpy.
 # numba's extension interface is not typed.
 
 from functools import partial
+from inspect import Parameter, Signature
 import math
 import operator
 from typing import Any
@@ -73,16 +74,8 @@ lanes_type = _LanesType()
 mask_type = _MaskType()
 
 
-@register_model(_LanesType)
-class _LanesModel(models.PrimitiveModel):
-    def __init__(self, dmm, fe_type):
-        super().__init__(dmm, fe_type, _VECTOR)
-
-
-@register_model(_MaskType)
-class _MaskModel(models.PrimitiveModel):
-    def __init__(self, dmm, fe_type):
-        super().__init__(dmm, fe_type, _BITS)
+for _kind, _form in ((_LanesType, _VECTOR), (_MaskType, _BITS)):
+    register_model(_kind)(lambda dmm, fe, form=_form: models.PrimitiveModel(dmm, fe, form))
 
 
 def _splat(builder, value, vector):
@@ -98,12 +91,12 @@ def _number_to_lanes(context, builder, fromty, toty, value):
     return _splat(builder, context.cast(builder, value, fromty, types.float64), _VECTOR)
 
 
-def _binary(op, emit, result=lanes_type, operand=lanes_type):
+def _operator(op, emit, result, *operands):
     @infer_global(op)
     class _Template(ConcreteTemplate):
-        cases = [signature(result, operand, operand)]
+        cases = [signature(result, *operands)]
 
-    @lower_builtin(op, operand, operand)
+    @lower_builtin(op, *operands)
     def _lower(context, builder, sig, args):
         return emit(builder, *args)
 
@@ -112,47 +105,99 @@ def _flagged(name):
     return lambda builder, a, b: getattr(builder, name)(a, b, flags=_FLAGS)
 
 
-_binary(operator.add, _flagged('fadd'))
-_binary(operator.sub, _flagged('fsub'))
-_binary(operator.mul, _flagged('fmul'))
-_binary(operator.truediv, _flagged('fdiv'))
+_TWO = lanes_type, lanes_type
+_operator(operator.add, _flagged('fadd'), lanes_type, *_TWO)
+_operator(operator.sub, _flagged('fsub'), lanes_type, *_TWO)
+_operator(operator.mul, _flagged('fmul'), lanes_type, *_TWO)
+_operator(operator.truediv, _flagged('fdiv'), lanes_type, *_TWO)
+_operator(operator.neg, lambda builder, x: builder.fneg(x), lanes_type, lanes_type)
 for _op, _symbol in (
     (operator.lt, '<'),
     (operator.le, '<='),
     (operator.gt, '>'),
     (operator.ge, '>='),
 ):
-    _binary(_op, lambda b, x, y, s=_symbol: b.fcmp_ordered(s, x, y), result=mask_type)
-_binary(operator.and_, lambda b, x, y: b.and_(x, y), mask_type, mask_type)
-_binary(operator.or_, lambda b, x, y: b.or_(x, y), mask_type, mask_type)
+    _operator(_op, lambda b, x, y, s=_symbol: b.fcmp_ordered(s, x, y), mask_type, *_TWO)
+_operator(operator.and_, lambda b, x, y: b.and_(x, y), mask_type, mask_type, mask_type)
+_operator(operator.or_, lambda b, x, y: b.or_(x, y), mask_type, mask_type, mask_type)
 
 
-@infer_global(operator.neg)
-class _NegTemplate(ConcreteTemplate):
-    cases = [signature(lanes_type, lanes_type)]
+def _function(doc, emit, result, *operands):
+    """Return a function for kernels; where it takes lanes, a number is spread.
+
+    Args:
+        emit: Gets the builder and the operands, and returns the value.
+    """
+
+    def define(typingctx, *given):
+        return result(*operands), lambda context, builder, sig, args: emit(builder, *args)
+
+    names = 'typingctx', *'abc'[: len(operands)]
+    define.__signature__ = Signature(Parameter(x, Parameter.POSITIONAL_ONLY) for x in names)
+    define.__doc__ = doc
+    return intrinsic(define)
 
 
-@lower_builtin(operator.neg, lanes_type)
-def _neg(context, builder, sig, args):
-    return builder.fneg(args[0])
+def _library(name):
+    """Return what calls a function of LLVM's."""
+
+    def emit(builder, *args):
+        kind = ir.FunctionType(_VECTOR, [_VECTOR] * len(args))
+        function = cgutils.get_or_insert_function(builder.module, kind, f'{name}.v{WIDTH}f64')
+        return builder.call(function, args)
+
+    return emit
 
 
-def _call(builder, name, arguments):
-    function_type = ir.FunctionType(_VECTOR, [_VECTOR] * len(arguments))
-    function = cgutils.get_or_insert_function(builder.module, function_type, f'{name}.v{WIDTH}f64')
-    return builder.call(function, arguments)
+def _series(*coefficients):
+    """Return a function that sums a polynomial by Horner's rule, its highest power first."""
+    first, *others = (ir.Constant(_VECTOR, [x] * WIDTH) for x in coefficients)
+
+    def emit(builder, x):
+        total = first
+        for one in others:
+            total = builder.fadd(builder.fmul(total, x, flags=_FLAGS), one, flags=_FLAGS)
+        return total
+
+    return _function('Return the sum of a polynomial.', emit, lanes_type, lanes_type)
 
 
-@intrinsic
-def spread(typingctx, value):
-    """Return the scalar `value` in every lane."""
-    if not isinstance(value, (types.Float, types.Integer)):
-        return None
+def _any(builder, mask):
+    bits = builder.bitcast(mask, ir.IntType(WIDTH))
+    return builder.icmp_unsigned('!=', bits, ir.Constant(ir.IntType(WIDTH), 0))
 
-    def codegen(context, builder, sig, args):
-        return _number_to_lanes(context, builder, sig.args[0], lanes_type, args[0])
 
-    return lanes_type(value), codegen
+def _two_to_the(builder, exponent):
+    biased = builder.add(builder.fptosi(exponent, _LONGS), ir.Constant(_LONGS, [1023] * WIDTH))
+    return builder.bitcast(builder.shl(biased, ir.Constant(_LONGS, [52] * WIDTH)), _VECTOR)
+
+
+spread = _function('Return a number in every lane.', lambda b, x: x, lanes_type, lanes_type)
+product = _function(
+    'Return a * b, rounded: never fused with a sum, so that no choice of the compiler shows.',
+    lambda builder, a, b: builder.fmul(a, b),
+    *(lanes_type, *_TWO),
+)
+where = _function(
+    'Return b in the lanes where the mask a holds and c in the others.',
+    lambda builder, mask, a, b: builder.select(mask, a, b),
+    *(lanes_type, mask_type, *_TWO),
+)
+with_sign = _function('Return a with the sign of b.', _library('llvm.copysign'), lanes_type, *_TWO)
+sqrt, absolute, floor = (
+    _function(doc, _library(name), lanes_type, lanes_type)
+    for name, doc in (
+        ('llvm.sqrt', 'Return the square root, NaN below zero.'),
+        ('llvm.fabs', 'Return the absolute value.'),
+        ('llvm.floor', 'Return the largest whole number not above.'),
+    )
+)
+any_lane = _function(
+    'Return True where the mask holds in at least one lane.', _any, types.boolean, mask_type
+)
+_power_of_two = _function(
+    "Return 2**a for whole exponents within a double's range.", _two_to_the, lanes_type, lanes_type
+)
 
 
 def _pointer(context, builder, array_type, array, offset, offset_type):
@@ -216,76 +261,6 @@ def take(typingctx, array, index):
     return lanes_type(array, lanes_type), codegen
 
 
-@intrinsic
-def product(typingctx, a, b):
-    """Return a * b, rounded: never fused with a sum, so that no choice of the compiler shows."""
-
-    def codegen(context, builder, sig, args):
-        return builder.fmul(args[0], args[1])
-
-    return lanes_type(lanes_type, lanes_type), codegen
-
-
-@intrinsic
-def where(typingctx, mask, a, b):
-    """Return `a` in the lanes where `mask` holds and `b` in the others."""
-
-    def codegen(context, builder, sig, args):
-        return builder.select(args[0], args[1], args[2])
-
-    return lanes_type(mask_type, lanes_type, lanes_type), codegen
-
-
-def _unary_intrinsic(name, doc):
-    @intrinsic
-    def function(typingctx, value):
-        def codegen(context, builder, sig, args):
-            return _call(builder, name, [args[0]])
-
-        return lanes_type(lanes_type), codegen
-
-    function.__doc__ = doc
-    return function
-
-
-sqrt = _unary_intrinsic('llvm.sqrt', 'Return the square root, NaN below zero.')
-absolute = _unary_intrinsic('llvm.fabs', 'Return the absolute value.')
-floor = _unary_intrinsic('llvm.floor', 'Return the largest whole number not above.')
-
-
-@intrinsic
-def with_sign(typingctx, value, sign):
-    """Return `value` with the sign of `sign`."""
-
-    def codegen(context, builder, sig, args):
-        return _call(builder, 'llvm.copysign', list(args))
-
-    return lanes_type(lanes_type, lanes_type), codegen
-
-
-@intrinsic
-def any_lane(typingctx, mask):
-    """Return True where the mask holds in at least one lane."""
-
-    def codegen(context, builder, sig, args):
-        bits = builder.bitcast(args[0], ir.IntType(WIDTH))
-        return builder.icmp_unsigned('!=', bits, ir.Constant(ir.IntType(WIDTH), 0))
-
-    return types.boolean(mask_type), codegen
-
-
-@intrinsic
-def _power_of_two(typingctx, exponent):
-    """Return 2**exponent for whole exponents within a double's range."""
-
-    def codegen(context, builder, sig, args):
-        whole = builder.fptosi(args[0], _LONGS)
-        biased = builder.add(whole, ir.Constant(_LONGS, [1023] * WIDTH))
-        return builder.bitcast(builder.shl(biased, ir.Constant(_LONGS, [52] * WIDTH)), _VECTOR)
-
-    return lanes_type(lanes_type), codegen
-
-
 @inlined
 def minimum(a, b):
     """Return the smaller of two, lane by lane; `b` where `a` is NaN."""
@@ -304,6 +279,9 @@ def clip(value, low, high):
     return minimum(maximum(value, low), high)
 
 
+_exponential = _series(*(1.0 / math.factorial(k) for k in range(13, -1, -1)))
+
+
 @inlined
 def exp(x):
     """Return e**x to 2e-16 relative; arguments beyond +-700 saturate.
@@ -313,21 +291,10 @@ def exp(x):
     x = clip(x, spread(-700.0), spread(700.0))
     n = floor(x * 1.4426950408889634 + 0.5)
     r = x - n * 0.6931471803691238 - n * 1.9082149292705877e-10
-    s = spread(1.0 / 6227020800.0)
-    s = s * r + 1.0 / 479001600.0
-    s = s * r + 1.0 / 39916800.0
-    s = s * r + 1.0 / 3628800.0
-    s = s * r + 1.0 / 362880.0
-    s = s * r + 1.0 / 40320.0
-    s = s * r + 1.0 / 5040.0
-    s = s * r + 1.0 / 720.0
-    s = s * r + 1.0 / 120.0
-    s = s * r + 1.0 / 24.0
-    s = s * r + 1.0 / 6.0
-    s = s * r + 0.5
-    s = s * r + 1.0
-    s = s * r + 1.0
-    return s * _power_of_two(n)
+    return _exponential(r) * _power_of_two(n)
+
+
+_sine = _series(*((-1.0) ** k / math.factorial(2 * k + 1) for k in range(9, 0, -1)))
 
 
 @inlined
@@ -340,23 +307,17 @@ def sine(x):
     r = x - n * 3.141592653589793116 - n * 1.2246467991473532e-16
     odd = n - 2.0 * floor(n * 0.5)
     q = r * r
-    s = spread(-1.0 / 121645100408832000.0)
-    s = s * q + 1.0 / 355687428096000.0
-    s = s * q - 1.0 / 1307674368000.0
-    s = s * q + 1.0 / 6227020800.0
-    s = s * q - 1.0 / 39916800.0
-    s = s * q + 1.0 / 362880.0
-    s = s * q - 1.0 / 5040.0
-    s = s * q + 1.0 / 120.0
-    s = s * q - 1.0 / 6.0
-    s = s * q * r + r
-    return s * (1.0 - 2.0 * odd)
+    return (_sine(q) * q * r + r) * (1.0 - 2.0 * odd)
 
 
 @inlined
 def cosine(x):
     """Return cos(x), as accurate as `sine`."""
     return sine(x + 1.5707963267948966)
+
+
+_short_sine = _series(*((-1.0) ** k / math.factorial(2 * k + 1) for k in range(7, 0, -1)))
+_short_cosine = _series(*((-1.0) ** k / math.factorial(2 * k) for k in range(8, 0, -1)))
 
 
 @inlined
@@ -369,22 +330,25 @@ def sine_and_cosine(x):
     r = x - n * 3.141592653589793116 - n * 1.2246467991473532e-16
     sign = 1.0 - 2.0 * (n - 2.0 * floor(n * 0.5))
     q = r * r
-    s = spread(-1.0 / 1307674368000.0)
-    c = spread(1.0 / 20922789888000.0)
-    s = s * q + 1.0 / 6227020800.0
-    c = c * q - 1.0 / 87178291200.0
-    s = s * q - 1.0 / 39916800.0
-    c = c * q + 1.0 / 479001600.0
-    s = s * q + 1.0 / 362880.0
-    c = c * q - 1.0 / 3628800.0
-    s = s * q - 1.0 / 5040.0
-    c = c * q + 1.0 / 40320.0
-    s = s * q + 1.0 / 120.0
-    c = c * q - 1.0 / 720.0
-    s = s * q - 1.0 / 6.0
-    c = c * q + 1.0 / 24.0
-    c = c * q - 0.5
-    return (s * q * r + r) * sign, (c * q + 1.0) * sign
+    return (_short_sine(q) * q * r + r) * sign, (_short_cosine(q) * q + 1.0) * sign
+
+
+_above = _series(
+    0.15476603502272979,
+    5.612164909892022,
+    25.43779612478148,
+    31.6171925602088,
+    11.92557785362088,
+    0.9999999997639548,
+)
+_below = _series(
+    12.528558028118812,
+    132.10893444678678,
+    302.2215188334761,
+    208.87906864537354,
+    40.13891109171854,
+    1.0,
+)
 
 
 @inlined
@@ -399,19 +363,7 @@ def tanh(x):
     if not any_lane(near):
         return flat
     u = x * x * (1.0 / 84.64)
-    p = spread(0.15476603502272979)
-    p = p * u + 5.612164909892022
-    p = p * u + 25.43779612478148
-    p = p * u + 31.6171925602088
-    p = p * u + 11.92557785362088
-    p = p * u + 0.9999999997639548
-    q = spread(12.528558028118812)
-    q = q * u + 132.10893444678678
-    q = q * u + 302.2215188334761
-    q = q * u + 208.87906864537354
-    q = q * u + 40.13891109171854
-    q = q * u + 1.0
-    return where(near, x * p / q, flat)
+    return where(near, x * _above(u) / _below(u), flat)
 
 
 def room(*shape: int) -> np.ndarray:
