@@ -7,7 +7,7 @@ from pathlib import Path
 import textwrap
 
 from ros2_ident.files import write_text
-from ros2_ident.ros.parameter_table import BY_NAME, literal
+from ros2_ident.ros.parameters import BY_NAME, literal
 
 ROOT = Path(__file__).resolve().parents[1]
 TEMPLATE, PAGE = ROOT / 'config/identifier.yaml', ROOT / 'docs/parameters.md'

@@ -241,7 +241,7 @@ class Goals:
         from ros2_ident_msgs.action import Diagnose, Identify
 
         from ros2_ident.ros.goals import wanted_of
-        from ros2_ident.ros.parameter_table import BY_NAME
+        from ros2_ident.ros.parameters import BY_NAME
 
         self.ask = wanted_of
         self.kinds = Identify.Goal, Diagnose.Goal

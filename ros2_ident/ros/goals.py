@@ -20,8 +20,7 @@ from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.new_file import arm_kind, new_machine_file
 from ros2_ident.models.registry import machine_from_mapping
 from ros2_ident.recording import Stream, Topics
-from ros2_ident.ros.parameter_table import BY_NAME
-from ros2_ident.ros.parameters import Snapshot
+from ros2_ident.ros.parameters import BY_NAME, Snapshot
 from ros2_ident.ros.paths import allowed, expanded
 from ros2_ident.ros.run import Wanted
 from ros2_ident.search import Budget, GeneticSettings

@@ -52,14 +52,13 @@ class Identifier(Node):
         now = parameters.snapshot(self)
         # /clock stops with the bag, and every timer on it: these go by the steady clock
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.worker = Worker(self)
+        self.worker = Worker(self, steady)
         self.pages = PageWriter()
         self.outlet = Outlet(self, steady)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
         self.last: Identified | Diagnosed | None = None
         self.description: str | None = None
         self.stopping = False
-        self.twin = False  # whether another node has its name
         self._due = False  # a stream has ended while a run was going on
         self._ticks = 0
         self._explained = time.monotonic()
@@ -132,16 +131,6 @@ class Identifier(Node):
                 )
 
         self.worker.chore(lambda: read_bag(path, where), found)
-
-    def _look_for_twins(self) -> None:
-        """Say once that another node has the same name: topics and services are mixed up."""
-        own = self.get_name(), self.get_namespace()
-        if not self.twin and self.get_node_names_and_namespaces().count(own) > 1:
-            self.twin = True
-            self.get_logger().warning(
-                f'another node is named {self.get_fully_qualified_name()} too, and both answer; '
-                'end one of them or start it with --ros-args -r __node:=another_name'
-            )
 
     # ------------------------------------------------------------------ runs
 
@@ -262,7 +251,6 @@ class Identifier(Node):
         if self.stopping:
             return
         self._ticks += 1
-        self.worker.remind()
         for sentence in self.pages.failures():
             self.get_logger().error(sentence)
         capture = self.capture
@@ -278,7 +266,6 @@ class Identifier(Node):
             self._explain()
         capture.adapt()
         if self._ticks % round(1.0 / TICK) == 0:
-            self._look_for_twins()
             capture.flush()
             if (not capture.empty and not capture.ended) or self.worker.busy:
                 self.board.publish()

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Declare the node's parameters from the table, refuse wrong ones in sentences, take snapshots."""
+"""The node's parameters: the table `parameters.yaml`, declared, judged and as values."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 import difflib
+import json
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -16,12 +19,84 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import read_yaml
 from ros2_ident.models import load_machine
-from ros2_ident.ros.parameter_table import BY_NAME, Entry, literal
 from ros2_ident.ros.paths import expanded
+from ros2_ident.search import GeneticSettings
 
+Value = bool | int | float | str | tuple[str, ...]
 # The parameters at one instant, by name.
 Snapshot = Mapping[str, Any]
+
+_KINDS = {bool: 'bool', int: 'integer', float: 'double', str: 'string', tuple: 'string_array'}
+_LARGEST = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One parameter of the node.
+
+    Attributes:
+        name: Its name.
+        default: Its value where none is set.
+        text: What it does and when to change it.
+        low: Least value of a number; None where there is no range.
+        high: Largest value of a number that has a least one.
+        unit: Unit of a number, empty for a count.
+        choices: Allowed strings, empty for any.
+        read_only: Whether it is fixed when the node starts.
+    """
+
+    name: str
+    default: Value
+    text: str
+    low: float | None = None
+    high: float = _LARGEST
+    unit: str = ''
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+    @property
+    def kind(self) -> str:
+        """`bool`, `integer`, `double`, `string` or `string_array`."""
+        return _KINDS[type(self.default)]
+
+    @property
+    def description(self) -> str:
+        """Description for tools, with the unit and the choices."""
+        unit = f' [{self.unit}]' if self.unit else ''
+        choices = f' One of {", ".join(self.choices)}.' if self.choices else ''
+        return f'{self.text}{choices}{unit}'
+
+    @property
+    def range(self) -> str:
+        """Its range in words, empty where there is none."""
+        if self.low is None:
+            return ''
+        return f'from {self.low:g}' if self.high == _LARGEST else f'{self.low:g} to {self.high:g}'
+
+
+def _entry(name: str, written: Mapping[str, Any]) -> Entry:
+    """Return a parameter as the file has it."""
+    value = dict(written['value'])
+    default = value.pop('default', None)
+    if default is None:
+        default = getattr(GeneticSettings(), name)
+    ends = dict(zip(('low', 'high'), value.pop('range', ()), strict=False))
+    choices = tuple(value.pop('choices', ()))
+    default = tuple(default) if isinstance(default, list) else default
+    return Entry(name, default, written['text'], choices=choices, **ends, **value)
+
+
+BY_NAME = {
+    name: _entry(name, written)
+    for name, written in read_yaml(Path(__file__).with_name('parameters.yaml')).items()
+}
+
+
+def literal(value: Value) -> str:
+    """Return a default as it is written in YAML; a double always has its point."""
+    return repr(value) if isinstance(value, str) else json.dumps(value)
 
 
 def descriptor(entry: Entry) -> ParameterDescriptor:
@@ -73,18 +148,12 @@ def declare(node: Node) -> None:
 
 def _wrong_type(entry: Entry, value: Any) -> str:
     """Return the sentence for a value of the wrong type; `1` for a double is the common one."""
-    if entry.kind == 'double' and isinstance(value, int) and not isinstance(value, bool):
-        return (
-            f'parameter {entry.name} is {value}, an integer, and has to be a double; '
-            f'write {value}.0'
-        )
     kind = entry.kind.replace('_', ' ')
-    article = 'an' if kind == 'integer' else 'a'
     example = '[drive_1]' if kind == 'string array' else literal(entry.default)
-    return (
-        f'parameter {entry.name} is {value!r} and has to be {article} {kind}; '
-        f'write it like {example}'
-    )
+    if kind == 'double' and type(value) is int:
+        example = literal(float(value))
+    wanted = f'has to be of type {kind}; write it like {example}'
+    return f'parameter {entry.name} is {value!r} and {wanted}'
 
 
 def _wrong(entry: Entry, value: Any) -> str:

@@ -12,7 +12,7 @@ import hashlib
 from pathlib import Path
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import Growing, remove_file, require_ours
+from ros2_ident.files import Growing, remove_file
 from ros2_ident.identify.problem import sources
 from ros2_ident.search.journal import MAGIC
 
@@ -104,32 +104,14 @@ def checkpoint_of(directory: str, *what: str) -> Path | None:
         return None
     folder = expanded(directory) / UNFINISHED
     name = hashlib.sha256('\n'.join((sources(), *what)).encode()).hexdigest()[:16]
+    path = folder / f'{name}{SUFFIX}'
     try:
-        for number in range(1, MOST + 1):
-            path = folder / f'{name}_{number}{SUFFIX}'
-            if _free(path):
-                _tidy(folder, path)
-                return path
-    except OSError:
-        pass  # what cannot be written there is said where the result is
-    return None
-
-
-def _free(path: Path) -> bool:
-    """Return whether a file can be written that is ours and that no other process writes."""
-    try:
-        require_ours([path])
         with closing(Growing(path)) as file:
             if not file.size:
-                file.write(MAGIC)  # a full disk is no reason not to run
-    except IdentError:
-        return False
-    return True
-
-
-def _tidy(folder: Path, wanted: Path) -> None:
-    """Remove the oldest checkpoints beyond the number that is kept, but for those in use."""
-    others = [x for x in folder.glob(f'*{SUFFIX}') if x != wanted]
-    for path in sorted(others, key=lambda x: x.stat().st_mtime)[: -(MOST - 1)]:
-        if _free(path):
-            remove_file(path)
+                file.write(MAGIC)
+        others = [x for x in folder.glob(f'*{SUFFIX}') if x != path]
+        for old in sorted(others, key=lambda x: x.stat().st_mtime)[: -(MOST - 1)]:
+            remove_file(old)
+    except (IdentError, OSError):
+        return None  # a full disk, or another node on the same goal, is no reason not to run
+    return path

@@ -12,10 +12,10 @@ import contextlib
 import os
 import queue
 import threading
-import time
 from typing import Any
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
+from rclpy.clock import Clock
 from rclpy.node import Node
 
 from ros2_ident.threads import give_back_memory
@@ -29,16 +29,21 @@ Done = Callable[[Any, BaseException | None], None]
 
 
 class Worker:
-    """Runs one job at a time, and chores between them."""
+    """Runs one job at a time, and chores between them.
 
-    def __init__(self, node: Node) -> None:
+    Args:
+        clock: The pace of what jobs tell.
+    """
+
+    def __init__(self, node: Node, clock: Clock) -> None:
         self._events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._guard = node.create_guard_condition(self._fetch)
         self._cancel = threading.Event()
         self._busy = False
-        self._interval, self._said = 0.2, -1e9
         self._utter: Callable[[], None] = _nothing
+        self._timer = node.create_timer(1.0, lambda: self._utter(), clock=clock)
+        self._timer.cancel()
         # a daemon: a job that does not heed its cancel event cannot keep the process alive
         self._thread = threading.Thread(target=self._live, name='identify', daemon=True)
         self._thread.start()
@@ -62,37 +67,26 @@ class Worker:
             raise RuntimeError('the worker is busy')
         self._busy = True
         self._cancel = cancel = threading.Event()
-        self._interval, self._said = 1.0 / rate, -1e9
         unsaid: deque[Any] = deque(maxlen=1)
 
         def utter() -> None:
             if unsaid:
                 on_said(unsaid.popleft())
 
-        def say(what: Any) -> None:
-            unsaid.append(what)
-            if self._due():
-                # What is due now is said, whatever comes before the executor gets to it.
-                unsaid.clear()
-                self.post(lambda: on_said(what))
-
         def finish(value: Any, error: BaseException | None) -> None:
             self._busy = False
-            self._utter = _nothing
+            self._timer.cancel()
             on_done(value, error)
 
         def work() -> None:
-            value, error = attempt(lambda: job(cancel, say))
+            value, error = attempt(lambda: job(cancel, unsaid.append))
             self.post(utter)
             self.post(lambda: finish(value, error))
 
         self._utter = utter
+        self._timer.timer_period_ns = round(1e9 / rate)
+        self._timer.reset()
         self._work.put(work)
-
-    def remind(self) -> None:
-        """Let out what came too soon after something else; called often by the executor."""
-        if self._busy and self._due():
-            self._utter()
 
     def chore(self, task: Callable[[], Any], on_done: Done) -> None:
         """Do something short in the thread when its turn comes; a job may be started meanwhile."""
@@ -127,14 +121,6 @@ class Worker:
             work()
             if self._work.empty():
                 give_back_memory()
-
-    def _due(self) -> bool:
-        """Whether the job may be heard again; if so, not again for an interval."""
-        now = time.monotonic()
-        if now - self._said < self._interval:
-            return False
-        self._said = now
-        return True
 
     def post(self, event: Callable[[], None]) -> None:
         """Have something done in the executor's thread; for a job that has more to give."""

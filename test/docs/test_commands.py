@@ -106,7 +106,7 @@ def check_python(words: list[str]) -> None:
 
 
 def check_ros2(words: list[str]) -> None:
-    from ros2_ident.ros.parameter_table import BY_NAME
+    from ros2_ident.ros.parameters import BY_NAME
 
     if words[1:3] == ['run', 'robot_state_publisher']:
         return  # of another package

@@ -189,16 +189,6 @@ def test_a_wrong_machine_file_is_told_at_the_start_and_when_it_is_set(start) -> 
     assert not said.successful and '/nor_there.yaml: cannot be read' in said.reason
 
 
-def test_two_nodes_of_one_name_are_told(start, tmp_path) -> None:
-    node, listener = start()
-    other = small(listener.context.get_domain_id(), tmp_path / 'others')
-    try:
-        node.until(lambda: node.node.twin, 'the first to see it')
-        other.until(lambda: other.node.twin, 'the second to see it')
-    finally:
-        other.close()
-
-
 def test_what_was_heard_is_found_again_after_a_restart(tmp_path) -> None:
     (recording,) = read_bag(BAG)
     domain = new_domain()

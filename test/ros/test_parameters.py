@@ -15,7 +15,6 @@ from rclpy.parameter import Parameter  # noqa: E402
 
 from ros2_ident.errors import IdentError  # noqa: E402
 from ros2_ident.ros import parameters  # noqa: E402
-from ros2_ident.ros.parameter_table import BY_NAME  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -48,7 +47,7 @@ def test_defaults_are_declared_with_descriptions_and_ranges(node) -> None:
     made = node()
     parameters.declare(made)
     snapshot = parameters.snapshot(made)
-    for entry in BY_NAME.values():
+    for entry in parameters.BY_NAME.values():
         assert snapshot[entry.name] == entry.default
         described = made.describe_parameter(entry.name)
         assert described.description == entry.description
@@ -60,12 +59,12 @@ def test_defaults_are_declared_with_descriptions_and_ranges(node) -> None:
 @pytest.mark.parametrize(
     ('given', 'said'),
     [
-        ('time_budget:=10', 'time_budget is 10, an integer, and has to be a double; write 10.0'),
+        ('time_budget:=10', 'time_budget is 10 and has to be of type double; write it like 10.0'),
         ('seed:=0', 'seed is 0, its range is from 1; give a value inside it'),
-        ('seed:=1.5', 'seed is 1.5 and has to be an integer'),
+        ('seed:=1.5', 'seed is 1.5 and has to be of type integer'),
         ('end_of_stream:=0.1', 'end_of_stream is 0.1, its range is 0.2 to 3600'),
         ('mutation:=wild', "mutation is 'wild'; write one of gaussian_root, laplace, normal"),
-        ('drives:=3', 'drives is 3 and has to be a string array'),
+        ('drives:=3', 'drives is 3 and has to be of type string array'),
     ],
 )
 def test_an_unfitting_value_is_answered_in_a_sentence(node, given: str, said: str) -> None:
@@ -99,7 +98,7 @@ def test_changes_are_checked_like_the_first_values(node) -> None:
     [
         (
             None, ['--ros-args', '-p', 'time_budget:=1'], 2,
-            'parameter time_budget is 1, an integer, and has to be a double; write 1.0',
+            'parameter time_budget is 1 and has to be of type double; write it like 1.0',
         ),
         ('ros2_ident_msgs', [], 1, 'package ros2_ident_msgs not found; build it with'),
         ('rclpy', [], 1, 'rclpy not found; source ROS 2 Jazzy'),

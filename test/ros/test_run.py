@@ -118,7 +118,7 @@ def test_checkpoints_do_not_pile_up_and_none_is_shared(tmp_path):
         path = checkpoint_of(str(tmp_path), f'goal {k}')
         os.utime(path, (k, k))
     assert len(left_in(tmp_path)) == MOST
-    with Journal(checkpoint_of(str(tmp_path), 'goal'), 'key') as journal:
-        assert checkpoint_of(str(tmp_path), 'goal') != journal._path
-    assert checkpoint_of(str(tmp_path), 'goal') == journal._path
+    with Journal(path := checkpoint_of(str(tmp_path), 'goal'), 'key'):
+        assert checkpoint_of(str(tmp_path), 'goal') is None
+    assert checkpoint_of(str(tmp_path), 'goal') == path
     assert checkpoint_of('', 'goal') is None
