@@ -78,17 +78,17 @@ for _kind, _form in ((_LanesType, _VECTOR), (_MaskType, _BITS)):
     register_model(_kind)(lambda dmm, fe, form=_form: models.PrimitiveModel(dmm, fe, form))
 
 
-def _splat(builder, value, vector):
+def _spread(context, builder, given, lanes, value):
+    """Return a number of a type in every lane."""
     zero = ir.Constant(ir.IntType(32), 0)
-    single = builder.insert_element(ir.Constant(vector, ir.Undefined), value, zero)
+    value = context.cast(builder, value, given, types.float64)
+    single = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), value, zero)
     order = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
-    return builder.shuffle_vector(single, ir.Constant(vector, ir.Undefined), order)
+    return builder.shuffle_vector(single, ir.Constant(_VECTOR, ir.Undefined), order)
 
 
-@lower_cast(types.Float, _LanesType)
-@lower_cast(types.Integer, _LanesType)
-def _number_to_lanes(context, builder, fromty, toty, value):
-    return _splat(builder, context.cast(builder, value, fromty, types.float64), _VECTOR)
+for _number in (types.Float, types.Integer):
+    lower_cast(_number, _LanesType)(_spread)
 
 
 def _operator(op, emit, result, *operands):

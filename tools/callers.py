@@ -25,7 +25,7 @@ OUTSIDE = {
     r'identify\.run\.identify': 'users, as docs/extend.md',
     r'kernel\.drive\._(flags_of|closed_loop)': 'numba.extending.overload',
     r'lanes\._(\w+Type\.\w+|\w+Model|\w*Template.*|neg)': 'numba, which registers it',
-    r'machine\.description\._Bounded\.doctype': 'xml.etree',
+    r'machine\.file\._Loader\.compose_node': 'yaml',
     r'recording\.(write\._McapStorage|rosbags_scan\._Chunks)\.\w+': 'rosbags',
     r'report\.page\.(answer\.Answer\.closing|steps\.Step\.signs)': "the page's templates",
 }

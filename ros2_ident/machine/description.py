@@ -8,7 +8,6 @@ does not name what it refuses.
 from collections.abc import Iterator
 from pathlib import Path
 import re
-from typing import Any
 import xml.etree.ElementTree as ET
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -62,16 +61,13 @@ def judged_tree(
     Raises:
         IdentError: BAD_MACHINE_FILE with the first thing that is wrong.
     """
-    parser = ET.XMLParser(target=_Bounded())
-    try:
-        for first in range(0, len(text), 1 << 16):
-            parser.feed(text[first : first + (1 << 16)])
-        root: ET.Element = parser.close()
-        problem = next(_problems(root, shapes), None)
-    except ValueError as error:
-        problem = str(error)
-    except ET.ParseError as error:
-        problem = f'is no XML ({error}); give a URDF or an MJCF file'
+    problem = next(_of_text(text), None)
+    if problem is None:
+        try:
+            root = ET.fromstring(text)  # noqa: S314 - without entities, and bounded
+            problem = next(_problems(root, shapes), None)
+        except (ET.ParseError, ValueError) as error:
+            problem = f'is no XML ({error}); give a URDF or an MJCF file'
     if problem is not None:
         raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'{named} {problem}')
     return root
@@ -92,29 +88,20 @@ def joints_in(text: str) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-class _Bounded(ET.TreeBuilder):
-    """A tree that grows within bounds, of what stands there and nothing that is declared."""
-
-    elements = depth = 0
-
-    def start(self, tag: Any, attrs: Any, /) -> ET.Element:
-        self.elements, self.depth = self.elements + 1, self.depth + 1
-        if self.elements > _ELEMENTS or self.depth > _DEPTH:
-            raise ValueError(
-                f'has more than {_ELEMENTS} elements, or more than {_DEPTH} inside each other; '
-                'leave out what is not the machine'
-            )
-        return super().start(tag, attrs)
-
-    def end(self, tag: Any, /) -> ET.Element:
-        self.depth -= 1
-        return super().end(tag)
-
-    def doctype(self, *_: object) -> None:
-        raise ValueError('has a DOCTYPE, whose entities can stand for text without end; remove it')
+def _of_text(text: str) -> Iterator[str]:
+    """Judge a description before it becomes a tree."""
+    if '<!DOCTYPE' in text:
+        yield 'has a DOCTYPE, whose entities can stand for text without end; remove it'
+    if text.count('<') > 2 * _ELEMENTS:
+        yield f'has more than {_ELEMENTS} elements; leave out what is not the machine'
 
 
 def _problems(root: ET.Element, shapes: bool) -> Iterator[str]:
+    level = [root]
+    for _ in range(_DEPTH):
+        level = [child for element in level for child in element]
+    if level:
+        yield f'has elements {_DEPTH} deep inside each other; leave out what is not the machine'
     if any('xacro' in element.tag for element in root.iter()):
         yield 'is a xacro; give what `xacro arm.urdf.xacro > arm.urdf` makes of it'
     elif not re.fullmatch('robot|mujoco', root.tag):

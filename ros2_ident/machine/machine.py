@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Content of a machine file: known numbers of a machine, and parameters with their boxes."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 import hashlib
 import math
-from types import MappingProxyType
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -105,14 +104,6 @@ class Machine:
                     f'{name} has {len(values)} values for {len(self.drives)} drives; give one for '
                     'all, or one for each',
                 )
-        for name in ('constants', 'bounds', 'own_bounds', 'stands'):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-
-    def __reduce__(self) -> tuple[Callable[..., 'Machine'], tuple[Any, ...]]:
-        """Pickle the mappings as such: what forbids their change cannot be pickled."""
-        values = [getattr(self, one.name) for one in fields(self)]
-        plain = [dict(v) if isinstance(v, MappingProxyType) else v for v in values]
-        return Machine, tuple(plain)
 
     # ------------------------------------------------------------------ constants
 

@@ -10,9 +10,8 @@ import math
 import numpy as np
 
 from ros2_ident.machine.description import joints_in
-from ros2_ident.machine.draft import Draft, Remark
 from ros2_ident.machine.keys import keys_of
-from ros2_ident.machine.kind import Kind, later, Space
+from ros2_ident.machine.kind import Draft, Kind, later, Remark, Space
 from ros2_ident.machine.machine import Machine
 
 

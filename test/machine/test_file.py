@@ -60,7 +60,7 @@ def test_drives_are_named(tmp_path, capsys):
     machine = machine_from_mapping(yaml.safe_load(capsys.readouterr().out))
     assert machine.drives == ('a', 'b', 'c')
     assert main(['new-machine', '--kind', 'tripod', '--drives', 'a,b']) == 2
-    assert 'a tripod has three drives, drives lists 2' in capsys.readouterr().err
+    assert 'drives lists 2, and a tripod has 3' in capsys.readouterr().err
 
 
 TURNING = '''
@@ -221,8 +221,8 @@ def test_a_file_that_may_never_end_is_not_read(tmp_path):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('a: &x [1, 2]\nb: [*x, *x]\n', r'my.yaml:2: has the alias \*x; write out'),
-        ('a: &x [*x]\n', r'my.yaml:1: has the alias \*x'),
+        ('a: &x [1, 2]\nb: [*x, *x]\n', r'my.yaml:2: is no YAML \(the alias \*x; write out'),
+        ('a: &x [*x]\n', r'my.yaml:1: is no YAML \(the alias \*x'),
         ('[' * 2000 + ']' * 2000, 'is nested too deeply'),
         ('{a: ' * 50_000, 'is nested too deeply'),
     ],

@@ -28,7 +28,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel import rows
-from ros2_ident.machine.draft import Remark
+from ros2_ident.machine.kind import Remark
 from ros2_ident.machine.keys import keys_of
 from ros2_ident.machine.kind import Kind
 from ros2_ident.models.drives.model import DriveModel

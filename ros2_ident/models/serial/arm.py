@@ -19,8 +19,7 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import judged_tree
-from ros2_ident.machine.draft import Remark
-from ros2_ident.machine.kind import Figure, Space
+from ros2_ident.machine.kind import Figure, Remark, Space
 from ros2_ident.machine.machine import Machine
 
 INERTIALS = 10

@@ -7,8 +7,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.draft import Remark
-from ros2_ident.machine.kind import Figure, Space
+from ros2_ident.machine.kind import Figure, Remark, Space
 from ros2_ident.machine.machine import Machine
 
 # How far a delta's arm hangs below the level in the middle of the workspace, rad.
