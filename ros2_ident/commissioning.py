@@ -9,19 +9,15 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine
-from ros2_ident.gates.scale import FEWEST
 from ros2_ident.identify.data import Data, gather
-from ros2_ident.identify.outputs import noise_of
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import compared_of, kind_of
-from ros2_ident.recording import check, Dataset, Finding, Recording, Report, scale_effort
-from ros2_ident.recording.grid import sample_period
+from ros2_ident.recording import check, Finding, Recording, Report, scale_effort
 from ros2_ident.recording.quality import DriveSummary, Level
 
 # What a finding on the bag may owe to the machine file.
 _KEY_OF = {
-    'missing_stream': ('drives',),
     'effort_unit': ('effort_unit',),
     'limit': ('effort_unit',),
     'effort_gravity': ('geometry', 'gravity'),
@@ -29,13 +25,9 @@ _KEY_OF = {
 }
 # Gates on the streams, of which the check of the recordings has more to say.
 _STREAMS = {'missing', 'command'}
-# An axis that goes farther is measured in millimetres or in radians of its motor, m.
-_LONG = 30.0
 # Efforts at rest so many times off the machine's weight are worth a warning, and no torques.
 # Static friction alone may take or give a good part of the weight.
 _WEIGHT_WARN, _WEIGHT_ERROR = 1.6, 3.0
-# Where the noise differs from what it should be by more, something is wrong, not inexact.
-_NOISE = 3.0
 
 
 def check_machine(file: MachineFile) -> tuple[Finding, ...]:
@@ -87,62 +79,21 @@ def check_both(
     for text in data.quality(0).warnings if data is not None else ():
         if all(text != x.sentence for x in found):
             found.append(Finding('warn', 'align', '', text))
-    findings = [_with_line(x, file, recordings) for x in found] + [*own]
+    findings = [_with_line(x, file) for x in found] + [*own]
     if data is not None and all(x.level != 'error' for x in own):
-        judged = [*_fit(recordings, report, machine, file), *_gates(data, machine, file, drives)]
         # The machine file shows which drives load each other.
-        findings = [x for x in findings if x.code != 'effort_sign'] + judged
-        for dataset in data.datasets:
-            findings += _noise(dataset, machine, file)
+        findings = [x for x in findings if x.code != 'effort_sign']
+        findings += _gates(data, machine, file, drives)
     return replace(report, findings=tuple(findings))
 
 
-def _with_line(finding: Finding, file: MachineFile, recordings: Sequence[Recording]) -> Finding:
+def _with_line(finding: Finding, file: MachineFile) -> Finding:
     """Return a finding with the line of the machine file that may mend it."""
     path = _KEY_OF.get(finding.code)
     if path is None or finding.level == 'ok':
         return finding
-    if finding.code != 'missing_stream':
-        place = f'({file.place(path)}: {path[-1]})'
-        return replace(finding, sentence=f'{finding.sentence} {place}')
-    machine, state = file.machine, recordings[0].state
-    if machine is None or state is None:
-        return finding
-    unknown = [name for name in machine.drives if name not in state.names]
-    if not unknown:
-        return finding
-    said = (
-        f'{file.place(path)}: drives names {", ".join(unknown)}, the bag holds '
-        f'{", ".join(state.names)}; write the names of the bag'
-    )
-    return replace(finding, sentence=said)
-
-
-def _fit(
-    recordings: Sequence[Recording], report: Report, machine: Machine, file: MachineFile
-) -> Iterator[Finding]:
-    """Compare the rate of the set-points and the strokes with the machine file."""
-    cycle = machine.number('cycle')
-    for command in filter(None, (x.command for x in recordings)):
-        period = sample_period(command.stamp)
-        if period and cycle > 1.5 * period:
-            yield Finding(
-                'warn',
-                'machine',
-                'command',
-                f'{file.place(("controller", "cycle"))}: cycle is {cycle:g} s but set-points come '
-                f'every {period:.3g} s; write the period of the velocity controller',
-            )
-    for drive in report.drives:
-        if drive.stroke > _LONG and machine.travel_unit == 'm':
-            yield Finding(
-                'warn',
-                'machine',
-                drive.drive,
-                f'{drive.drive}: moves by {drive.stroke:.4g} m; record positions of the carriage '
-                'in m, not mm or the angle of the motor (divide that by '
-                f'{file.place(("drive", "gear_factor"))}: gear_factor)',
-            )
+    place = f'({file.place(path)}: {path[-1]})'
+    return replace(finding, sentence=f'{finding.sentence} {place}')
 
 
 def _gates(
@@ -157,30 +108,7 @@ def _gates(
         place = f'{file.place(path)}: ' if path else ''
         level: Level = 'error' if gate.level == 'fail' else gate.level
         found = Finding(level, gate.gate, gate.drive, f'{place}{gate.sentence}')
-        yield _with_line(found, file, ())
-
-
-def _noise(dataset: Dataset, machine: Machine, file: MachineFile) -> Iterator[Finding]:
-    """Compare the noise of the machine file with what is fast in the log.
-
-    That also holds what the controller makes of the encoder's steps, so that it is judged with a
-    wide margin.
-    """
-    if dataset.effort is None or 'effort' not in compared_of(machine):
-        return
-    if np.isfinite(dataset.effort).sum(axis=1).min() < FEWEST:
-        return  # too short a log to tell
-    found = float(np.sqrt(np.mean(np.square([noise_of(row) for row in dataset.effort]))))
-    ratio = found / machine.effort_noise if machine.effort_noise > 0.0 else math.inf
-    if not 1.0 / _NOISE < ratio < _NOISE:
-        yield Finding(
-            'warn',
-            'machine',
-            'effort',
-            f'{file.place(("effort_noise",))}: effort_noise is {machine.effort_noise:g} '
-            f'{machine.model_unit}, the log looks like {found:.2g}; write its standard '
-            'deviation at rest',
-        )
+        yield _with_line(found, file)
 
 
 def _weight(drives: Sequence[DriveSummary], machine: Machine) -> Iterator[Finding]:

@@ -90,10 +90,9 @@ def motion_in(data: Dataset, name: str) -> Motion:
     )
 
 
-def count_reversals(motion: Motion) -> int:
-    """Count changes of direction between stretches of real motion."""
-    fast = np.abs(motion.velocity) > 0.05 * np.abs(motion.velocity).max()
-    signs = np.sign(motion.velocity[fast])
+def count_reversals(velocity: FloatArray) -> int:
+    """Count changes of direction of a velocity (T,) between stretches of real motion."""
+    signs = np.sign(velocity[np.abs(velocity) > 0.05 * np.abs(velocity).max()])
     return int((np.diff(signs) != 0).sum())
 
 

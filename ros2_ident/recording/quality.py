@@ -392,7 +392,7 @@ def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -
 
 def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
     """Judge whether a drive moved in a way that tells its parameters apart."""
-    turns = count_reversals(motion)
+    turns = count_reversals(motion.velocity)
     text = (
         f'stroke {drive.stroke:.3g}, top speed {np.abs(motion.velocity).max():.3g}, {turns} '
         f'reversals, {100.0 * motion.resting.mean():.0f} % of the time at rest'

@@ -11,10 +11,9 @@ from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.data import Data
+from ros2_ident.recording.motion import count_reversals
 from ros2_ident.ros.capture import Capture, StreamMeter
 
-# Below this speed, as a share of the fastest, a drive counts as resting.
-_SLOW = 0.02
 # Fewer reversals than this leave Coulomb friction and constant loads alike.
 _REVERSALS = 4
 
@@ -207,18 +206,16 @@ def excitation(data: Data) -> dict[str, tuple[float, float, int]]:
     """Return each drive's travel, largest speed and number of reversals, over all segments."""
     found: dict[str, tuple[float, float, int]] = {}
     for dataset in data.datasets:
-        paths = [x for x in (dataset.command_position, dataset.position) if x is not None]
-        for name, row in zip(dataset.names, paths[0], strict=True) if paths else ():
-            row = row[~np.isnan(row)]
-            if len(row) < 3:
+        ways = dataset.position if dataset.command_position is None else dataset.command_position
+        for name, way in zip(dataset.names, () if ways is None else ways, strict=False):
+            way = way[~np.isnan(way)]
+            if len(way) < 3:
                 continue
-            speed = np.diff(row) / dataset.cycle
-            fastest = float(np.abs(speed).max())
-            moving = np.sign(speed[np.abs(speed) > _SLOW * fastest])
-            travel, before, turns = found.get(name, (0.0, 0.0, 0))
+            velocity = np.gradient(way, dataset.cycle)
+            travel, speed, turns = found.get(name, (0.0, 0.0, 0))
             found[name] = (
-                max(travel, float(row.max() - row.min())),
-                max(before, fastest),
-                turns + int((np.diff(moving) != 0).sum()),
+                max(travel, float(np.ptp(way))),
+                max(speed, float(np.abs(velocity).max())),
+                turns + count_reversals(velocity),
             )
     return found

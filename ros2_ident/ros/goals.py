@@ -21,7 +21,7 @@ from ros2_ident.models.new_file import arm_kind, new_machine_file
 from ros2_ident.models.registry import machine_from_mapping
 from ros2_ident.recording import Stream, Topics
 from ros2_ident.ros.parameters import BY_NAME, Snapshot
-from ros2_ident.ros.paths import allowed, expanded
+from ros2_ident.ros.paths import allowed
 from ros2_ident.ros.run import Wanted
 from ros2_ident.search import Budget, GeneticSettings
 from ros2_ident.threads import processors
@@ -140,8 +140,10 @@ def _machine(
 ) -> tuple[Machine, str]:
     """Return the machine and its file's content."""
     if goal.machine_file or parameters['machine_file']:
-        path, text = _machine_file(goal, parameters)
-        machine = load_machine(path)
+        directory = parameters['allowed_directory'] if goal.machine_file else ''
+        path = allowed(goal.machine_file or parameters['machine_file'], directory, there=False)
+        machine = load_machine(path)  # says what is wrong, also where there is none
+        text = read_small(path).decode()
     elif heard is None:
         raise _refuse(
             'no machine file is given, and no robot_description was heard; set the parameter '
@@ -156,20 +158,6 @@ def _machine(
         text = new_machine_file(arm_kind(False), description=heard, states=motion)
         machine = machine_from_mapping(yaml.safe_load(text), 'robot_description')
     return machine, text
-
-
-def _machine_file(goal: Any, parameters: Snapshot) -> tuple[str, str]:
-    """Return path and content of the machine file."""
-    given: str = goal.machine_file
-    path = given or parameters['machine_file']
-    try:
-        found = allowed(path, parameters['allowed_directory'] if given else '')
-        return str(found), read_small(found).decode(errors='replace')
-    except (IdentError, OSError) as exc:
-        if isinstance(exc, IdentError) and exc.code == ErrorCode.INVALID_GOAL:
-            raise
-        # the reader says what is wrong
-        return str(expanded(path)), ''
 
 
 def _bag_paths(goal: Any, parameters: Snapshot) -> tuple[str, ...]:

@@ -4,7 +4,6 @@
 import argparse
 from collections.abc import Sequence
 import gc
-import itertools
 import os
 import re
 import signal
@@ -118,21 +117,12 @@ def _own_arguments(args: Sequence[str]) -> None:
     parser.parse_args(own)
 
 
-def _refused(args: Sequence[str], error: Exception) -> str:
+def _refused(error: Exception) -> str:
     """Return what is wrong with the arguments that ROS does not take, in a sentence."""
     # without the places in rcl's sources
     text = re.sub(r', at \S+:\d+', '', str(error).strip()).splitlines()[0]
     text = text.removeprefix('failed to initialize rcl: ').rstrip('. ')
-    for value in (x for flag, x in itertools.pairwise(args) if flag == '--params-file'):
-        if not os.path.isfile(value):
-            return f'{value}: there is no such parameter file; give the path of one'
-        if f"--params-file {value}'" in text:
-            reason = text.partition('Error: ')[2] or text
-            return (
-                f'{value}: cannot be used as a parameter file ({reason}); compare it with '
-                'config/identifier.yaml'
-            )
-    return f'{text}; see identifier --help'
+    return f'{text}; see identifier --help, and config/identifier.yaml for parameter files'
 
 
 def _run(args: Sequence[str] | None, stop: Stop) -> int:
@@ -146,11 +136,10 @@ def _run(args: Sequence[str] | None, stop: Stop) -> int:
 
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Signals are ours: rclpy's would take the context away before the result is published.
-    given = sys.argv if args is None else args
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:
-        print(f'identifier: {_refused(given, error)}', file=sys.stderr)
+        print(f'identifier: {_refused(error)}', file=sys.stderr)
         return 2
     try:
         try:

@@ -39,12 +39,13 @@ def expanded(path: str) -> Path:
         raise _no_path(path, exc) from None
 
 
-def allowed(path: str, directory: str) -> Path:
-    """Return a path to read, which has to exist.
+def allowed(path: str, directory: str, *, there: bool = True) -> Path:
+    """Return a path to read.
 
     Args:
         path: As the goal has it.
         directory: What it has to lie in, wherever links lead; empty for anywhere.
+        there: Whether it has to exist.
 
     Raises:
         IdentError: NO_DATA where nothing is there, INVALID_GOAL where it is not allowed.
@@ -52,7 +53,7 @@ def allowed(path: str, directory: str) -> Path:
     found = expanded(path)
     try:
         real = found.resolve()
-        there = real.exists()
+        exists = real.exists()
     except (OSError, RuntimeError) as exc:
         raise _no_path(path[:80], getattr(exc, 'strerror', None) or exc) from None
     if directory and not real.is_relative_to(expanded(directory).resolve()):
@@ -61,7 +62,7 @@ def allowed(path: str, directory: str) -> Path:
             f'{path} lies outside of allowed_directory {directory}; move it there or have the '
             'parameter changed',
         )
-    if not there:
+    if there and not exists:
         raise IdentError(
             ErrorCode.NO_DATA,
             f"{path}: does not exist on the node's machine; give the path of a bag there",

@@ -32,7 +32,7 @@ EXAMPLES = (
     '  replay bags/tripod_mixed                   at the recorded pace\n'
     '  replay bags/tripod_mixed -r 2 --clock      twice as fast, with /clock at 40 Hz\n'
     '  replay log.mcap --wait-for-subscribers     not before someone listens to every topic\n'
-    '  replay log.mcap --remap /joint_states:=/arm/joint_states\n'
+    '  replay log.mcap --ros-args -r /joint_states:=/arm/joint_states\n'
     '\n'
     'exit codes: 0 played to its end, 1 not played, 2 wrong arguments, 130 interrupted\n'
 )
@@ -132,8 +132,6 @@ def _options(words: Sequence[str]) -> argparse.Namespace:
     ):  # fmt: skip
         add(flag, type=positive, nargs='?', const=const, metavar=metavar, help=text)
     add('--topics', nargs='+', default=[], metavar='TOPIC', help='play only these')
-    add('-m', '--remap', nargs='+', default=[], metavar='OLD:=NEW', help='other names for topics')
-    add('-q', '--quiet', action='store_true', help='say nothing of what is played')
     return found.parse_args(words)
 
 
@@ -143,9 +141,8 @@ def main(args: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if args is None else args)
     at = given.index('--ros-args') if '--ros-args' in given else len(given)
     options = _options(given[:at])
-    ros = (given[at:] or ['--ros-args']) + [x for pair in options.remap for x in ('-r', pair)]
     try:
-        return _play(options, ros, lambda: stop.signal)
+        return _play(options, given[at:], lambda: stop.signal)
     except (IdentError, ModuleNotFoundError) as error:
         said = error.message if isinstance(error, IdentError) else missing(error)
         print(f'replay: {said}', file=sys.stderr)
@@ -165,13 +162,12 @@ def _play(options: argparse.Namespace, ros: list[str], stopped: Callable[[], int
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
 
-    if not options.quiet:
-        skipped = _skipped(reader)
-        left = f'; not {", ".join(skipped)}, no JointState' if skipped else ''
-        seconds = 1e-9 * (int(reader.end_time) - int(reader.start_time)) / options.rate
-        count = sum(x.msgcount for x in connections)
-        what = f'{count} messages of {", ".join(topics)}, {seconds:.1f} s{left}'
-        print(f'replay: {what}', file=sys.stderr, flush=True)
+    skipped = _skipped(reader)
+    left = f'; not {", ".join(skipped)}, no JointState' if skipped else ''
+    seconds = 1e-9 * (int(reader.end_time) - int(reader.start_time)) / options.rate
+    count = sum(x.msgcount for x in connections)
+    what = f'{count} messages of {", ".join(topics)}, {seconds:.1f} s{left}'
+    print(f'replay: {what}', file=sys.stderr, flush=True)
     rclpy.init(args=ros, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('replay')
     # reliable: matches every subscriber

@@ -67,10 +67,11 @@ def test_clock_remaps_and_a_paused_start() -> None:
             '100',
             '--topics',
             '/joint_states',
-            '--remap',
-            '/joint_states:=/arm/states',
             '--wait-for-subscribers',
             '60',
+            '--ros-args',
+            '-r',
+            '/joint_states:=/arm/states',
             domain=domain,
         ) as replay:
             code, text = ended(replay)
