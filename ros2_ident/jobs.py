@@ -272,13 +272,12 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
     bags.withdraw_overlay(folder / bags.OVERLAY)  # what is new does not lie beside what is old
     if isinstance(done, Identified):
         problem, theta = done.problem(), done.result.theta
-        whole = done.result.outcome is not Outcome.CANCELLED
         held_out = None if logs.check is None else check_problem(problem, logs.check)
         asked = {k: v for k, v in request.plain().items() if k in _ASKED}
         result = replace(done.result, settings={**done.result.settings, **asked})
         files = list(results.write_result(folder, result, problem, held_out))
     else:
-        whole, asked = done.complete, request.plain()
+        asked = request.plain()
         found = done.result, request.machine, logs.fit, logs.check, asked
         files = list(results.write_diagnosis(folder, *found))
         if overlay:
@@ -291,8 +290,6 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
             theta,
             topics=request.topics,
             found=done.result,
-            # to simulate the motion takes seconds, and a cancelled run is wanted to end
-            moving=whole,
         )
     if done.checkpoint is not None and done.complete:
         remove_file(done.checkpoint)

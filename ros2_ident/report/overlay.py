@@ -99,7 +99,6 @@ def write_overlay(
     *,
     topics: Topics | None = None,
     found: Identification | Diagnosis | None = None,
-    moving: bool = True,
 ) -> tuple[Path, ...]:
     """Write bags with the original streams, the simulated and the residual effort.
 
@@ -112,7 +111,6 @@ def write_overlay(
         theta: (N,) parameters, physical units.
         topics: Names of the original streams' topics.
         found: What was found, for `/diagnostics` and, whole, for `/identifier/verdict`.
-        moving: Whether the machine moves in them; to simulate a tripod takes seconds.
 
     Returns:
         The bags' directories; none where the data hold no recordings.
@@ -132,7 +130,7 @@ def write_overlay(
         streams = {getattr(names, role): stream for role, stream in recording.streams.items()}
         streams |= {SIMULATED: extra['simulated'], RESIDUAL: extra['residual']}
         others = [] if found is None else _said(found, recording.begin)
-        scene = scene_of(problem, theta, extra['residual'], number - 1) if moving else None
+        scene = scene_of(problem, theta, extra['residual'], number - 1)
         if scene is not None:
             others.append(Topic(SCENE, MARKERS, scene_messages(scene)))
         written.append(write_bag(_place(path, number), streams, mark=OVERLAY, others=others))

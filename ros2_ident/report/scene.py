@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine in space: markers that RViz and Foxglove draw, moving as measured and as simulated.
+"""A machine in space as it was measured: markers that RViz and Foxglove draw.
 
-The measured drives are where the log has them, the tool where the machine file's geometry then
-holds it. The simulated tool would hide behind the measured one: what it is off is drawn larger by
-a power of ten, which a text says. The tool's path is coloured by the residual effort.
+The drives are where the log has them, the tool where the machine file's geometry then holds it.
+Its path is coloured by the residual effort.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 import functools
 import math
@@ -15,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import IdentError
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.kind import Figure
-from ros2_ident.models.registry import kind_of, make_model
+from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Stream
 from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.motion import fill_gaps
@@ -27,8 +24,6 @@ from ros2_ident.recording.streams import FloatArray, IntArray
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 # Pictures a second, and how often what stands still is said again, for those who come later.
 RATE, REPEAT = 20.0, 20
-# The largest deviation that is drawn, as a share of the figure's size.
-SHOWN = 0.25
 # The brightest colour is the gap that this percentage of the path stays below.
 TOP = 95.0
 _CUBES, _STRIP, _LINES, _TEXT = 6, 4, 5, 9
@@ -38,7 +33,6 @@ _STORE = typestore()
 Colour = tuple[float, float, float, float]
 GREY: Colour = (0.45, 0.45, 0.45, 1.0)
 BLUE: Colour = (0.0, 0.45, 0.70, 1.0)
-ORANGE: Colour = (0.90, 0.60, 0.0, 1.0)
 BLACK: Colour = (0.0, 0.0, 0.0, 1.0)
 # From no gap to the largest one, dark to bright, also for those who see no red or green.
 _SCALE = np.array([[0.00, 0.14, 0.40], [0.49, 0.48, 0.47], [0.99, 0.91, 0.14]])
@@ -52,7 +46,6 @@ class Scene:
         machine: The kind of machine, which names the frame of what is drawn.
         stamp: Stamps (F,), ns.
         figure: What to draw of the measured machine at each instant.
-        simulated: Where the simulated machine has its tool (F, 3), m; None where not simulated.
         gap: Residual effort, root of the mean square over the drives (F,); NaN where unknown.
         unit: Its unit.
     """
@@ -60,19 +53,8 @@ class Scene:
     machine: str
     stamp: IntArray
     figure: Figure
-    simulated: FloatArray | None
     gap: FloatArray
     unit: str
-
-    @property
-    def magnification(self) -> float:
-        """Power of ten by which the simulated tool's deviation is drawn larger."""
-        if self.simulated is None:
-            return 1.0
-        largest = float(np.linalg.norm(self.simulated - self.figure.tool, axis=1).max())
-        if largest <= 0.0:
-            return 1.0
-        return max(1.0, 10.0 ** math.floor(math.log10(SHOWN * self.figure.size / largest)))
 
 
 def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0) -> Scene | None:
@@ -109,34 +91,9 @@ def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0)
         machine.kind,
         stamp,
         figure,
-        _simulated(problem, values, segment, cycle),
         np.interp(stamp, residual.stamp[there], gap[there], np.nan, np.nan),
         machine.effort_unit,
     )
-
-
-def _simulated(
-    problem: Problem, values: Mapping[str, float], segment: int, cycle: IntArray
-) -> FloatArray | None:
-    """Return the tool (F, 3) as the simulated drives hold it; None where they follow the log."""
-    machine, model = problem.machine, problem.models[segment]
-    try:
-        moved = make_model(
-            machine,
-            problem.data.datasets[segment],
-            effects=model.effects,
-            fixed=problem.fixed,
-            quantities=('position',),
-        )
-        theta = np.array([[values[p.name] for p in moved.parameters]])
-    except (IdentError, KeyError):
-        # An arm, a log without set-points, or a drive that only follows and has no parameters.
-        return None
-    position = moved.simulate(theta)[0][:, cycle]
-    draw = kind_of(machine).scene
-    assert draw is not None
-    figure = draw(machine.with_values(values), position) if np.isfinite(position).all() else None
-    return None if figure is None else figure.tool
 
 
 def scene_messages(scene: Scene) -> list[tuple[int, bytes]]:
@@ -177,16 +134,12 @@ def _still(scene: Scene, stamp: int) -> list[Msg]:
     figure = scene.figure
     known = scene.gap[np.isfinite(scene.gap)]
     largest = float(np.percentile(known, TOP)) if known.size else math.nan
-    words = [f'path: residual effort 0 (dark) to {largest:.2g} {scene.unit} and more (yellow)']
-    if scene.simulated is not None:
-        words.append(
-            f'blue: measured, orange: simulated, its deviation times {scene.magnification:g}'
-        )
+    text = f'path: residual effort 0 (dark) to {largest:.2g} {scene.unit} and more (yellow)'
     above = np.array([0.0, 0.0, figure.frame[..., 2].max() + 0.2 * figure.size])
     draw = functools.partial(_marker, scene.machine, stamp)
     return [
         draw('frame', 0, _LINES, 0.02, GREY, figure.frame.reshape(-1, 3)),
-        draw('frame', 1, _TEXT, 0.08, BLACK, above[None], text='\n'.join(words)),
+        draw('frame', 1, _TEXT, 0.08, BLACK, above[None], text=text),
         draw('gap', 0, _STRIP, 0.006, BLACK, figure.tool, colours(scene)),
     ]
 
@@ -201,9 +154,6 @@ def _moving(scene: Scene, k: int, stamp: int) -> list[Msg]:
     ]
     if body.size:
         markers.append(draw('measured', 1, _LINES, 0.01, BLUE, body))
-    if scene.simulated is not None:
-        off = scene.magnification * (scene.simulated[k] - figure.tool[k])
-        markers.append(draw('simulated', 1, _LINES, 0.01, ORANGE, body + off))
     return markers
 
 

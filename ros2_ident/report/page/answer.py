@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first screen: what is wrong, how sure that is, how far the gap closes, what to do now."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 import math
 from typing import Literal
@@ -12,7 +12,7 @@ from ros2_ident.effects import title_at
 from ros2_ident.gap.diagnosis import Cause, Diagnosis, DriveGap
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.gates import sentences as sentences_of
-from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.page import steps
 from ros2_ident.report.page.numbers import (
@@ -33,8 +33,12 @@ from ros2_ident.words.identification import at_bounds, determined, message, unde
 
 Level = Literal['good', 'doubtful', 'bad']
 
-# Parameters of an identification that the first screen lists.
-PARAMETERS = 10
+# What the colour of the answer's edge says.
+STATES: Mapping[Level, str] = {
+    'good': 'Clear answer',
+    'doubtful': 'Answer with reservations',
+    'bad': 'No clear answer yet',
+}
 # A gap left above the noise, in units of the noise floor, that wants a cause of its own.
 UNEXPLAINED = 1.0
 # A share that is as good as all.
@@ -81,7 +85,6 @@ class Answer:
         closes: The same in sentences.
         steps: What to do now.
         careful: What else to know, the most important first.
-        values: Parameters that were identified: name, value with unit, precision.
         first: What has to be said before anything else.
         compared: What is compared: effort, position or velocity.
     """
@@ -93,7 +96,6 @@ class Answer:
     closes: tuple[str, ...]
     steps: tuple[Step, ...]
     careful: tuple[str, ...] = ()
-    values: tuple[tuple[str, str, str], ...] = ()
     first: tuple[str, ...] = ()
     state: str = ''
     compared: str = 'effort'
@@ -109,11 +111,11 @@ def of_diagnosis(w: Written, out: str) -> Answer:
     if d.effect not in REFUSED:
         first = tuple(sentences_of(g for g in d.gates if g.level == 'fail'))
     answered = d.effect == 'none' or words.named(d)
-    reserved = list(_reservations(d, careful))
     level: Level = 'bad'
     if d.complete and answered and not first:
-        level = 'doubtful' if reserved else 'good'
-    state = _state(level, reserved)
+        doubtful = careful or _unexplained(d) or len(d.confusable) > 1
+        level = 'doubtful' if doubtful else 'good'
+    state = STATES[level]
     if first:
         state = 'Correct this first:'
     elif d.facts.cause == Cause.EVENTS:
@@ -130,22 +132,6 @@ def of_diagnosis(w: Written, out: str) -> Answer:
         state=state,
         compared=compared(d.unit),
     )
-
-
-def _state(level: Level, reservations: Iterable[str]) -> str:
-    """Return what the colour of the answer's edge says, in words."""
-    if level == 'doubtful':
-        return f'Answer with reservations: {", ".join(reservations)}'
-    return {'good': 'Clear answer', 'bad': 'No clear answer yet'}[level]
-
-
-def _reservations(d: Diagnosis, careful: Sequence[str]) -> Iterator[str]:
-    if _unexplained(d):
-        yield 'part of the gap stays unexplained'
-    if len(d.confusable) > 1:
-        yield 'another effect explains it as well'
-    if careful:
-        yield 'see “Be careful” below'
 
 
 def _sure(d: Diagnosis) -> Iterator[str]:
@@ -256,8 +242,7 @@ def of_identification(result: Identification, out: str) -> Answer:
         tuple(closes),
         tuple(steps.of_identification(result, out)),
         tuple(doubts),
-        tuple(_values(result)),
-        state=_state(level, ['see “Be careful” below']),
+        state=STATES[level],
         compared=compared(unit),
     )
 
@@ -313,20 +298,3 @@ def _left(result: Identification) -> list[Gap]:
         )
         for x in sorted(result.residuals, key=lambda x: -x.rms)
     ]
-
-
-def _known(p: ParameterEstimate) -> str:
-    """Return an interval as shares of the value, side by side where it is lopsided."""
-    if not p.value or not p.lopsided:
-        return precision(width(p))
-    less, more = p.reach
-    return f'−{percent(less / abs(p.value))}, +{percent(more / abs(p.value))}'
-
-
-def _values(result: Identification) -> Iterator[tuple[str, str, str]]:
-    """Yield the parameters, of many those known best."""
-    order = {p.name: k for k, p in enumerate(result.parameters)}
-    best = sorted(result.parameters, key=lambda p: (not p.identifiable, width(p)))
-    for p in sorted(best[:PARAMETERS], key=lambda p: order[p.name]):
-        known = _known(p) if p.identifiable else p.bound if p.state == 'bounded' else p.state
-        yield p.name, quantity(p.value, p.unit, 4), known

@@ -58,10 +58,6 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
     laws = _laws(found) if effects else []
     name, _, _ = found.label.partition(' [')
     title = f'{found.drive}: measured minus simulated {compared(found.unit)} over the {name}'
-    # In words what the picture shows.
-    summary = f'{title}. It runs {_range(before, found.unit)}'
-    if laws and not spectrum:
-        summary += f'; with {effects} in the model {_range(found.after, found.unit)}'
     keys = [_KEYS[line.heading] for line in before]
     if laws:
         verb = 'add' if effects == 'the effects' else 'adds'
@@ -71,12 +67,7 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
     if not spectrum and found.linear > 0.0:
         note += '; the axis is logarithmic away from 0'
     drawn = svg(lambda made: _draw(made.subplots(), found, before, laws), *SIZE)
-    return Picture(drawn, f'{summary}.', title, tuple(keys), (note,))
-
-
-def _range(lines: Sequence[Line], unit: str) -> str:
-    mean = np.concatenate([line.mean for line in lines])
-    return f'from {number(mean.min(), 2)} to {number(mean.max(), 2)} {unit_of(unit)}'
+    return Picture(drawn, title, title, tuple(keys), (note,))
 
 
 def _draw(axes: 'Axes', found: ResidualMap, lines: Sequence[Line], laws: Laws) -> None:

@@ -105,7 +105,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         'places': _places,
         'precision': numbers.precision,
         'prose': numbers.prose,
-        'shade': _shade,
         'undetermined': steps.undetermined,
         'unit': numbers.unit_of,
         'width': numbers.width,
@@ -126,13 +125,6 @@ def _item(picture: Picture, name: str) -> Markup:
     """Return a plot as JSON that may stand inside a script element."""
     text = serialize_json(json_item(picture.drawn, name))  # type: ignore[arg-type]
     return Markup(text.replace('<', '\\u003c'))
-
-
-def _shade(value: float) -> str:
-    """Return the colour of a correlation: blue for -1, white for 0, vermilion for 1."""
-    end = (0, 114, 178) if value < 0.0 else (213, 94, 0)
-    share = 0.85 * abs(value) if math.isfinite(value) else 0.0  # black is read well on all
-    return f'rgb({",".join(f"{255 + (e - 255) * share:.0f}" for e in end)})'
 
 
 def _places(p: ParameterEstimate) -> tuple[float, float, float] | None:
