@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
-from ros2_ident.arrays import Array, plain
+from ros2_ident.arrays import plain
 from ros2_ident.excite.plan import Excitation
 from ros2_ident.files import (
     make_directory,
@@ -184,12 +183,11 @@ def worth(found: Excitation) -> dict[str, Any]:
 
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _COLOURS = (BLUE, ORANGE, GREEN, RED, SKY, GREY)
 # Points of a line, and bars that fit beneath one another.
-_POINTS, _BARS = 4000, 30
+_SAMPLES, _BARS = 4000, 30
 
 
 def picture(found: Excitation) -> 'Figure':
@@ -200,63 +198,47 @@ def picture(found: Excitation) -> 'Figure':
     """
     from matplotlib.figure import Figure
 
+    percent = 100.0 / np.array([p.high - p.low for p in found.parameters])
+    mine, chance = percent * found.half_widths, percent * found.chance
     chosen = np.flatnonzero(found.wanted)
-    chosen = chosen[np.argsort(-_of_box(found, found.half_widths)[chosen], kind='stable')][:_BARS]
+    chosen = chosen[np.argsort(-mine[chosen], kind='stable')][:_BARS]
     below = 0.9 + 0.2 * len(chosen)
     figure = Figure(figsize=(WIDTH, 7.0 + below), layout='constrained')
     axes = figure.subplots(5, 1, height_ratios=[1.8, 1.2, 1.2, 1.2, below])
-    planned, moved, limits = found.planned, found.shown.moved, found.courses.limits
-    _lines(axes[0], found, planned.position)
-    axes[0].set_ylabel('position')
-    drives = found.courses.machine.drives
-    axes[0].legend(
-        drives, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False
-    )
+    moved, limits, machine = found.shown.moved, found.courses.limits, found.courses.machine
+    every = max(1, moved.position.shape[1] // _SAMPLES)
+    time = found.courses.series.cycle * np.arange(moved.position.shape[1])[::every]
     for place, rows, most, word in (
+        (axes[0], found.planned.position, np.full(len(machine.drives), np.inf), 'position'),
         (axes[1], moved.velocity, limits.velocity, 'velocity'),
         (axes[2], moved.acceleration, limits.acceleration, 'acceleration'),
         (axes[3], moved.effort, limits.effort, 'effort'),
     ):
         bounded = np.isfinite(most).all()
         assert rows is not None
-        _lines(place, found, rows / most[:, None] if bounded else rows)
+        for number, row in enumerate(rows / most[:, None] if bounded else rows):
+            place.plot(time, row[::every], color=_COLOURS[number % len(_COLOURS)], lw=0.9)
+        place.margins(x=0.0)
+        tidy(place)
         place.set_ylabel(f'{word}\n(share of limit)' if bounded else word)
-        if bounded:
-            for end in (-1.0, 1.0):
-                place.axhline(end, color=GREY, lw=1.0, ls='--')
+        for end in (-1.0, 1.0) if bounded else ():
+            place.axhline(end, color=GREY, lw=1.0, ls='--')
+        place.tick_params(labelbottom=place is axes[3])
+    axes[0].legend(
+        machine.drives, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8,
+        frameon=False,
+    )  # fmt: skip
     axes[3].set_xlabel('time [s]')
-    for place in axes[:3]:
-        place.tick_params(labelbottom=False)
-    _bars(axes[4], found, chosen)
+    bars, at = axes[4], np.arange(len(chosen))
+    bars.hlines(at, mine[chosen], chance[chosen], color=SKY, lw=3.0)
+    bars.plot(chance[chosen], at, 'o', color=GREY, ms=5, label='a random motion')
+    bars.plot(mine[chosen], at, 'D', color=GREEN, ms=5, label='this motion')
+    bars.set_yticks(at, [found.parameters[n].name for n in chosen], fontsize=8)
+    bars.set_xscale('log')
+    numbers(bars.xaxis)
+    bars.invert_yaxis()
+    bars.set_xlabel('half a 95 % interval [% of the range in the machine file]')
+    bars.legend(loc='best', fontsize=8, frameon=False)
+    tidy(bars)
+    bars.tick_params(axis='y', labelsize=8)
     return figure
-
-
-def _of_box(found: Excitation, half: Array) -> Array:
-    """Return half widths in percent of the parameters' boxes."""
-    out: Array = 100.0 * half / np.array([p.high - p.low for p in found.parameters])
-    return out
-
-
-def _lines(axes: 'Axes', found: Excitation, rows: Array) -> None:
-    every = max(1, rows.shape[1] // _POINTS)
-    time = found.courses.series.cycle * np.arange(rows.shape[1])[::every]
-    for number, row in enumerate(rows):
-        axes.plot(time, row[::every], color=_COLOURS[number % len(_COLOURS)], lw=0.9)
-    axes.margins(x=0.0)
-    tidy(axes)
-
-
-def _bars(axes: 'Axes', found: Excitation, chosen: npt.NDArray[np.int64]) -> None:
-    place = np.arange(len(chosen))
-    mine, chance = (_of_box(found, x)[chosen] for x in (found.half_widths, found.chance))
-    axes.hlines(place, mine, chance, color=SKY, lw=3.0)
-    axes.plot(chance, place, 'o', color=GREY, ms=5, label='a random motion')
-    axes.plot(mine, place, 'D', color=GREEN, ms=5, label='this motion')
-    axes.set_yticks(place, [found.parameters[n].name for n in chosen], fontsize=8)
-    axes.set_xscale('log')
-    numbers(axes.xaxis)
-    axes.invert_yaxis()
-    axes.set_xlabel('half a 95 % interval [% of the range in the machine file]')
-    axes.legend(loc='best', fontsize=8, frameon=False)
-    tidy(axes)
-    axes.tick_params(axis='y', labelsize=8)
