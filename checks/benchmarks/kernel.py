@@ -90,13 +90,12 @@ def synthetic(
     blank = np.zeros(motion.position.shape)
 
     def model(effort: np.ndarray) -> Tripod:
-        return kind(
-            machine,
-            Dataset(
-                machine.drives, cycle, 0, motion.position, motion.velocity, None, None, effort
-            ),
-            substeps=substeps,
+        data = Dataset(
+            machine.drives, cycle, 0, motion.position, motion.velocity, None, None, effort
         )
+        made = kind(machine, data)
+        made.substeps = substeps
+        return made
 
     plain = model(blank)
     effort = plain.simulate(at(plain, values)[None])[0]

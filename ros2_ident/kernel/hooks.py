@@ -185,7 +185,8 @@ def sources_digest():
         package / 'lanes.py',
         *(package / 'effects').glob('*.py'),
         *(package / 'kernel').glob('*.py'),
-        *(package / 'models').rglob('*.py'),
+        *(package / 'models').rglob('kernel*.py'),
+        package / 'models' / 'tripod' / 'linkage.py',
     ]
     digest = hashlib.sha256()
     for path in sorted(files):

@@ -31,6 +31,8 @@ _FIRST_LIMIT, _NEXT_LIMIT = 32, 256
 _SLICE = 16
 # Slices by which the time to go is estimated. The first of a run is none of them: it may compile.
 _RECENT = 8
+# Least time between two reports, s.
+_INTERVAL = 0.1
 
 
 @dataclass(frozen=True)
@@ -157,16 +159,14 @@ class _Run:
     budget: Budget
     on_progress: OnProgress | None
     cancel: Cancel | None
-    interval: float
     give_up: bool
     work: Work | None
-    clock: Callable[[], float]
 
     def __post_init__(self) -> None:
         search, budget = self.search, self.budget
         self.stoppable = bool(getattr(self.evaluate, 'limited', False))
         self.limited = self.give_up and self.stoppable
-        self.start = self.clock()
+        self.start = time.monotonic()
         self.reported = -math.inf
         self.recent: deque[tuple[int, float]] = deque(maxlen=_RECENT)  # candidates, s
         self.first = True
@@ -181,7 +181,7 @@ class _Run:
 
     @property
     def elapsed(self) -> float:
-        return self.clock() - self.start
+        return time.monotonic() - self.start
 
     def stopped(self) -> bool:
         """Return whether to leave off what is being evaluated; several threads may ask."""
@@ -237,7 +237,7 @@ class _Run:
         if self.on_progress is None:
             return
         elapsed = self.elapsed
-        if not last and elapsed - self.reported < self.interval:
+        if not last and elapsed - self.reported < _INTERVAL:
             return
         self.reported = elapsed
         eta = self.each * max(self.limit - self.done, 0)
@@ -293,7 +293,7 @@ class _Run:
             size = min(until - found.done, _NEXT_LIMIT if self.stoppable else _SLICE)
             size = size if self.left is None else min(size, self.left)
             rows = found.order[found.done : found.done + size]
-            before = self.clock()
+            before = time.monotonic()
             told = self.costs(found.theta[rows], limit)
             if told is None:
                 return self.said
@@ -301,7 +301,7 @@ class _Run:
             if self.limited:
                 found.exact[rows] = (told <= limit) | (told == math.inf)
             found.done += size
-            self.note(found.points[rows], told, self.clock() - before)
+            self.note(found.points[rows], told, time.monotonic() - before)
             self.report()
         return self.settle(found) if self.limited else None
 
@@ -340,10 +340,8 @@ def minimise(
     on_generation: Callable[[Array, Array, Flags], None] | None = None,
     cancel: Cancel | None = None,
     known: Callable[[Array], tuple[Array, Flags] | None] | None = None,
-    interval: float = 0.1,
     give_up: bool = True,
     work: Work | None = None,
-    clock: Callable[[], float] = time.monotonic,
 ) -> SearchResult:
     """Run a search to its end, its budget's end, or until it is cancelled.
 
@@ -359,7 +357,7 @@ def minimise(
         low: (N,) lower bounds, physical units.
         high: (N,) upper bounds, physical units.
         budget: What the search may cost.
-        on_progress: Called at most every `interval`, and once at the end, from this thread.
+        on_progress: Called at most ten times a second, and once at the end, from this thread.
         on_generation: Called after each generation, and after one that was cut off, with its
             candidates (S, N), physical units, their costs (S,) as far as they were evaluated, and
             where (S,) that is the cost and not a lower bound of it.
@@ -367,11 +365,9 @@ def minimise(
         known: Gets the candidates of a generation (S, N), physical units, and returns costs (S,)
             of an earlier run, and where (S,) that is the cost; None where there are none. Those
             of survivors are computed again.
-        interval: Least time between two reports, s.
         give_up: Whether a `limited` evaluate gets limits.
         work: (S, N) in the unit cube -> (S,) how much work each candidate is; those that are alike
             are then evaluated side by side. The result is the same.
-        clock: Seconds that never step back.
 
     Returns:
         The best so far and why the search ended.
@@ -386,10 +382,7 @@ def minimise(
             f'the bounds have the shape {box.low.shape}; '
             f'the search has {search.dimension} parameter(s)',
         )
-    run = _Run(
-        evaluate, search, box, budget or Budget(), on_progress, cancel, interval, give_up, work,
-        clock,
-    )  # fmt: skip
+    run = _Run(evaluate, search, box, budget or Budget(), on_progress, cancel, give_up, work)
     best_costs: list[float] = []
     completed = search.generation - (0 if search.stop_reason else 1)
     stop = search.stop_reason

@@ -77,8 +77,6 @@ class DriveModel(MachineModel):
     Args:
         machine: The machine file's content.
         data: The recording on the controller's grid.
-        substeps: Integration steps in a controller cycle; by default chosen for each candidate's
-            stiffness.
         held: (K,) share of a payload that is carried at each cycle; None where it is not known.
         like: A model of the same machine, recording, drives, fixed values and cutoff, whose
             preparations are taken over.
@@ -91,6 +89,8 @@ class DriveModel(MachineModel):
 
     # What the structure has that effects may need, see `effects.Context`.
     features: frozenset[str] = frozenset()
+    # Integration steps in a controller cycle; None where each candidate's stiffness chooses them.
+    substeps: int | None = None
     # Gains without which no set-point can be followed.
     gains: tuple[str, ...] = ('position_gain', 'velocity_gain')
 
@@ -99,7 +99,6 @@ class DriveModel(MachineModel):
         machine: Machine,
         data: Dataset,
         *,
-        substeps: int | None = None,
         held: Array | None = None,
         like: 'DriveModel | None' = None,
         **asked: Any,
@@ -109,7 +108,6 @@ class DriveModel(MachineModel):
         super().__init__(machine, data, **asked)
         self._compared: npt.NDArray[np.bool_] | None = None
         self.held = held
-        self.substeps = substeps
         self.law = np.array([_LAWS[law] for law in machine.texts('law')], dtype=np.int64)
         efforts = self._asked_efforts
         self.efforts = self._own_efforts() if efforts is None else efforts
@@ -202,7 +200,6 @@ class DriveModel(MachineModel):
             'effects': self.effects,
             'fixed': self.fixed,
             'cutoff': self.cutoff,
-            'substeps': self.substeps,
             'efforts': self.efforts,
             'quantities': self.signals.quantities,
             'weights': self.signals.weights,
