@@ -13,9 +13,13 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.excite.course import derived
 from ros2_ident.excite.limits import Moved, transmission
 from ros2_ident.machine.machine import Machine, Parameter
-from ros2_ident.models.planned import drives_moved, planned_model
 from ros2_ident.models.protocol import FullModel
-from ros2_ident.models.registry import compared_of, set_points_of
+from ros2_ident.models.registry import (
+    compared_of,
+    drives_moved,
+    planned_model,
+    set_points_of,
+)
 from ros2_ident.search import finite_differences
 from ros2_ident.search.jacobian import Box
 from ros2_ident.search.refine import BOX_DEVIATION

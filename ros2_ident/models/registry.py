@@ -6,10 +6,13 @@ kind's, its object a `Kind`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import entry_points
 import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
+
+import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine import file as machine_file
@@ -21,6 +24,7 @@ from ros2_ident.models.kinds import OWN
 if TYPE_CHECKING:
     from ros2_ident.arrays import Array
     from ros2_ident.models.drives.model import DriveModel
+    from ros2_ident.models.protocol import FullModel
     from ros2_ident.recording import Dataset
 
 ENTRY_POINTS = 'ros2_ident.machines'
@@ -199,3 +203,55 @@ def make_model(
     given = {name: value for name, value in asked.items() if value is not None}
     model: DriveModel = kind.model(machine, data, **given)
     return model
+
+
+def planned_model(
+    machine: Machine,
+    position: 'Array',
+    velocity: 'Array',
+    quantities: Sequence[str] | None = None,
+    **more: Any,
+) -> 'FullModel':
+    """Return a model of set-points that the drives follow as well as the model lets them.
+
+    Args:
+        machine: The machine.
+        position: (D, K) set-points, rad or m.
+        velocity: (D, K) their derivatives.
+        quantities: Its outputs; all that its kind can simulate where None.
+        more: As of `make_model`.
+
+    Raises:
+        IdentError: As `make_model`.
+    """
+    from ros2_ident.recording import Dataset
+
+    both, cycle = (position, velocity), machine.number('cycle')
+    data = Dataset(machine.drives, cycle, 0, *both, *both, np.full_like(position, np.nan))
+    # The more outputs the better.
+    told = ('effort', 'position', 'velocity'), ('effort', 'position')
+    for wanted in told if quantities is None else ():
+        with suppress(IdentError):
+            return make_model(machine, data, quantities=wanted, **more)
+    return make_model(machine, data, quantities=quantities or compared_of(machine), **more)
+
+
+def drives_moved(
+    model: 'FullModel', position: 'Array', velocity: 'Array', told: 'Array'
+) -> 'dict[str, Array]':
+    """Return (D, K) positions, velocities and efforts: what a model does not tell is as planned.
+
+    Args:
+        model: A planned model.
+        position: (D, K) its set-points, rad or m.
+        velocity: (D, K) their derivatives.
+        told: (O, K) its outputs.
+    """
+    rows = {
+        'position': position.copy(),
+        'velocity': velocity.copy(),
+        'effort': np.zeros_like(position),
+    }
+    for output, row in zip(model.outputs, told, strict=True):
+        rows[output.quantity][model.data.names.index(output.place or output.name)] = row
+    return rows

@@ -160,7 +160,10 @@ def weigh(
         )
         if data.plain(plain, len(jacobian.T)) > found.evidence:
             found = max(found, data.weighed(plain, blocks), key=lambda one: one.evidence)
-    unseen, rest = data.unseen(found, blocks), found.rest(place)
+    unseen = data.unseen(found, blocks)
+    # With what a fit takes from the noise put back.
+    hidden = _rms(np.sqrt(np.mean(found.spread**2, axis=1)), place)
+    rest = np.hypot(_rms(found.left, place), hidden)
     sums = found.sums
     # Rows that were left out of the sums tell as much as those in them.
     whole = _Sums(sums.normal / share, sums.gradient / share, limit)
@@ -190,13 +193,6 @@ class _Found:
     evidence: float
     left: Array
     spread: Array
-
-    def rest(self, place: npt.NDArray[np.int64]) -> Array:
-        """Return (P,) RMS of what is left, with what a fit takes from the noise put back."""
-        out: Array = np.hypot(
-            _rms(self.left, place), _rms(np.sqrt(np.mean(self.spread**2, axis=1)), place)
-        )
-        return out
 
 
 @dataclass(frozen=True)

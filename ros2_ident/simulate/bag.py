@@ -16,8 +16,8 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import Effect, EffectParameter, get_effect, SOURCES
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.planned import drives_moved, planned_model
 from ros2_ident.models.protocol import EffectAt, effort_range, FullModel
+from ros2_ident.models.registry import drives_moved, planned_model
 from ros2_ident.recording import Dataset, Stream
 from ros2_ident.simulate.motions import Motion
 

@@ -70,15 +70,10 @@ def mended(inertials: Array) -> Array:
     return out
 
 
-def _basis() -> Array:
-    """Return (10, 4, 4) symmetric matrices that are orthonormal."""
-    out = np.zeros((10, 4, 4))
-    for n, (i, j) in enumerate(zip(*np.triu_indices(4), strict=True)):
-        out[n, i, j] = out[n, j, i] = 1.0 if i == j else math.sqrt(0.5)
-    return out
-
-
-_BASIS = _basis()
+# (10, 4, 4) symmetric matrices that are orthonormal.
+_BASIS = np.zeros((10, 4, 4))
+for _n, (_i, _j) in enumerate(zip(*np.triu_indices(4), strict=True)):
+    _BASIS[_n, _i, _j] = _BASIS[_n, _j, _i] = 1.0 if _i == _j else math.sqrt(0.5)
 
 
 class _Around:
@@ -170,6 +165,10 @@ def nearest(
             weight * (free.T @ curve @ free) + slopes.T @ precision @ slopes,
         )
 
+    def bodies(y: Array) -> Array:
+        moved = described.ravel() + change @ (first + free @ y)
+        return np.asarray(moved.reshape(described.shape))
+
     y = np.zeros(free.shape[1])
     here = value(y)
     for _ in range(_STEPS):
@@ -177,8 +176,7 @@ def nearest(
         decrease = -float(here[1] @ step)
         if decrease <= _DONE * (1.0 + abs(here[0])):
             # Newton's last step doubles the digits.
-            last = described.ravel() + change @ (first + free @ (y + step))
-            return np.asarray(last.reshape(described.shape))
+            return bodies(y + step)
         length = 1.0
         there = value(y + step)
         while not there[0] <= here[0] - _ENOUGH * length * decrease and length > _DONE:
@@ -186,9 +184,7 @@ def nearest(
             there = value(y + length * step)
         if length <= _DONE:
             # What is left of the decrease is rounding.
-            return np.asarray(
-                (described.ravel() + change @ (first + free @ y)).reshape(described.shape)
-            )
+            return bodies(y)
         y, here = y + length * step, there
     raise IdentError(
         ErrorCode.BAD_VALUES,
