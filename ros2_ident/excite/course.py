@@ -90,8 +90,7 @@ class Series:
 def _without(rows: Array, forbidden: Array) -> Array:
     """Return rows (M, H) less their part along others (M, H)."""
     along = np.sum(rows * forbidden, axis=1) / np.sum(forbidden**2, axis=1)
-    out: Array = rows - along[:, None] * forbidden
-    return out
+    return np.asarray(rows - along[:, None] * forbidden)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +151,7 @@ class Courses:
         loads = self.limits.loads(moved)
         # The room is minded already.
         kept = (row for name, row in loads.items() if name not in ('position', 'workspace'))
-        out: Array = np.max(list(kept), axis=0)
-        return out
+        return np.asarray(np.max(list(kept), axis=0))
 
     def _moved(self, points: Array, speeds: Array) -> Moved:
         """Return the drives' motion on a way (M, K) through the room."""

@@ -50,8 +50,7 @@ class Shown:
         # Without any log an even distribution over the box is known.
         known = self.matrix + np.eye(len(self.matrix)) / BOX_DEVIATION**2
         scale = 1.0 / np.sqrt(np.diag(known))
-        out: Array = np.linalg.inv(known * np.outer(scale, scale)) * np.outer(scale, scale)
-        return out
+        return np.asarray(np.linalg.inv(known * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
 class Sensitivity:
@@ -90,8 +89,7 @@ class Sensitivity:
     @functools.cached_property
     def _back(self) -> Array:
         """(M, D) speeds of the tool by those of the drives, in the middle of the room."""
-        out: Array = np.linalg.inv(transmission(self.machine)).astype(np.float64)
-        return out
+        return np.asarray(np.linalg.inv(transmission(self.machine)).astype(np.float64))
 
     def _expected(self, given: Mapping[str, float]) -> Array:
         """Return (N,) the values at which the information is worked out."""
@@ -180,5 +178,4 @@ class Sensitivity:
     def half_widths(self, shown: Shown) -> Array:
         """Return (N,) half the 95 % intervals that a log of a motion will give at best."""
         quantile = float(norm.ppf(0.975))
-        out: Array = quantile * np.sqrt(np.diag(shown.covariance)) * self.box.width
-        return out
+        return np.asarray(quantile * np.sqrt(np.diag(shown.covariance)) * self.box.width)

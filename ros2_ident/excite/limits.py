@@ -158,8 +158,7 @@ def transmission(machine: Machine) -> Array:
     points = np.concatenate([np.diag(step), -np.diag(step)], axis=1) + space.centre[:, None]
     there = set_points_of(machine, points, np.zeros_like(points))[0]
     ahead, back = np.split(there, 2, axis=1)
-    out: Array = (ahead - back) / (2.0 * step)
-    return out
+    return np.asarray((ahead - back) / (2.0 * step))
 
 
 def _described(machine: Machine) -> dict[str, Array]:

@@ -166,8 +166,7 @@ class FullModel(Model):
 
     def simulate_at(self, theta: Array, there: Mask) -> Array:
         """Return (S, R) what `simulate` does where `there` (O, K) holds, output by output."""
-        out: Array = self.simulate(np.atleast_2d(theta))[:, there]
-        return out
+        return np.asarray(self.simulate(np.atleast_2d(theta))[:, there])
 
     def residuals(self, theta: Array) -> Array:
         """Return (S, R) weighted measured less simulated outputs, output by output (eq. 1)."""
@@ -250,8 +249,7 @@ class FullModel(Model):
 
     def simulated_effort(self, theta: Array) -> Array:
         """Return (O, K) the effort behind each output, for one candidate (N,)."""
-        out: Array = self.simulate(np.atleast_2d(theta))[0]
-        return out
+        return np.asarray(self.simulate(np.atleast_2d(theta))[0])
 
     def effort_delay(self, theta: Array) -> Array:
         """Return (O,) how late each output is logged [s], for one candidate (N,)."""

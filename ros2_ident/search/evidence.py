@@ -349,8 +349,7 @@ class _Sums:
             mean = mean - factor * mean[self.count + i] * column
             covariance = covariance - factor * np.outer(column, column)
             square[i] = best[i]
-        out: Array = np.sqrt(square)
-        return out
+        return np.asarray(np.sqrt(square))
 
     def evidence(self, sizes: Array) -> float:
         """Return the logarithm of the evidence for sizes, but for what is the noise's alone."""
@@ -362,8 +361,7 @@ class _Sums:
     def solve(self, sizes: Array) -> Array:
         """Return (N + C,) the most probable coefficients."""
         factor, scale = self._factor(sizes)
-        out: Array = scale * cho_solve((factor, True), scale * self.gradient)
-        return out
+        return np.asarray(scale * cho_solve((factor, True), scale * self.gradient))
 
     def parameters(self, sizes: Array) -> tuple[Array, Array]:
         """Return (N,) how far the parameters move, and (N, N) their covariance."""
@@ -378,14 +376,12 @@ class _Sums:
     def draws(self, sizes: Array, drawn: Array) -> Array:
         """Return (N + C, M) deviations of the coefficients from standard normal numbers."""
         factor, scale = self._factor(sizes)
-        out: Array = scale[:, None] * solve_triangular(factor, drawn, lower=True, trans='T')
-        return out
+        return np.asarray(scale[:, None] * solve_triangular(factor, drawn, lower=True, trans='T'))
 
     def covariance(self, sizes: Array) -> Array:
         """Return (N + C, N + C) the covariance of the coefficients."""
         factor, scale = self._factor(sizes)
-        out: Array = scale[:, None] * cho_solve((factor, True), np.diag(scale))
-        return out
+        return np.asarray(scale[:, None] * cho_solve((factor, True), np.diag(scale)))
 
     def _factor(self, sizes: Array) -> tuple[Array, Array]:
         """Return the lower Cholesky factor of the precision, scaled to ones on its diagonal."""
@@ -403,8 +399,7 @@ class _Sums:
 def _of_one(square: Array, told: Array, precision: Array) -> Array:
     """Return (C,) the evidence of single coefficients by the squares of their sizes."""
     more = 1.0 + square * precision
-    out: Array = 0.5 * (told**2 * square / more - np.log(more))
-    return out
+    return np.asarray(0.5 * (told**2 * square / more - np.log(more)))
 
 
 def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
@@ -423,5 +418,4 @@ def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[A
 
 def _rms(values: Array, place: npt.NDArray[np.int64]) -> Array:
     number = np.maximum(np.bincount(place), 1)
-    out: Array = np.sqrt(np.bincount(place, values**2) / number)
-    return out
+    return np.asarray(np.sqrt(np.bincount(place, values**2) / number))

@@ -380,8 +380,7 @@ class _Fit:
         exact = np.concatenate(self.exact)
 
         def apart(point: Array) -> Flags:
-            far: Flags = (np.abs(candidates - point) / width).max(axis=1) > _APART
-            return far
+            return np.asarray((np.abs(candidates - point) / width).max(axis=1) > _APART)
 
         beside_best = apart(ga.theta)
 

@@ -226,8 +226,7 @@ def weighted_normal_matrix(jacobian: Array, model: NoiseModel) -> Array:
     density = model.innovation / np.abs(whitening) ** 2
     # A real transform keeps half the frequencies; all but the first and last stand for two.
     density[1:-1] *= 2.0
-    product: Array = np.real((columns.conj() * density[:, None]).T @ columns) / length
-    return product
+    return np.asarray(np.real((columns.conj() * density[:, None]).T @ columns) / length)
 
 
 def correlation_time(values: Array) -> float:

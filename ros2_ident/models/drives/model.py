@@ -400,8 +400,7 @@ class DriveModel(MachineModel):
             for name in ('coulomb', 'viscous', 'regularisation', 'drive_inertia', 'gear')
         )
         friction = coulomb * np.tanh(velocity / np.maximum(width, _NOTHING)) + viscous * velocity
-        out: Array = friction + inertia * gear * acceleration
-        return out
+        return np.asarray(friction + inertia * gear * acceleration)
 
     def work(self, theta: Array) -> npt.NDArray[np.int64]:
         """Return (S,) integration steps in a cycle that candidates (S, N) take near standstill.
@@ -438,8 +437,7 @@ class DriveModel(MachineModel):
             need = np.where(stiff, need, np.maximum(need, swing))
         # A candidate that is no number diverges with any count.
         counts = np.nan_to_num(np.clip(np.ceil(need.max(axis=1)), 1, 64), nan=1.0)
-        steps: npt.NDArray[np.int64] = counts.astype(np.int64)
-        return steps
+        return np.asarray(counts.astype(np.int64))
 
     def _dry(self, block: Array) -> Array:
         """Return (S, D) the friction of the drives that turns over with their direction."""

@@ -200,8 +200,7 @@ class LinearAxis(SeparateDrives):
 def stall_torque(machine: Machine) -> Array:
     """Return (D,) the torque that motors make at their full duty, standing still [N m]."""
     per_volt = machine.numbers('torque_constant') / machine.numbers('resistance')
-    out: Array = per_volt * machine.numbers('supply_voltage') * machine.numbers('duty_limit')
-    return out
+    return np.asarray(per_volt * machine.numbers('supply_voltage') * machine.numbers('duty_limit'))
 
 
 class Servo(SeparateDrives):

@@ -118,8 +118,7 @@ class Serial(DriveModel):
     @functools.cached_property
     def _firsts(self) -> npt.NDArray[np.int64]:
         """(D,) the first of a joint's terms that is not zero."""
-        first: npt.NDArray[np.int64] = np.argmax((self._terms != 0.0).any(axis=1), axis=1)
-        return first
+        return np.asarray(np.argmax((self._terms != 0.0).any(axis=1), axis=1))
 
     @property
     def rigid(self) -> bool:
