@@ -243,9 +243,9 @@ class _Fit:
     def __post_init__(self) -> None:
         problem, settings = self.problem, self.settings
         self.names = problem.names
-        self.candidates: list[Array] = []
-        self.told: list[Array] = []
-        self.exact: list[Flags] = []
+        self.candidates: list[Array] = [np.empty((0, len(self.names)))]
+        self.told: list[Array] = [np.empty(0)]
+        self.exact: list[Flags] = [np.empty(0, dtype=bool)]
         self.generations: list[int] = []
         jacobian = len(self.names) + 1
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
@@ -297,12 +297,8 @@ class _Fit:
             left_out=self.settings.refine and refined is None,
             evaluations=ga.evaluations + (refined.evaluations if refined else 0) + extra,
             seconds=self.elapsed,
-            candidates=np.concatenate(self.candidates)
-            if self.candidates
-            else np.empty((0, len(self.names))),
-            costs=np.where(np.concatenate(self.exact), np.concatenate(self.told), np.inf)
-            if self.told
-            else np.empty(0),
+            candidates=np.concatenate(self.candidates),
+            costs=np.where(np.concatenate(self.exact), np.concatenate(self.told), np.inf),
             generations=np.array(self.generations, dtype=np.int64),
         )
 

@@ -288,39 +288,17 @@ def refine(
         if best.cost < good_enough or left < 1:
             break
     assert best is not None
-    return _result(best, status, tuple(outcomes), residuals)
-
-
-def _result(
-    best: _Start, status: RefineStatus, outcomes: tuple[StartOutcome, ...], residuals: Residuals
-) -> Refinement:
-    """Add the Jacobian at the best point; it belongs to the answer even after a cancel."""
-    evaluations = sum(o.evaluations for o in outcomes)
-    dimension = len(best.point)
-    if not math.isfinite(best.cost):
-        return Refinement(
-            theta=np.full(dimension, math.nan),
-            cost=math.inf,
-            residual=np.empty(0),
-            jacobian=np.empty((0, dimension)),
-            evaluations=evaluations,
-            status=status,
-            starts=outcomes,
-        )
-    # The cancel event and the limit no longer apply: one more batch, then it is over.
-    counted = _Start(residuals, best.box, best.point, 10**9, None)
-    jacobian = finite_differences(
-        counted.evaluate, best.point, best.residual, best.box, central=True
-    )
-    return Refinement(
-        theta=best.box.physical(best.point),
-        cost=best.cost,
-        residual=best.residual,
-        jacobian=jacobian / best.box.width,
-        evaluations=evaluations + counted.evaluations,
-        status=status,
-        starts=outcomes,
-    )
+    theta, residual = np.full(len(box.low), math.nan), np.empty(0)
+    jacobian = np.empty((0, len(box.low)))
+    evaluations = sum(outcome.evaluations for outcome in outcomes)
+    if math.isfinite(best.cost):
+        theta, residual = box.physical(best.point), best.residual
+        # It belongs to the answer even after a cancel: one more batch, then it is over.
+        counted = _Start(residuals, box, best.point, 10**9, None)
+        jacobian = finite_differences(counted.evaluate, best.point, residual, box, central=True)
+        jacobian /= box.width
+        evaluations += counted.evaluations
+    return Refinement(theta, best.cost, residual, jacobian, evaluations, status, tuple(outcomes))
 
 
 # What may be anywhere between 0 and 1 has this standard deviation about one half.
