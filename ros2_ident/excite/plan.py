@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search for the motion that determines parameters best."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 import math
@@ -15,7 +15,7 @@ from ros2_ident.excite.course import Courses
 from ros2_ident.excite.information import Sensitivity, Shown
 from ros2_ident.excite.limits import Limits, Moved
 from ros2_ident.machine.machine import Parameter
-from ros2_ident.search import Budget, GeneticSearch, GeneticSettings, minimise, SearchResult
+from ros2_ident.search import Budget, GeneticSearch, GeneticSettings, minimise
 from ros2_ident.search.driver import Progress
 
 # Rest before the one period that is simulated in the search, s.
@@ -127,32 +127,7 @@ def excite(
     wanted = _wanted(wish, sensitivity.parameters)
     one = replace(courses.series, periods=1, rest=_SHORT_REST)
     cost = _Cost(replace(courses, series=one), sensitivity, wanted, wish)
-    found, middling = _searched(cost, on_progress)
-    planned, shown, others = scaled(courses, sensitivity, found.theta)
-    return Excitation(
-        planned=planned,
-        shown=shown,
-        others=others,
-        courses=courses,
-        parameters=sensitivity.parameters,
-        values=sensitivity.values,
-        wanted=wanted,
-        half_widths=sensitivity.half_widths(shown),
-        chance=sensitivity.half_widths(scaled(courses, sensitivity, middling)[1]),
-        evaluations=found.evaluations,
-        stop=found.stop.value,
-    )
-
-
-def _searched(
-    cost: '_Cost', on_progress: Callable[[Progress], None] | None
-) -> tuple[SearchResult, Array]:
-    """Return what was found, and the middling one (N,) of the first generation.
-
-    Raises:
-        IdentError: DIVERGED where every motion was.
-    """
-    wish, dimension = cost.wish, cost.courses.dimension
+    dimension = cost.courses.dimension
     first: list[tuple[Array, Array]] = []
 
     def note(points: Array, costs: Array, _: npt.NDArray[np.bool_]) -> None:
@@ -176,7 +151,21 @@ def _searched(
             '--set, or lower limits',
         )
     points, costs = first[0]
-    return found, points[np.argsort(costs)[len(costs) // 2]]
+    middling = points[np.argsort(costs)[len(costs) // 2]]
+    planned, shown, others = scaled(courses, sensitivity, found.theta)
+    return Excitation(
+        planned=planned,
+        shown=shown,
+        others=others,
+        courses=courses,
+        parameters=sensitivity.parameters,
+        values=sensitivity.values,
+        wanted=wanted,
+        half_widths=sensitivity.half_widths(shown),
+        chance=sensitivity.half_widths(scaled(courses, sensitivity, middling)[1]),
+        evaluations=found.evaluations,
+        stop=found.stop.value,
+    )
 
 
 def scaled(
@@ -234,15 +223,12 @@ def _wanted(wish: Wish, parameters: Sequence[Parameter]) -> npt.NDArray[np.bool_
         raise IdentError(
             ErrorCode.INVALID_GOAL, f'no criterion is called {wish.criterion}; use d or worst'
         )
-    names: Mapping[str, tuple[str, str]] = {
-        p.name: (p.name, p.name.rpartition('.')[2]) for p in parameters
-    }
+    names = [{p.name, p.name.rpartition('.')[2]} for p in parameters]
     for name in wish.names:
-        if not any(name in both for both in names.values()):
+        if not any(name in both for both in names):
             raise IdentError(
                 ErrorCode.UNKNOWN_PARAMETER,
-                f'{name!r} is no parameter that is looked for; choose from {", ".join(names)}',
+                f'{name!r} is no parameter that is looked for; choose from '
+                f'{", ".join(p.name for p in parameters)}',
             )
-    return np.array(
-        [not wish.names or any(name in wish.names for name in both) for both in names.values()]
-    )
+    return np.array([not wish.names or not both.isdisjoint(wish.names) for both in names])

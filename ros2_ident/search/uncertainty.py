@@ -116,7 +116,10 @@ def intervals(
         low=theta - half,
         high=theta + half,
         correlation=_correlation(covariance if covariance.any() else inverse, loose),
-        at_bound=_at_bound(theta, np.asarray(low), width),
+        at_bound=tuple(
+            'lower' if p <= AT_BOUND else 'upper' if p >= 1.0 - AT_BOUND else ''
+            for p in (theta - np.asarray(low)) / width
+        ),
         noise=tuple(math.sqrt(freedom * m.variance) for m in models),
     )
 
@@ -148,10 +151,3 @@ def _correlation(covariance: Array, loose: Flags) -> Array:
     correlation[:, ~known] = math.nan
     np.fill_diagonal(correlation, 1.0)
     return correlation
-
-
-def _at_bound(theta: Array, low: Array, width: Array) -> tuple[str, ...]:
-    place = (theta - low) / width
-    return tuple(
-        'lower' if p <= AT_BOUND else 'upper' if p >= 1.0 - AT_BOUND else '' for p in place
-    )

@@ -22,7 +22,6 @@ from ros2_ident.models.protocol import Output, Stop
 from ros2_ident.recording import Dataset
 
 PAPER = 'Ludwig and Gerstmayr (2011)'
-OUTPUTS = ('phi1', 'M1')
 # Rows of what a `BeltDrive` simulates, by the quantity of a log that they are.
 _ROWS = {'effort': 1, 'position': 0}
 # Where the machine file keeps each constant, in the order the kernels take them.
@@ -52,8 +51,6 @@ class BeltDrive:
     Raises:
         IdentError: UNKNOWN_PARAMETER, BAD_MACHINE_FILE or BAD_VALUES with the remedy.
     """
-
-    outputs: tuple[str, ...] = OUTPUTS
 
     def __init__(
         self,

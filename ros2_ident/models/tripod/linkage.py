@@ -17,6 +17,18 @@ LINKAGE = 14
 
 
 @inlined
+def _times(a, factor):
+    """Return a vector times a number."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+@inlined
+def _dot(a, b):
+    """Return the product of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
 def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
     """Write the drives' mass matrix, inverted, their load and what a lifted frame does to them.
 
@@ -33,28 +45,17 @@ def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
         out: (LINKAGE * W,) output; all but the last two rows.
     """
     gravity = load(par, MACHINE.gravity * W)
-    ax1, ay1, az1 = a1
-    ax2, ay2, az2 = a2
-    ax3, ay3, az3 = a3
-    bias_x, bias_y, bias_z = bias
     r1, r2, r3 = inertia
     g1, g2, g3 = weight
-    lift = bias_z + gravity
-    store(out, 6 * W, mass * (ax1 * bias_x + ay1 * bias_y + az1 * lift) + gravity * g1)
-    store(out, 7 * W, mass * (ax2 * bias_x + ay2 * bias_y + az2 * lift) + gravity * g2)
-    store(out, 8 * W, mass * (ax3 * bias_x + ay3 * bias_y + az3 * lift) + gravity * g3)
-    mx1 = mass * ax1
-    my1 = mass * ay1
-    mz1 = mass * az1
-    mx2 = mass * ax2
-    my2 = mass * ay2
-    mz2 = mass * az2
-    m11 = mx1 * ax1 + my1 * ay1 + (mz1 * az1 + r1)
-    m22 = mx2 * ax2 + my2 * ay2 + (mz2 * az2 + r2)
-    m33 = mass * (ax3 * ax3 + ay3 * ay3 + az3 * az3) + r3
-    m12 = mx1 * ax2 + my1 * ay2 + mz1 * az2
-    m13 = mx1 * ax3 + my1 * ay3 + mz1 * az3
-    m23 = mx2 * ax3 + my2 * ay3 + mz2 * az3
+    lifted = (bias[0], bias[1], bias[2] + gravity)
+    store(out, 6 * W, mass * _dot(a1, lifted) + gravity * g1)
+    store(out, 7 * W, mass * _dot(a2, lifted) + gravity * g2)
+    store(out, 8 * W, mass * _dot(a3, lifted) + gravity * g3)
+    p1, p2 = _times(a1, mass), _times(a2, mass)
+    m11 = p1[0] * a1[0] + p1[1] * a1[1] + (p1[2] * a1[2] + r1)
+    m22 = p2[0] * a2[0] + p2[1] * a2[1] + (p2[2] * a2[2] + r2)
+    m33 = mass * _dot(a3, a3) + r3
+    m12, m13, m23 = _dot(p1, a2), _dot(p1, a3), _dot(p2, a3)
     n11 = m22 * m33 - m23 * m23
     n12 = m13 * m23 - m12 * m33
     n13 = m12 * m23 - m13 * m22
@@ -68,14 +69,9 @@ def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
     if frame:
         # The frame lifts everything: what its acceleration does to the drives is what gravity
         # does.
-        store(out, 9 * W, g1 + mass * az1)
-        store(out, 10 * W, g2 + mass * az2)
-        store(out, 11 * W, g3 + mass * az3)
-
-
-@inlined
-def _times(a, factor):
-    return a[0] * factor, a[1] * factor, a[2] * factor
+        store(out, 9 * W, g1 + mass * a1[2])
+        store(out, 10 * W, g2 + mass * a2[2])
+        store(out, 11 * W, g3 + mass * a3[2])
 
 
 @inlined
@@ -181,11 +177,6 @@ def on_rails(par, place, rate, tool, frame, out):
     if frame:
         store(out, 12 * W, mass * bias_z)
         store(out, 13 * W, r1 + r2 + r3 + mass)
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
