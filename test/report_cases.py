@@ -61,7 +61,7 @@ def diagnosed() -> Diagnosis:
             'drive_1': DriveGap(0.031, 0.0101, 0.01, 0.97, 0.3, 0.097),
             'drive_2': DriveGap(0.0101, 0.01, 0.01, 0.1, 0.3, 0.0047),
         },
-        localisation=localise(of, row, floor_of()),
+        localisation=tuple(f for f in localise(of, row, floor_of()) if not f.likely),
         parameters={
             'drive_1.coulomb_torque': Value(0.05, 'N m', 0.049, 0.051),
             'drive_1.stribeck.torque': known['torque'],

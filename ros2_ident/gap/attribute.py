@@ -17,7 +17,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
 from ros2_ident.gap.fits import Explanation, Fits, PROMISING, Start, Trials
-from ros2_ident.identify.hidden import MATERIAL, residual_of, rows_of, slopes_of
+from ros2_ident.identify.hidden import MATERIAL, residuals_at, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.search import Progress, Threads, Workers
@@ -151,7 +151,7 @@ class Attribution:
         first, second = (self.case.whole.with_effects(e.effects) for e in (before, after))
         rows = rows_of(second.models, _MOST // len(after.theta))
         left, jacobian = slopes_of(second, after.theta, rows)
-        change = residual_of(first, before.theta, rows) - left
+        change = residuals_at(first, rows)(before.theta[None])[0] - left
         noise = [
             fit_noise(*(left[r.start : r.stop] for r in rows.runs if r.place == d))
             for d in range(len(self.case.drives))
@@ -166,7 +166,8 @@ class Attribution:
         self, floor: Array, chain: Sequence[Explanation], rounds: Sequence[Round]
     ) -> tuple[list[Explanation], list[Round]]:
         """Go on at another noise floor; return what was fitted before in units of it."""
-        old, self.fits = self.fits, self.fits.renewed(floor)
+        old = self.fits
+        self.fits = Fits(self.case, floor, self.stopped, old.missed)
 
         def again(e: Explanation) -> Explanation:
             return self.fits.restated(e, old)

@@ -290,13 +290,11 @@ class Case:
                 )
 
     def carrying(self, held: Sequence[Array]) -> 'Case':
-        """Return the case whose models know when a payload is carried, or itself.
+        """Return the case whose models know when a payload is carried.
 
         Args:
             held: For each recording of `whole`, (K,) the share of it that is carried.
         """
-        if not held:
-            return self
         models = self.whole.models
         return self._of([m.carrying(h) for m, h in zip(models, held, strict=True)])
 

@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 from scipy.signal import lfilter
 
 from ros2_ident.arrays import Array
-from ros2_ident.gates.log import SEEN
+from ros2_ident.gates.examine import SEEN
 from ros2_ident.models import FullModel
 from ros2_ident.recording import smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff
@@ -81,6 +81,7 @@ class Coordinate:
         columns: (T, B) columns, each nonzero in its own region.
         place: (B, 2) ends of each column's region, NaN where it has none.
         labels: Names of the regions where they are no numbers.
+        pick: Size of a group of columns where only the best group counts; None where all do.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Coordinate:
     columns: Array
     place: Array
     labels: tuple[str, ...] = ()
+    pick: int | None = None
 
 
 def motion_of(model: FullModel, theta: Array) -> Motion:
@@ -296,15 +298,17 @@ def _orders(position: Array, gear: float) -> list[Coordinate]:
     """Return sine and cosine of each order of the motor's angle that the stroke can resolve."""
     angle = gear * position
     turns = float(np.ptp(angle)) / (2.0 * np.pi)
+    orders = [k for k in range(1, ORDERS + 1) if k * turns >= _TURNS]
+    if not orders:
+        return []
+    columns = np.stack(
+        [f(k * angle) for k in orders for f in (np.cos, np.sin)], axis=1
+    )
     # What is smooth over the stroke is the position's matter.
     smooth = np.vander((position - position.mean()) / max(np.ptp(position), 1e-300), 4)
-    found = []
-    for k in (k for k in range(1, ORDERS + 1) if k * turns >= _TURNS):
-        columns = np.stack([np.cos(k * angle), np.sin(k * angle)], axis=1)
-        columns = columns - smooth @ np.linalg.lstsq(smooth, columns, rcond=None)[0]
-        place = np.full((2, 2), float(k))
-        found.append(Coordinate('motor angle', '', 'per turn', columns, place))
-    return found
+    columns = columns - smooth @ np.linalg.lstsq(smooth, columns, rcond=None)[0]
+    place = np.repeat(np.asarray(orders, dtype=float), 2)[:, None].repeat(2, axis=1)
+    return [Coordinate('motor angle', '', 'per turn', columns, place, pick=2)]
 
 
 def _graded(values: Array) -> Array:

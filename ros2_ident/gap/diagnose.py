@@ -14,7 +14,6 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
-from ros2_ident.gap.bursts import bursts, not_asked
 from ros2_ident.gap.case import Case, Joint, Part, recordings_from, recordings_of
 from ros2_ident.gap.clock import Clock
 from ros2_ident.gap.clock import DiagnoseProgress as DiagnoseProgress
@@ -24,7 +23,7 @@ from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.explain import Explained, Explainer, Rules
 from ros2_ident.gap.fits import Explanation, TIE
 from ros2_ident.gap.floor import predictability
-from ros2_ident.gap.localise import Finding, localise
+from ros2_ident.gap.localise import bursts, Finding, localise, not_asked
 from ros2_ident.gap.reading import coarse_readings, CoarseReading, made_by
 from ros2_ident.gap.refusal import (
     of_events,
@@ -219,7 +218,7 @@ class _Passes:
         clock.enter(0.0, 0.2)
         clock.step(0.0, 'identifying the nominal parameters')
         guess = np.full(len(case.drives), case.noise or 1.0)
-        base = self._attribution(case, guess).nominal(SEARCH, self.seed)
+        base = Attribution(case, guess, **self._told()).nominal(SEARCH, self.seed)
         joint = case.whole.with_effects(())
         if not (np.abs(joint.residual(base.theta[None])) < DIVERGED).all():
             remedy = examine_models(joint.models).headline
@@ -236,7 +235,7 @@ class _Passes:
         decided = case.decided(base.theta, floor.per_drive)
         if decided is not case and not clock.stopped():
             case, joint = decided, decided.whole.with_effects(())
-            base = self._attribution(case, floor.per_drive).refit((), base.theta)
+            base = Attribution(case, floor.per_drive, **self._told()).refit((), base.theta)
             first, floor = base, predictability(joint, base.theta, clock.stopped, steps)
         case = self._carrying(case, joint, base.theta, floor.per_drive)
         explainer = Explainer(case, floor, steps=steps, **self._told())
@@ -284,10 +283,7 @@ class _Passes:
         """Return the fit with a load that is carried when each recording (K,) says so."""
         there = case.carrying(held)
         (load,) = (at for at in there.candidates() if get_effect(at.effect).shown_by == 'load')
-        return self._attribution(there, floor).refit((load,), np.append(theta, 0.0))
-
-    def _attribution(self, case: Case, floor: Array) -> Attribution:
-        return Attribution(case, floor, **self._told())
+        return Attribution(there, floor, **self._told()).refit((load,), np.append(theta, 0.0))
 
     def _told(self) -> dict[str, Any]:
         """Return who fits, and who is told."""

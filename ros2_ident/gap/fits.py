@@ -155,10 +155,6 @@ class Fits:
         residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
         return replace(base, residual=residual, jacobian=jacobian)
 
-    def renewed(self, floor: Array) -> 'Fits':
-        """Return the same fits at another noise floor."""
-        return Fits(self.case, floor, self.stopped, self.missed)
-
     def restated(self, e: Explanation, old: 'Fits') -> Explanation:
         """Return a fit made at another noise floor in units of this one."""
         square = (old.floor / self.floor) ** 2

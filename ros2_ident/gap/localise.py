@@ -8,11 +8,12 @@ is coherent from block to block is lost then; what is coherent within a block is
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 from scipy.stats import false_discovery_control
 
 from ros2_ident.arrays import Above, Array, Below
@@ -27,8 +28,12 @@ from ros2_ident.gap.coordinates import (
 )
 from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.spectrum import find_peak, motion_band
-from ros2_ident.gates.asked import Event
+from ros2_ident.gates.asked import Asked, Event
+from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size
+from ros2_ident.gates.scale import STANDS_OUT
 from ros2_ident.identify.hidden import SETTLE
+from ros2_ident.models import FullModel
+from ros2_ident.search.levenberg import difference_jacobian
 from ros2_ident.search.noise import correlation_time
 
 # Sign changes thrown.
@@ -125,26 +130,39 @@ def orthonormal(columns: Array, weight: Array) -> Array:
     return kept
 
 
+def bases_of(coordinate: Coordinate, weight: Array) -> list[Array]:
+    """Return one basis, or one for each group of columns where only the best group counts."""
+    if coordinate.pick is None:
+        return [orthonormal(coordinate.columns, weight)]
+    groups = range(0, coordinate.columns.shape[1], coordinate.pick)
+    return [orthonormal(coordinate.columns[:, g : g + coordinate.pick], weight) for g in groups]
+
+
 def tested(
     values: Sequence[Array],
-    bases: Sequence[Array],
+    bases: Sequence[Sequence[Array]],
     block: NDArray[np.int64],
     widen: float,
     signs: Array,
     explainable: float,
-) -> list[tuple[float, float]]:
-    """Return for each coordinate its share and its p-value."""
+) -> list[tuple[float, float, Array]]:
+    """Return for each coordinate its share, its p-value and the basis that explains most."""
     out = []
-    for value, basis in zip(values, bases, strict=True):
-        parts = np.zeros((signs.shape[1], basis.shape[1]))
-        np.add.at(parts, block, basis * value[:, None])
-        observed = float((parts.sum(axis=0) ** 2).sum())
-        # Not `@`: the library's threads cost more than they bring here.
-        chance = widen * (np.einsum('fn,nb->fb', signs, parts) ** 2).sum(axis=1)
+    for value, groups in zip(values, bases, strict=True):
+        observed, chance, best = -1.0, np.zeros(len(signs)), groups[0]
+        for basis in groups:
+            parts = np.zeros((signs.shape[1], basis.shape[1]))
+            np.add.at(parts, block, basis * value[:, None])
+            square = float((parts.sum(axis=0) ** 2).sum())
+            # Not `@`: the library's threads cost more than they bring here.
+            drawn = np.einsum('fn,nb->fb', signs, parts)
+            chance = np.maximum(chance, widen * (drawn**2).sum(axis=1))
+            if square > observed:
+                observed, best = square, basis
         p_value = (1.0 + float((chance >= observed).sum())) / (1.0 + chance.size)
         expected = float(chance.mean())
         gain = max(0.0, observed - expected)
-        out.append((gain / max(explainable - expected, gain, 1e-300), p_value))
+        out.append((gain / max(explainable - expected, gain, 1e-300), p_value, best))
     return out
 
 
@@ -178,6 +196,7 @@ class Finding:
         size: RMS that it explains [`unit`].
         over_floor: The same over the drive's noise floor.
         beyond: Share that it still explains once the drive's leading coordinate is taken out.
+        likely: Whether it explains most on a drive with a large gap, and is not certain.
         parity: Whether the residual changes sign with the direction of motion.
         unit: Unit of the gap.
         phase: Phase of the motion in which most of it lies; empty for none.
@@ -195,6 +214,7 @@ class Finding:
     size: float
     over_floor: float
     beyond: float
+    likely: bool = False
     parity: Parity = ''
     unit: str = ''
     phase: str = ''
@@ -226,7 +246,8 @@ def localise(
         flips: How often it is thrown.
 
     Returns:
-        The findings: the drive with the largest gap first, then what explains most of it.
+        The findings: the drive with the largest gap first, then what explains most of it. Where a
+        drive with a large gap has none, what explains most is added, as not certain.
 
     Reference:
         Sign flips: Wu (1986), Annals of Statistics 14, the wild bootstrap; in blocks: Shao (2010),
@@ -244,14 +265,20 @@ def localise(
         found += _swing(motion, d, residual[d], noise, coarse)
     # They are fractions of the flips: a tie with the level passes, however it is rounded.
     chance = false_discovery_control([f.p_value for f in found]) if found else ()
-    found = [
+    certain = [
         f
         for f, p in zip(found, chance, strict=True)
         if p <= LEVEL * (1.0 + 1e-9) and f.over_floor >= MATERIAL
     ]
+    settled = {f.drive for f in certain}
+    for drive in (name for name in motion.drives if name not in settled):
+        best = max((f for f in found if f.drive == drive), key=lambda f: f.statistic, default=None)
+        # One that leads a large gap is told where none is certain among so many.
+        if best and min(best.over_floor / MATERIAL, best.statistic / _LEADING) >= 1.0:
+            certain += [replace(best, likely=True)] if best.p_value <= LEVEL else []
     size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
     gap = dict(zip(motion.drives, size.tolist(), strict=True))
-    return tuple(sorted(found, key=lambda f: (-gap[f.drive], -f.over_floor)))
+    return tuple(sorted(certain, key=lambda f: (f.likely, -gap[f.drive], -f.over_floor)))
 
 
 def _drive(
@@ -267,29 +294,29 @@ def _drive(
     one = root[:, None] / np.linalg.norm(root)
     centred = coarse.value - one[:, 0] * float(one[:, 0] @ coarse.value)
     every = [offset, *coordinates(motion, d, coarse.at)]
-    bases = [one, *(orthonormal(c.columns, coarse.weight) for c in every[1:])]
+    bases = [[one], *(bases_of(c, coarse.weight) for c in every[1:])]
     moving = phases(motion.velocity[d], motion.acceleration[d])[coarse.at]
     values = [coarse.value, *([centred] * (len(every) - 1))]
     block, widen = coarse.block, coarse.widen
     signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
-    squares = [float(((b.T @ v) ** 2).sum()) for v, b in zip(values, bases, strict=True)]
-    first = int(np.argmax(squares))
-    basis = bases[first]
-    if squares[first] - noise**2 * basis.shape[1] >= _LEADING * coarse.explainable:
+    fits = [
+        max(((float(((g.T @ v) ** 2).sum()), i) for i, g in enumerate(groups)))
+        for v, groups in zip(values, bases, strict=True)
+    ]
+    first = max(range(len(fits)), key=lambda i: fits[i][0])
+    basis = bases[first][fits[first][1]]
+    if fits[first][0] - noise**2 * basis.shape[1] >= _LEADING * coarse.explainable:
         # The memory of what the leading coordinate leaves is that of the noise: its own is the
         # effect's, and blocks that long would hide what repeats within them.
         left = values[first] - basis @ (basis.T @ values[first])
         block, widen = blocks_of(left / root, coarse.at, motion.cycle, motion.position.shape[1])
         signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
     found = tested(values, bases, block, widen, signs, coarse.explainable)
-    certain = [i for i, (_, p_value) in enumerate(found) if p_value <= LEVEL]
-    leading = bases[max(certain, key=lambda i: found[i][0], default=0)]
+    leading = max((f for f in found if f[1] <= LEVEL), default=(0.0, 1.0, one), key=lambda f: f[0])
     out = []
-    for coordinate, value, basis, (share, p_value) in zip(
-        every, values, bases, found, strict=True
-    ):
+    for coordinate, value, (share, p_value, basis) in zip(every, values, found, strict=True):
         fitted = basis @ (basis.T @ value)
-        left = value - leading @ (leading.T @ value)
+        left = value - leading[2] @ (leading[2].T @ value)
         beyond = float(((basis.T @ left) ** 2).sum()) - noise**2 * basis.shape[1]
         size = math.sqrt(share * coarse.explainable / float(coarse.weight.sum()))
         region = region_of(coordinate, fitted / root, coarse.weight, noise)
@@ -329,8 +356,8 @@ def region_of(coordinate: Coordinate, fitted: Array, weight: Array, noise: float
         weight: (T,) samples that each entry stands for.
         noise: Noise floor.
     """
-    if coordinate.name == 'motor angle':
-        order = float(coordinate.place[0, 0])
+    if coordinate.pick:
+        order = _order(coordinate, fitted, coordinate.pick)
         return Region(order, order, coordinate.unit)
     if coordinate.name in ('offset', 'recent acceleration'):
         return Region()
@@ -370,6 +397,14 @@ def phase_of(power: Array, time: Array) -> str:
     return PHASES[top] if held[top] >= max(_MAINLY, _DENSER * lasts[top]) else ''
 
 
+def _order(coordinate: Coordinate, fitted: Array, size: int) -> float:
+    """Return the motor order whose lines hold most."""
+    columns = coordinate.columns / np.linalg.norm(coordinate.columns, axis=0)
+    power = (columns.T @ fitted) ** 2
+    groups = power.reshape(-1, size).sum(axis=1)
+    return float(coordinate.place[size * int(np.argmax(groups)), 0])
+
+
 def _narrowest(coordinate: Coordinate, power: Array) -> Region:
     """Return the shortest region that holds most of the power (B,)."""
     total = np.concatenate([[0.0], np.cumsum(power)])
@@ -386,3 +421,96 @@ def _narrowest(coordinate: Coordinate, power: Array) -> Region:
     low = coordinate.place[first, 0] if first else -math.inf
     high = coordinate.place[last, 1] if first == 0 or last < size - 1 else math.inf
     return Region(float(low), float(high), coordinate.unit)
+
+
+def bursts(model: FullModel, low: Array, high: Array, theta: Array, floor: Floor) -> list[Finding]:
+    """Find the instants at which a drive's effort is far from the model, and only then.
+
+    A push would bend the fit, so it is repeated without what stands out: weights of Cauchy's
+    distribution, to first order about the fit (Holland and Welsch, Communications in Statistics
+    A 6(9), 1977).
+
+    Args:
+        model: One recording.
+        low: (N,) lower ends of the box.
+        high: (N,) upper ends.
+        theta: (N,) the nominal fit.
+        floor: Noise floor of the drives compared.
+
+    Returns:
+        One finding for each drive that has bursts, the largest first.
+    """
+    span = high - low
+    measured = model.measured
+    there = ~np.isnan(measured)
+    residual, slopes = difference_jacobian(model.residuals, (theta - low) / span, low, span)
+    ends = np.cumsum(there.sum(axis=1))[:-1]
+    left = np.split(robust_fit(-slopes, residual, 1e-300, ends)[1], ends)
+    out = [
+        found
+        for d, (row, seen) in enumerate(zip(left, there, strict=True))
+        if (found := _of_drive(model, d, row, np.flatnonzero(seen), float(floor.per_drive[d])))
+    ]
+    return sorted(out, key=lambda f: -f.over_floor)
+
+
+def not_asked(
+    asked: Sequence[Sequence[Asked]], floor: Floor, model: FullModel
+) -> tuple[Finding, ...]:
+    """Return effort that was not commanded, the first recording's first.
+
+    Args:
+        asked: How drives make the efforts that they are asked for, by recording.
+        floor: Noise floor of the drives compared.
+        model: Of any recording.
+    """
+    out = []
+    for found in (x for recording in asked for x in recording if x.pushes):
+        d = model.places.index(found.drive)
+        of_effort = model.outputs[d].quantity == 'effort'
+        noise = float(floor.per_drive[d]) if of_effort else 0.0
+        share, size, top = found.share, found.size, found.certain
+        out.append(_finding(found.pushes, share, size, noise, top, found.count, model.effort_unit))
+    return tuple(replace(f, commanded=False) for f in out)
+
+
+def _finding(
+    events: tuple[Event, ...], share: float, size: float, noise: float, top: float,
+    count: float, unit: str,
+) -> Finding:  # fmt: skip
+    """Return what stands out on a drive, by its share and RMS, and its highest of `count`."""
+    return Finding(
+        events[0].drive, 'instants', Region(), share, min(1.0, 2.0 * count * float(ndtr(-top))),
+        size, size / noise if noise else math.inf, share, unit=unit, value=top,
+        events=events,
+    )  # fmt: skip
+
+
+def _of_drive(
+    model: FullModel, d: int, row: Array, at: NDArray[np.intp], noise: float
+) -> Finding | None:
+    if row.size < 10:
+        return None
+    apart = row - np.median(row)
+    usual = max(robust_size(row), noise)
+    step = float(np.median(np.diff(at))) * model.cycle
+    peaks = peaks_of(apart, STANDS_OUT * usual, step)
+    if peaks is None:
+        return None
+    height, inside = np.abs(apart), peaks.inside
+    share = float((apart[inside] ** 2).sum() / (apart**2).sum())
+    size = math.sqrt(float((apart[inside] ** 2).sum()) / row.size)
+    count = row.size / max(correlation_time(row), 1.0)
+    top, drive = float(height[peaks.at].max()) / usual, model.places[d]
+    # What pushes a drive its motor need not make: the log holds less than the motion asks for.
+    pushes = tuple(
+        Event(drive, 1, _instant(height, p, at, model.cycle), float(-apart[p])) for p in peaks.at
+    )
+    return _finding(pushes, share, size, noise, top, count, model.outputs[d].unit)
+
+
+def _instant(height: Array, peak: int, at: NDArray[np.intp], cycle: float) -> float:
+    """Return when a peak is highest, s."""
+    part = highest(height, peak)
+    beside = at[peak + 1] - at[peak] if part > 0.0 else at[peak] - at[peak - 1]
+    return float((at[peak] + part * beside) * cycle)

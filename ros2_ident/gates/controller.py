@@ -210,22 +210,18 @@ def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
         drives: How many there are.
     """
 
-    def kind(gate: Gate) -> tuple[str, str]:
-        return gate.gate, gate.key
-
     def shared(gate: Gate) -> bool:
         # A gain or scale with the wrong sign is a drive's own wiring.
         return gate.contradicts and (gate.gate == 'offset' or gate.number > 0.0)
 
     alike: dict[tuple[str, str], list[float]] = {}
-    for gate in gates:
-        if shared(gate):
-            alike.setdefault(kind(gate), []).append(gate.number)
+    for gate in filter(shared, gates):
+        alike.setdefault((gate.gate, gate.key), []).append(gate.number)
 
     def judged(gate: Gate) -> Gate:
         if not shared(gate):
             return gate
-        numbers = alike[kind(gate)]
+        numbers = alike[gate.gate, gate.key]
         if len(numbers) < drives:
             return replace(gate, level='warn', contradicts=False)
         # By one factor on every drive of several, it is the file that has it wrong.

@@ -133,17 +133,12 @@ def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
         rows: The R samples that are looked at.
     """
     span = fitted.high - fitted.low
-    residuals = _residuals(fitted, rows)
+    residuals = residuals_at(fitted, rows)
     return difference_jacobian(residuals, (theta - fitted.low) / span, fitted.low, span)
 
 
-def residual_of(fitted: Layout, theta: Array, rows: Rows) -> Array:
-    """Return (R,) the residual alone; see `slopes_of`."""
-    out: Array = _residuals(fitted, rows)(theta[None])[0]
-    return out
-
-
-def _residuals(fitted: Layout, rows: Rows) -> Callable[[Array], Array]:
+def residuals_at(fitted: Layout, rows: Rows) -> Callable[[Array], Array]:
+    """Return what makes the residuals (S, R) of candidates (S, N) at the rows looked at."""
     seen = [m.restricted(mask) for m, mask in zip(fitted.models, rows.masks, strict=True)]
     return lambda theta: np.hstack(
         [m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)]

@@ -79,26 +79,18 @@ def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
         return Conditions(tuple(each))
     try:
         content = read_yaml(path)
-    except ValueError as error:
-        raise _unread(f'{path}: {error}') from None
-    if not isinstance(content, Mapping):
-        raise _unread(f'{path}: holds no bag')
-    known: dict[str, dict[str, float]] = {}
-    for label, values in content.items():
-        if not isinstance(values, Mapping):
-            raise _unread(f'{path}: {label} holds no parameter')
-        of_bag = known[str(label)] = {}
-        for name, value in values.items():
-            try:
-                of_bag[str(name)] = float(value)
-            except (TypeError, ValueError, OverflowError):
-                raise _unread(f'{path}: {label}: {name} is {str(value)[:40]!r}') from None
+        known = {
+            str(label): {str(name): float(value) for name, value in values.items()}
+            for label, values in content.items()
+        }
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
+        unread = isinstance(error, AttributeError)
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path}: {"holds no parameters by bag" if unread else str(error)[:200]}; write what '
+            'differs in each bag, as `with_load: {tool_mass: 0.5}`',
+        ) from None
     return Conditions(tuple(each), known)
-
-
-def _unread(why: str) -> IdentError:
-    what = 'write what differs in each bag, as `with_load: {tool_mass: 0.5}`'
-    return IdentError(ErrorCode.INVALID_GOAL, f'{why}; {what}')
 
 
 class Layout:

@@ -207,17 +207,14 @@ class _Watch:
         self._last = progress
         if progress.phase == 'search':
             self._searched = progress.elapsed
-        self._tell(replace(progress, eta=progress.eta + self._later(progress, progress.eta)))
-
-    def _later(self, progress: IdentifyProgress, left: float = 0.0) -> float:
-        """Return how long the intervals will take after a fit with so much left, s."""
-        refinement = progress.elapsed + left - self._searched
-        return INTERVALS_BESIDE + INTERVALS_SHARE * refinement
+        refinement = progress.elapsed + progress.eta - self._searched
+        later = INTERVALS_BESIDE + INTERVALS_SHARE * refinement
+        self._tell(replace(progress, eta=progress.eta + later))
 
     def intervals(self) -> None:
         """Tell that the fit is done."""
         if self._last is not None:
-            self._tell(replace(self._last, phase='intervals', eta=self._later(self._last)))
+            self(replace(self._last, phase='intervals', eta=0.0))
 
 
 def _as_data(

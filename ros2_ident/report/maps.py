@@ -102,9 +102,10 @@ def _chosen(findings: Sequence[Finding], always: Sequence[str]) -> tuple[tuple[s
         Each pair once, drive by drive in the order of the findings.
     """
     # Those over which nothing was found come first.
-    others = set(always) - {f.drive for f in findings}
+    found = [f for f in findings if not f.likely]
+    others = set(always) - {f.drive for f in found}
     at = {drive: ['velocity'] for drive in always if drive in others}
-    for f in findings:
+    for f in found:
         # Findings without an axis of their own are shown over time.
         name = 'time' if f.along in _OVER_TIME else f.along.removeprefix('recent ')
         if name not in at.setdefault(f.drive, []):

@@ -55,9 +55,10 @@ def where(f: Finding) -> str:
             f'{f.drive}: {of} at {region(f)}; up to {f.value:.2g} times the residual elsewhere, '
             f'{percent(f.statistic)} of its power'
         )
+    doubt = '; not certain, the motion passes there too few times' if f.likely else ''
     return (
         f'{f.drive}: {_along(f)}; {percent(f.statistic)} of the gap above the noise, '
-        f'{figure(f.size)} {f.unit} RMS'
+        f'{figure(f.size)} {f.unit} RMS{doubt}'
     )
 
 

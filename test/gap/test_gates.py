@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ros2_ident.gates.controller import check_law
+from ros2_ident.gates.examine import check_streams
 from ros2_ident.gates.law import fit_law
-from ros2_ident.gates.log import check_streams
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import StreamQuality
