@@ -11,6 +11,8 @@ from pathlib import Path
 import time
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import remove_file
 from ros2_ident.gap.diagnose import diagnose as find_gap
@@ -267,6 +269,7 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
     # A fleet writes nothing of this, and its rows do not depend on it.
     from ros2_ident.report import files as results
     from ros2_ident.report import overlay as bags
+    from ros2_ident.report.diagnosis import effects_in
 
     request, logs = done.request, done.logs
     bags.withdraw_overlay(folder / bags.OVERLAY)  # what is new does not lie beside what is old
@@ -281,8 +284,10 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
         found = done.result, request.machine, logs.fit, logs.check, asked
         files = list(results.write_diagnosis(folder, *found))
         if overlay:
-            nominal = replace(request, outputs=None).problem(logs.fit)
-            problem, theta = bags.diagnosed_problem(nominal, done.result)
+            values = done.result.parameters
+            effects = effects_in(values, done.result.nominal)
+            problem = replace(request, outputs=None, effects=effects).problem(logs.fit)
+            theta = np.array([values[p.name].value for p in problem.parameters])
     if overlay:
         files += bags.write_overlay(
             folder / bags.OVERLAY,

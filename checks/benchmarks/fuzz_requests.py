@@ -47,8 +47,8 @@ from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import RecordingBuilder  # noqa: E402
 from ros2_ident.recording.cdr import decode  # noqa: E402
+from ros2_ident.report.files import write_tables  # noqa: E402
 from ros2_ident.report.page import write_report  # noqa: E402
-from ros2_ident.report.tables import write_tables  # noqa: E402
 from ros2_ident.search import GeneticSettings, journal  # noqa: E402
 
 ROOT = Path(__file__).parents[2]

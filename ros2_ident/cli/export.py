@@ -58,8 +58,7 @@ def _tables(args: argparse.Namespace) -> tuple[Path, ...]:
     """Write results, or else a log, as CSV."""
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.table import MAP_SUFFIX, write_table
-    from ros2_ident.report.files import holds_results
-    from ros2_ident.report.tables import write_tables
+    from ros2_ident.report.files import holds_results, write_tables
 
     log = Path(args.results)
     if holds_results(log):

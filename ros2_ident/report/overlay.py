@@ -13,7 +13,7 @@ from ros2_ident.arrays import Array, plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import Diagnosis, Value
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.problem import Problem, problem_of
+from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
@@ -21,7 +21,7 @@ from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
 from ros2_ident.recording.write import remove_bag, require_room, Topic
-from ros2_ident.report.diagnosis import effects_in, to_mapping
+from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
 from ros2_ident.report.schema import to_mapping as result_mapping
 from ros2_ident.words.finding import where
@@ -40,26 +40,6 @@ SAMPLES = 500
 _STRING, _ARRAY = 'std_msgs/msg/String', 'diagnostic_msgs/msg/DiagnosticArray'
 
 Series = list[Stream]
-
-
-def diagnosed_problem(problem: Problem, found: Diagnosis) -> tuple[Problem, Array]:
-    """Return the problem with the effects that a diagnosis found, and their parameters.
-
-    Args:
-        problem: The nominal problem, on the data that the diagnosis was fitted on.
-
-    Returns:
-        The extended problem and its (N,) parameters, physical units.
-    """
-    extended = problem_of(
-        problem.machine,
-        problem.data,
-        drives=problem.drives,
-        fixed=problem.fixed,
-        effects=effects_in(found.parameters, found.nominal),
-        conditions=problem.setup.conditions if problem.setup else None,
-    )
-    return extended, np.array([found.parameters[p.name].value for p in extended.parameters])
 
 
 def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:

@@ -25,7 +25,7 @@ from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
 from ros2_ident.recording import LIVE
 from ros2_ident.report.diagnosis import from_mapping, to_mapping
-from ros2_ident.report.files import load_diagnosis
+from ros2_ident.report.files import load_diagnosis, write_tables
 from ros2_ident.report.page import write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.numbers import (
@@ -35,7 +35,6 @@ from ros2_ident.report.page.numbers import (
 )
 from ros2_ident.report.page.several import write_comparison
 from ros2_ident.report.signals import load_signals, write_signals
-from ros2_ident.report.tables import write_tables
 
 DIAGNOSED = ['where', 'gap', 'time', 'values']
 IDENTIFIED = ['effort', 'parameters', 'search', 'correlations']

@@ -26,7 +26,6 @@ from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.render import Picture, render
 from ros2_ident.report.page.several import write_fleet
-from ros2_ident.report.page.steps import moved
 from ros2_ident.report.signals import load_signals
 from ros2_ident.words import verdict as words
 from ros2_ident.words.finding import where
@@ -132,7 +131,6 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
         'bars': _steps(d),
         'ranking': _ranking(d),
         'noise': FLOORS[d.floor.method],
-        'moved': moved(d),
         'about': about,
         'catalogue': CATALOGUE,
         'words': words,

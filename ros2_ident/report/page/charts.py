@@ -159,12 +159,14 @@ def all_of(w: Written, effects: str) -> tuple[Picture | None, list[Picture]]:
         return None, []
     drives, where = w.found.per_drive, {at.where for at in named(w.found)}
 
-    def telling(m: ResidualMap) -> tuple[bool, float]:
-        # what goes on the data fitted to convinces only where it goes on held-out data, too
-        closed = float(np.nan_to_num(drives[m.drive].share_closed))
-        return m.drive in where, _explained(m) * closed if effects else 0.0
-
-    best = max(w.maps, key=telling)
+    # what goes on the data fitted to convinces only where it goes on held-out data, too
+    best = max(
+        w.maps,
+        key=lambda m: (
+            m.drive in where,
+            _explained(m) * float(np.nan_to_num(drives[m.drive].share_closed)) if effects else 0.0,
+        ),
+    )
     drawn: dict[str, Picture] = {}
     # what lags behind the motion is shown over time, as what depends on time
     for m in (best, *(m for m in w.maps if m is not best)):

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files as resources
 import io
-import math
 from typing import Any, TYPE_CHECKING
 
 from bokeh.core.json_encoder import serialize_json
@@ -15,7 +14,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from ros2_ident.identify.outcome import package_version
-from ros2_ident.identify.result import ParameterEstimate
 from ros2_ident.report.page import numbers, steps
 
 if TYPE_CHECKING:
@@ -102,7 +100,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         'item': _item,
         'number': numbers.number,
         'percent': numbers.percent,
-        'places': _places,
         'precision': numbers.precision,
         'prose': numbers.prose,
         'undetermined': steps.undetermined,
@@ -125,18 +122,3 @@ def _item(picture: Picture, name: str) -> Markup:
     """Return a plot as JSON that may stand inside a script element."""
     text = serialize_json(json_item(picture.drawn, name))  # type: ignore[arg-type]
     return Markup(text.replace('<', '\\u003c'))
-
-
-def _places(p: ParameterEstimate) -> tuple[float, float, float] | None:
-    """Return left end and width of the interval and the place of the value, % of the bounds."""
-    span = p.upper_bound - p.lower_bound
-    if not math.isfinite(p.value) or span <= 0.0:
-        return None
-
-    def at(value: float, otherwise: float) -> float:
-        share = (value - p.lower_bound) / span if math.isfinite(value) else otherwise
-        return round(100.0 * min(1.0, max(0.0, share)), 2)
-
-    here = at(p.value, 0.0)
-    low, high = at(p.low, here / 100.0), at(p.high, here / 100.0)
-    return low, round(high - low, 2), here

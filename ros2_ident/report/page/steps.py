@@ -15,7 +15,7 @@ from ros2_ident.machine.keys import digits
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
 from ros2_ident.report.diagnosis import Written
-from ros2_ident.report.page.numbers import change, plus_minus, quantity, some
+from ros2_ident.report.page.numbers import plus_minus, quantity, some
 from ros2_ident.words import verdict as words
 
 # Machines of a fleet that its page has steps for.
@@ -180,14 +180,6 @@ def moved_names(d: Diagnosis, *, together: bool = False) -> list[str]:
         if abs(share) >= least and (together or not inside):
             out.append(name)
     return out
-
-
-def moved(d: Diagnosis) -> str:
-    """Return the same in a sentence; empty where none had."""
-    told = [f'{name} ({change(d.moved[name])})' for name in moved_names(d)]
-    if not told:
-        return ''
-    return f'Without the effects, these parameters compensated for them: {some(told)}.'
 
 
 def _line(name: str, d: Diagnosis) -> str:
