@@ -115,19 +115,19 @@ def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
     """
     path = make_directory(path)
     require_ours(path / name for name in names)
-    with _explained(path):
-        number = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    number = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        try:
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{path}: another run writes its results there; wait for its end, or give '
-                'another directory',
-            ) from None
-        except OSError:
-            pass  # some network file systems lock no directories
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(number)
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'{path}: another run writes its results there; wait for its end, or give another '
+            'directory',
+        ) from None
+    except OSError:
+        pass  # some network file systems lock no directories
+    try:
         yield path
     finally:
         os.close(number)

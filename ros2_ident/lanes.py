@@ -21,6 +21,7 @@ from typing import Any
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
+from numba.core.typeconv import Conversion
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic as _intrinsic
 from numba.extending import lower_builtin, lower_cast, models, register_model
@@ -54,24 +55,16 @@ _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 
 
 class _LanesType(types.Type):
-    def __init__(self):
-        super().__init__(name='Lanes')
-
     def can_convert_from(self, typingctx, other):
-        if isinstance(other, (types.Float, types.Integer)):
-            from numba.core.typeconv import Conversion
-
-            return Conversion.safe
-        return None
+        return Conversion.safe if isinstance(other, (types.Float, types.Integer)) else None
 
 
 class _MaskType(types.Type):
-    def __init__(self):
-        super().__init__(name='LanesMask')
+    """Which lanes."""
 
 
-lanes_type = _LanesType()
-mask_type = _MaskType()
+lanes_type = _LanesType(name='Lanes')
+mask_type = _MaskType(name='LanesMask')
 
 
 for _kind, _form in ((_LanesType, _VECTOR), (_MaskType, _BITS)):

@@ -3,6 +3,7 @@
 
 import argparse
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib import import_module
 import math
 from pathlib import Path  # noqa: F401  # a type in commands.yaml
@@ -141,6 +142,8 @@ def with_effort(machine: Any, args: argparse.Namespace) -> Any:
     Raises:
         IdentError: WRONG_UNITS for a unit that lacks its constant.
     """
+    from ros2_ident.machine.units import effort_factors
+
     if args.effort_unit is None and (args.torque_constant or args.rated_torque):
         raise IdentError(
             ErrorCode.WRONG_UNITS,
@@ -149,7 +152,8 @@ def with_effort(machine: Any, args: argparse.Namespace) -> Any:
         )
     if args.effort_unit is None:
         return machine
-    return machine.with_effort_unit(args.effort_unit, args.torque_constant, args.rated_torque)
+    scale = effort_factors(args.effort_unit, args.torque_constant, args.rated_torque)
+    return replace(machine, effort_unit=args.effort_unit, effort_scale=scale)
 
 
 def wished(args: argparse.Namespace) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, NEUTRAL, Value
-from ros2_ident.machine.units import angular, effort_factors, plain_unit
+from ros2_ident.machine.units import angular, plain_unit
 
 Box = tuple[float, float, str]
 Kind = Literal['physical', 'base', 'measurement']
@@ -242,17 +242,6 @@ class Machine:
         return self.with_constants(
             **{n: each if len(set(each)) > 1 else each[:1] for n, each in changed.items()}
         )
-
-    def with_effort_unit(
-        self, unit: str, torque_constant: object = None, rated_torque: object = None
-    ) -> 'Machine':
-        """Return the same machine with a log in another unit, see `effort_factors`.
-
-        Raises:
-            IdentError: WRONG_UNITS for an unknown unit or a missing constant.
-        """
-        factors = effort_factors(unit, torque_constant, rated_torque)
-        return replace(self, effort_unit=unit, effort_scale=factors)
 
     @property
     def effort_scales(self) -> dict[str, float]:

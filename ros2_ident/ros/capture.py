@@ -66,7 +66,6 @@ class _Inbox:
         self.trajectories.clear()
         self.data: list[bytes] = []
         self.sent: list[int] = []
-        self.latency: list[int] = []
         self.meter = StreamMeter()
 
     @property
@@ -159,7 +158,6 @@ class Capture:
             inbox.data.append(data)
             # what has no stamp has come at the time that the others are stamped by
             inbox.sent.append(clock.now().nanoseconds if clock.ros_time_is_active else sent)
-            inbox.latency.append(now - sent)
             if self.on_latency is not None:
                 self.on_latency(now - sent)
             self._arrived = self._clock()
@@ -292,8 +290,7 @@ class Capture:
         if not inbox.data:
             return
         data, sent = inbox.data, inbox.sent
-        inbox.meter.add_latency(inbox.latency)
-        inbox.data, inbox.sent, inbox.latency = [], [], []
+        inbox.data, inbox.sent = [], []
         room = self.limit - inbox.meter.received
         if len(data) > room:
             if not inbox.meter.dropped:
@@ -396,8 +393,6 @@ def _take_waiting(
             take(*found)
 
 
-# Latencies kept for the percentiles: about the last seconds of a 1 kHz stream.
-_KEPT = 5000
 # Fewer intervals than this say nothing about the period.
 _ENOUGH = 20
 
@@ -413,7 +408,6 @@ class StreamMeter:
         self.dropped = 0
         self.last: int | None = None
         self._period = math.nan
-        self._latency: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
     @property
     def rate(self) -> float:
@@ -443,14 +437,3 @@ class StreamMeter:
             self._period = float(np.median(forward))
         if len(forward):
             self.missing += int(np.maximum(np.rint(forward / self._period) - 1, 0).sum())
-
-    def add_latency(self, nanoseconds: list[int]) -> None:
-        """Remember how long messages took from their publisher to here."""
-        fresh = np.array(nanoseconds[-_KEPT:], dtype=np.int64)
-        self._latency = np.concatenate((self._latency[len(fresh) - _KEPT :], fresh))[-_KEPT:]
-
-    def latency(self, percent: float) -> float:
-        """Return a percentile of the latest latencies, s; NaN before the first."""
-        if not len(self._latency):
-            return math.nan
-        return float(np.percentile(self._latency, percent)) * 1e-9

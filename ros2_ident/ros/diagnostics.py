@@ -9,10 +9,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress
 
-from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.data import Data
 from ros2_ident.recording.motion import count_reversals
 from ros2_ident.ros.capture import Capture, StreamMeter
+from ros2_ident.ros.conversion import gap_sentence
 
 # Fewer reversals than this leave Coulomb friction and constant loads alike.
 _REVERSALS = 4
@@ -84,8 +84,6 @@ class Diagnostics:
                 'rate [Hz]': meter.rate,
                 'missing fraction': meter.missing_fraction,
                 'segments': meter.backward + 1 if meter.received else 0,
-                'latency p50 [ms]': 1e3 * meter.latency(50),
-                'latency p99 [ms]': 1e3 * meter.latency(99),
             }
             values |= {f'{role}: {name}': number for name, number in numbers.items()}
             if meter.malformed:
@@ -158,30 +156,17 @@ class Diagnostics:
             'share closed': g.share_closed,
             'judged on': g.held_out,
         }
-        largest, text = -1.0, 'no gap is known'
         for drive, before, floor in zip(
             g.drives, g.drive_before, g.drive_noise_floor, strict=True
         ):
             values[f'{drive}: gap [{g.unit}]'] = before
             values[f'{drive}: noise floor [{g.unit}]'] = floor
-            if before > largest * floor:
-                largest = before / floor if floor > 0.0 else math.inf
-                text = f'largest gap {before:.3g} {g.unit} on {drive}, {largest:.2g} x the noise'
         if g.also:
             values['also'] = ', '.join(_place(a.effect, a.where) for a in g.also)
         values |= _numbered(g.warnings)
-        if g.effect in (g.EFFECT_BOOKKEEPING, g.EFFECT_MODEL):
-            return _ERROR, g.sentence, values
-        if g.error_code == ErrorCode.CANCELLED:
-            text += '; cancelled'
-        if g.effect == g.EFFECT_NONE:
-            return _WARN if g.warnings else _OK, g.sentence, values
-        missing = 'something not in the catalogue'
-        if g.effect != g.EFFECT_UNKNOWN:
-            missing = _place(g.effect, g.where)
-        elif g.error_code:
-            missing = 'not found by then'
-        return _WARN, f'{text}; missing: {missing}', values
+        level = _WARN if g.warnings or g.effect != g.EFFECT_NONE else _OK
+        contradicted = g.effect in (g.EFFECT_BOOKKEEPING, g.EFFECT_MODEL)
+        return _ERROR if contradicted else level, gap_sentence(g), values
 
 
 def _numbered(warnings: Sequence[str]) -> dict[str, object]:

@@ -21,8 +21,7 @@ from ros2_ident.models.new_file import arm_kind, new_machine_file
 from ros2_ident.models.registry import machine_from_mapping
 from ros2_ident.recording import Stream, Topics
 from ros2_ident.ros.parameters import BY_NAME, Snapshot
-from ros2_ident.ros.paths import allowed
-from ros2_ident.ros.run import Wanted
+from ros2_ident.ros.run import allowed, Wanted
 from ros2_ident.search import Budget, GeneticSettings
 from ros2_ident.threads import processors
 

@@ -4,6 +4,7 @@
 import argparse
 from collections.abc import Sequence
 import gc
+import itertools
 import os
 import re
 import signal
@@ -98,7 +99,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _own_arguments(args: Sequence[str]) -> None:
-    """Answer --help, and refuse what is neither that nor between --ros-args and --."""
+    """Answer --help, and refuse all else before --ros-args."""
     parser = argparse.ArgumentParser(
         prog='identifier',
         description=DESCRIPTION,
@@ -106,15 +107,7 @@ def _own_arguments(args: Sequence[str]) -> None:
         usage='identifier [--help] [--ros-args ...]',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    own, ours = [], True
-    for argument in args:  # rclpy's own function ends with an error where ROS's are wrong
-        if argument == '--ros-args':
-            ours = False
-        elif not ours and argument == '--':
-            ours = True
-        elif ours:
-            own.append(argument)
-    parser.parse_args(own)
+    parser.parse_args(list(itertools.takewhile(lambda x: x != '--ros-args', args)))
 
 
 def _refused(error: Exception) -> str:

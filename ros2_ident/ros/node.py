@@ -26,8 +26,7 @@ from ros2_ident.ros.actions import DiagnoseServer, IdentifyServer, REQUESTS
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter
-from ros2_ident.ros.paths import expanded
-from ros2_ident.ros.run import save
+from ros2_ident.ros.run import expanded, save
 from ros2_ident.ros.worker import Worker
 
 TICK = 0.1  # s

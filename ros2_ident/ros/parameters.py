@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_yaml
 from ros2_ident.models import load_machine
-from ros2_ident.ros.paths import expanded
+from ros2_ident.ros.run import expanded
 from ros2_ident.search import GeneticSettings
 
 Value = bool | int | float | str | tuple[str, ...]

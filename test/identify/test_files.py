@@ -140,7 +140,7 @@ def test_an_overlay_holds_the_log_and_what_the_simulation_says(tmp_path, result)
     [(axis, axis_bag, [2.0]), (tripod, tripod_bag, [2.0, 3.0, 4.0])],
 )
 def test_an_overlay_keeps_the_unit_of_the_log(machine, bag, constants):
-    machine = machine().with_effort_unit('A', constants)
+    machine = replace(machine(), effort_unit='A', effort_scale=tuple(constants))
     data = gather([recording_of(bag())], machine)
     assert list(machine.effort_scales.values()) == constants
     problem = problem_of(machine, data)

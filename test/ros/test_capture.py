@@ -129,7 +129,6 @@ def test_missing_samples_are_counted(ear) -> None:
     assert (meter.received, meter.missing) == (97, 3)
     assert meter.missing_fraction == pytest.approx(0.03)
     assert meter.rate == pytest.approx(100.0)
-    assert 0.0 < meter.latency(99) < 5.0
 
 
 def test_a_full_buffer_counts_and_says_so(ear) -> None:

@@ -14,8 +14,7 @@ from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.report.overlay import SAMPLES
-from ros2_ident.ros.paths import checkpoint_of, MOST
-from ros2_ident.ros.run import carry_out, save, Wanted
+from ros2_ident.ros.run import carry_out, checkpoint_of, MOST, save, Wanted
 from ros2_ident.search import GeneticSettings
 from ros2_ident.search.journal import Journal
 
