@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions compiled by numba whose cache on disk is never stale.
+"""Functions compiled by numba whose cache on disk is never stale, and digests of sources.
 
 numba renews a function's cache when its own file changes, not when a file it calls into does. Here
 the cache carries a digest of all sources that a function is made of instead of its file's time.
@@ -7,7 +7,9 @@ the cache carries a digest of all sources that a function is made of instead of 
 
 from collections.abc import Callable
 from contextlib import suppress
+import functools
 import hashlib
+from importlib.metadata import version
 import os
 from pathlib import Path
 import stat
@@ -17,6 +19,10 @@ from typing import Any, cast, TypeVar
 import numba
 
 F = TypeVar('F', bound=Callable[..., object])
+# Where other versions may give other numbers.
+LIBRARIES = ('llvmlite', 'numba', 'numpy', 'rosbags', 'scipy')
+# Rooms that show or write a result, and have no part in it.
+NO_PART = ('cli', 'commissioning.py', 'files.py', 'report', 'ros', 'simulate')
 
 
 def digest_of(*paths: Path) -> str:
@@ -26,6 +32,30 @@ def digest_of(*paths: Path) -> str:
         for file in sorted(path.glob('*.py')) if path.is_dir() else [path]:
             digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def package_digest(package: Path) -> str:
+    """Return the digest for a copy of this package.
+
+    Args:
+        package: Its folder.
+    """
+    total = hashlib.sha256()
+    for name in LIBRARIES:
+        total.update(f'{name} {version(name)}\n'.encode())
+    for path in sorted(package.rglob('*.py')):
+        inside = path.relative_to(package)
+        if inside.parts[0] not in NO_PART:
+            content = path.read_bytes()
+            total.update(f'{inside.as_posix()} {len(content)}\n'.encode())
+            total.update(content)
+    return total.hexdigest()[:16]
+
+
+@functools.cache
+def result_digest() -> str:
+    """Return the digest for what this process runs."""
+    return package_digest(Path(__file__).parent)
 
 
 def compiled(function: F, sources: str, **options: Any) -> F:

@@ -8,9 +8,9 @@ import subprocess
 from typing import Any
 
 from checks.blind import seal
+from ros2_ident.compiled import result_digest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_text
-from ros2_ident.sources import result_digest
 
 RUN, SEALED, TABLE, MACHINE = 'run.json', 'sealed', 'table.jsonl', 'machine.yaml'
 CLEAN = 'clean'

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
+from ros2_ident.compiled import result_digest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import chosen_drives, Data
 from ros2_ident.identify.layout import check_overrides, Conditions, expanded, held_of, Layout
@@ -25,7 +26,6 @@ from ros2_ident.models.protocol import complete, Model
 from ros2_ident.models.registry import compared_of, efforts_of
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.quality import standing
-from ros2_ident.sources import result_digest
 
 
 class Problem(Layout):

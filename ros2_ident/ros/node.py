@@ -9,7 +9,6 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 from ros2_ident_msgs.action import Identify
 from ros2_ident_msgs.msg import Status
@@ -74,7 +73,7 @@ class Identifier(Node):
         )
         self.create_subscription(String, 'robot_description', self._described, LATCHED)
         self._timer = self.create_timer(TICK, self._tick, clock=steady)
-        self.add_on_set_parameters_callback(self._parameters_change)
+        self.add_on_set_parameters_callback(parameters.check_change)
         # last: what arrives before the executor spins has to fit into the queues
         self.capture = Capture(
             self,
@@ -205,7 +204,7 @@ class Identifier(Node):
         self.capture.clear()
         if not self.worker.busy:
             self.board.change(Status.STATE_WAITING, 'no data yet')
-            self.worker.tidy()
+            self.worker.chore(lambda: None, lambda *_: None)  # which gives the memory back
         response.success = True
         response.message = f'{count} messages are forgotten'
         return response
@@ -228,13 +227,6 @@ class Identifier(Node):
         else:
             self.pages.start(path)
         return response
-
-    def _parameters_change(self, changes: list[Parameter]) -> Any:
-        answer = parameters.check_change(changes)
-        if answer.successful and self.worker.busy:
-            names = ', '.join(change.name for change in changes)
-            self.get_logger().info(f'{names}: takes effect at the next run')
-        return answer
 
     def _parameters_changed(self) -> None:
         """Hand on what is not read at the beginning of a run."""
@@ -272,11 +264,7 @@ class Identifier(Node):
 
     def _stream_ended(self) -> None:
         self.capture.end()
-        counts = ', '.join(
-            f'{meter.received} on {self.capture.topics[role]}'
-            for role, meter in self.capture.meters.items()
-        )
-        self.get_logger().info(f'the stream has ended: {counts}')
+        self.get_logger().info(f'the stream has ended after {self.capture.received} messages')
         if self.worker.busy:
             self._due = True
             return

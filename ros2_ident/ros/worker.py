@@ -41,7 +41,7 @@ class Worker:
         self._guard = node.create_guard_condition(self._fetch)
         self._cancel = threading.Event()
         self._busy = False
-        self._utter: Callable[[], None] = _nothing
+        self._utter: Callable[[], None] = lambda: None
         self._timer = node.create_timer(1.0, lambda: self._utter(), clock=clock)
         self._timer.cancel()
         # a daemon: a job that does not heed its cancel event cannot keep the process alive
@@ -97,10 +97,6 @@ class Worker:
 
         self._work.put(work)
 
-    def tidy(self) -> None:
-        """Have memory that is of no use any more given back when the thread has nothing to do."""
-        self._work.put(_nothing)
-
     def cancel(self) -> None:
         """Ask the job to end with the best so far."""
         self._cancel.set()
@@ -142,10 +138,6 @@ class Worker:
                 failed = failed or error
         if failed is not None:
             raise failed
-
-
-def _nothing() -> None:
-    """Say nothing: there is no job."""
 
 
 def attempt(task: Callable[[], Any]) -> tuple[Any, BaseException | None]:

@@ -9,7 +9,7 @@ import shutil
 import numpy as np
 import pytest
 
-from ros2_ident import sources
+from ros2_ident import compiled
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.fleet import run as fleet
@@ -89,15 +89,15 @@ def test_row_is_done_anew_where_the_bag_has_changed(listed: Path) -> None:
 def test_one_byte_in_what_a_row_depends_on_changes_its_key(tmp_path: Path) -> None:
     without = shutil.ignore_patterns('__pycache__')
     package = shutil.copytree(ROOT / 'ros2_ident', tmp_path / 'ros2_ident', ignore=without)
-    before = sources.digest_of(package)
+    before = compiled.package_digest(package)
     # what the key holds is this digest, and the copy's is the package's
-    assert before == sources.result_digest()
+    assert before == compiled.result_digest()
     counts = ('gap/verdict.py', 'gap/floor.py', 'identify/run.py', 'search/refine.py',
               'recording/align.py', 'models/tripod/kernel.py', 'fleet/run.py')  # fmt: skip
     for module in (*counts, 'report/page/charts.py', 'cli/progress.py', 'ros/node.py'):
         content = (package / module).read_bytes()
         (package / module).write_bytes(content[:-2] + b'#' + content[-1:])
-        assert (sources.digest_of(package) != before) is (module in counts), module
+        assert (compiled.package_digest(package) != before) is (module in counts), module
         (package / module).write_bytes(content)
 
 
