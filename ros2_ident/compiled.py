@@ -40,16 +40,13 @@ def package_digest(package: Path) -> str:
     Args:
         package: Its folder.
     """
-    total = hashlib.sha256()
-    for name in LIBRARIES:
-        total.update(f'{name} {version(name)}\n'.encode())
-    for path in sorted(package.rglob('*.py')):
-        inside = path.relative_to(package)
-        if inside.parts[0] not in NO_PART:
-            content = path.read_bytes()
-            total.update(f'{inside.as_posix()} {len(content)}\n'.encode())
-            total.update(content)
-    return total.hexdigest()[:16]
+    files = [
+        path
+        for path in sorted(package.rglob('*.py'))
+        if path.relative_to(package).parts[0] not in NO_PART
+    ]
+    versions = ' '.join(f'{name} {version(name)}' for name in LIBRARIES)
+    return hashlib.sha256(f'{versions} {digest_of(*files)}'.encode()).hexdigest()[:16]
 
 
 @functools.cache

@@ -78,9 +78,6 @@ class Machine:
             in memory.
         travel: Unit of the drives' positions where the kind says it, else empty.
         stands: Drives that stand in all of the data, and where (rad or m).
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE where a constant has neither one value nor one of each drive.
     """
 
     kind: str
@@ -95,15 +92,6 @@ class Machine:
     digest: str = ''
     travel: str = ''
     stands: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name, values in self.constants.items():
-            if len(values) not in (1, len(self.drives)):
-                raise IdentError(
-                    ErrorCode.BAD_MACHINE_FILE,
-                    f'{name} has {len(values)} values for {len(self.drives)} drives; give one for '
-                    'all, or one for each',
-                )
 
     # ------------------------------------------------------------------ constants
 

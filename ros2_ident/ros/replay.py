@@ -60,22 +60,16 @@ def opened(path: str | Path, topics: Sequence[str] = ()) -> tuple[AnyReader, lis
             ErrorCode.DAMAGED_BAG,
             f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`',
         ) from None
-    found = [x for x in reader.connections if x.msgtype == TYPE]
-    there = {x.topic for x in found}
-    if absent := sorted(set(topics) - there):
+    there = {x.topic for x in reader.connections if x.msgtype == TYPE and x.msgcount}
+    wanted = set(topics) or there
+    if not there or wanted - there:
         raise IdentError(
             ErrorCode.MISSING_STREAM,
-            f'{path}: has no JointState topic {", ".join(absent)}; '
-            f'it has {", ".join(sorted(there)) or "none"}',
+            f'{path}: has no {TYPE} on {", ".join(sorted(wanted - there)) or "any topic"}; it has '
+            f'them on {", ".join(sorted(there)) or "none"}, others on '
+            f'{", ".join(_skipped(reader)) or "none"}',
         )
-    found = [x for x in found if not topics or x.topic in topics]
-    if not any(x.msgcount for x in found):
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{path}: holds no message of type {TYPE}; '
-            f'its other topics are {", ".join(_skipped(reader)) or "none"}',
-        )
-    return reader, found
+    return reader, [x for x in reader.connections if x.topic in wanted and x.msgtype == TYPE]
 
 
 def _skipped(reader: AnyReader) -> list[str]:
@@ -201,9 +195,7 @@ def _play(options: argparse.Namespace, ros: list[str], stopped: Callable[[], int
         rclpy.try_shutdown()
 
 
-def _unheard(
-    publishers: dict[str, Any], seconds: float, stopped: Callable[[], int]
-) -> list[str]:
+def _unheard(publishers: dict[str, Any], seconds: float, stopped: Callable[[], int]) -> list[str]:
     """Wait for a subscriber on each topic; return the topics that have none in the end."""
     end = time.monotonic() + seconds
     while deaf := [x for x, p in publishers.items() if not p.get_subscription_count()]:
