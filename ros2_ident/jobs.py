@@ -19,12 +19,11 @@ from ros2_ident.gap.diagnose import diagnose as find_gap
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.identify.data import Data, gather
-from ros2_ident.identify.held_out import check_problem
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem, problem_of, Setup
 from ros2_ident.identify.result import Identification, Outcome
-from ros2_ident.identify.run import solve
+from ros2_ident.identify.run import check_problem, solve
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.models.registry import compared_of, travel_of

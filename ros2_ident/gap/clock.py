@@ -60,7 +60,7 @@ class Clock:
         self.cancelled = cancelled
         self.on_progress = on_progress
         self.best = ''
-        self.stage = (0.0, 1.0)
+        self.stage = 0.0, 1.0  # begin and end, as shares of the time
         self._now = now
         self._done = 0.0
         self._past = 0
@@ -73,10 +73,6 @@ class Clock:
     def stopped(self) -> bool:
         """Whether it shall end."""
         return self.cancelled() or 0.0 < self.seconds < self.elapsed
-
-    def enter(self, low: float, high: float) -> None:
-        """Begin a stage before the rounds, by its shares of the time."""
-        self.stage = (low, high)
 
     def rounds(self, size: float) -> None:
         """Begin a round, or the end.

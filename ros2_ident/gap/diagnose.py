@@ -215,7 +215,7 @@ class _Passes:
     def _begin(self, case: Case) -> _Pass:
         """Fit the nominal parameters, estimate the floor, ask the gates."""
         clock = self.clock
-        clock.enter(0.0, 0.2)
+        clock.stage = 0.0, 0.2
         clock.step(0.0, 'identifying the nominal parameters')
         guess = np.full(len(case.drives), case.noise or 1.0)
         base = Attribution(case, guess, **self._told()).nominal(SEARCH, self.seed)
@@ -227,7 +227,7 @@ class _Passes:
                 'every candidate diverges on this log; '
                 + (remedy or 'check units, gains and geometry in the machine file'),
             )
-        clock.enter(0.2, 0.35)
+        clock.stage = 0.2, 0.35
         clock.step(0.0, 'telling noise from what the motion predicts')
         readings = self._readings(case, base.theta)
         steps = made_by(readings, case, base.theta)

@@ -109,13 +109,16 @@ class _Log:
         return out
 
 
-def fit_asked(machine: Machine, data: Dataset, drive: str) -> Asked | None:
+def fit_asked(
+    machine: Machine, data: Dataset, drive: str, recording: int = 1
+) -> Asked | None:
     """Compare a drive's effort with the one that it was asked for.
 
     Args:
         machine: The machine.
         data: A recording on the grid.
         drive: The drive.
+        recording: Its number, from 1.
 
     Returns:
         How it makes its effort, None where it is not told it.
@@ -150,7 +153,7 @@ def fit_asked(machine: Machine, data: Dataset, drive: str) -> Asked | None:
     square = float((left[peaks.inside] ** 2).sum())
     pushes = tuple(
         Event(
-            drive, 1, log.start + log.step * (p + highest(np.abs(left), p)), float(left[p])
+            drive, recording, log.start + log.step * (p + highest(np.abs(left), p)), float(left[p])
         )
         for p in peaks.at.tolist()
     )

@@ -51,7 +51,7 @@ def examine(
         The findings; of those that recordings share, each drive's worst.
     """
     chosen = tuple(drives or machine.drives)
-    reports = [_of_one(machine, data, chosen, noise) for data in datasets]
+    reports = [_of_one(machine, x, chosen, noise, n) for n, x in enumerate(datasets, 1)]
     gates: dict[tuple[str, str], Gate] = {}
     streams: list[Gate] = []
     # A drive that is limited follows neither its set-point nor its law.
@@ -71,13 +71,7 @@ def examine(
             if LEVELS.index(gate.level) < LEVELS.index(other.level):
                 gates[gate.gate, gate.drive] = gate
     laws = {law.drive: law for report in reversed(reports) for law in report.laws}
-    asked = tuple(
-        tuple(
-            replace(found, pushes=tuple(replace(e, recording=number) for e in found.pushes))
-            for found in (report.asked[0] if report.asked else ())
-        )
-        for number, report in enumerate(reports, 1)
-    )
+    asked = tuple(report.asked[0] if report.asked else () for report in reports)
     return GateReport((*streams, *gates.values()), tuple(laws.values()), asked)
 
 
@@ -108,14 +102,14 @@ def examine_models(
 
 
 def _of_one(
-    machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None
+    machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None, number: int
 ) -> GateReport:
     """Ask every gate about one recording."""
     report = _of_motion(machine, data, drives, noise)
     report = replace(report, gates=(*report.gates, *_beyond_reach(machine, data)))
     if 'effort' not in compared_of(machine):
         return report
-    asked = [found for drive in drives if (found := fit_asked(machine, data, drive))]
+    asked = [found for drive in drives if (found := fit_asked(machine, data, drive, number))]
     said = [gate for found in asked for gate in check_asked(found, machine.model_unit)]
     return GateReport((*report.gates, *said), report.laws, (tuple(asked),))
 

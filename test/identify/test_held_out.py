@@ -11,11 +11,10 @@ from checks.reference.bag_making import simulate_bag
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
-from ros2_ident.identify.held_out import QUARTERS, quarters
 from ros2_ident.identify.hidden import weigh_fit
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.problem import problem_of
-from ros2_ident.identify.run import identify
+from ros2_ident.identify.run import identify, QUARTERS, quarters
 from ros2_ident.report.files import load_result
 from ros2_ident.report.signals import load_signals
 from ros2_ident.search.fit import fit
