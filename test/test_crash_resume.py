@@ -17,7 +17,6 @@ from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import identify
 from ros2_ident.report.diagnosis import to_mapping
-from ros2_ident.search import journal as journal_module
 from ros2_ident.search.journal import Journal
 
 WITHOUT = sorted(set(CATALOGUE) - {'asymmetric_friction', 'stribeck', 'cable_spring'})
@@ -25,12 +24,6 @@ WITHOUT = sorted(set(CATALOGUE) - {'asymmetric_friction', 'stribeck', 'cable_spr
 
 class Killed(BaseException):
     """The end of a process, as far as one process can play it."""
-
-
-@pytest.fixture(autouse=True)
-def _patient(monkeypatch):
-    """Let every record be written, however long that takes."""
-    monkeypatch.setattr(journal_module, 'SHARE', 1e9)
 
 
 @pytest.fixture
@@ -127,7 +120,6 @@ def undisturbed(tmp_path_factory):
 
     path = tmp_path_factory.mktemp('whole') / 'checkpoint'
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(journal_module, 'SHARE', 1e9)
         (_, whole), records = count_puts(patch, lambda: diagnosed(path, cancelled=never))
     assert whole['verdict']['effect'] == 'stribeck' and records > 30
     return whole, records, asked

@@ -310,7 +310,7 @@ class Checkpoints:
         self.settings = IdentifySettings(genetic=small)
         self.key = f'{problem_of(axis(), axis_data()).key} 0 {small}'
         self.records: list[tuple[Any, ...]] = []
-        journal.SMALL, put = 1 << 30, journal.Journal.put
+        put = journal.Journal.put
         journal.Journal.put = lambda _, *what: self.records.append(what)  # type: ignore
         self.whole = self.identified()
         journal.Journal.put = put  # type: ignore[method-assign]

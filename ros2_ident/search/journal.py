@@ -15,7 +15,6 @@ import io
 import math
 from pathlib import Path
 import struct
-import time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,8 +26,8 @@ from ros2_ident.files import Growing
 MAGIC = b'ros2_ident journal 2\n'
 # Of a record: bytes of its archive of numpy, which has checksums, and digest of its inputs.
 _HEAD = struct.Struct('<Q16s')
-# Records beyond this may take this share of the time, and all of them so many bytes.
-SMALL, SHARE, MOST = 1 << 14, 0.05, 1 << 29
+# All records may take so many bytes.
+MOST = 1 << 29
 
 
 def digest_of(*what: Any) -> bytes:
@@ -91,7 +90,6 @@ class Journal(AbstractContextManager['Journal']):
         self._path = None if path is None else Path(path)
         self._file = None if path is None else Growing(path)
         self._places: dict[bytes, tuple[int, int]] = {}
-        self._begun, self._spent = time.monotonic(), 0.0
         if self._file is not None:
             try:
                 self._open(self._file, MAGIC + digest_of(key))
@@ -142,12 +140,7 @@ class Journal(AbstractContextManager['Journal']):
 
     def put(self, values: Mapping[str, Any], *what: Any) -> None:
         """Keep arrays and numbers for inputs."""
-        if self._file is None or self.failed:
-            return
-        size = sum(np.asarray(value).nbytes for value in values.values())
-        begin = time.monotonic()
-        dear = self._spent > SHARE * (begin - self._begun) or self._file.size + size > MOST
-        if size > SMALL and dear:
+        if self._file is None or self.failed or self._file.size > MOST:
             return
         archive = io.BytesIO()
         np.savez(archive, **values)
@@ -158,7 +151,6 @@ class Journal(AbstractContextManager['Journal']):
             self._places[key] = place
         except IdentError as error:
             self.failed = error.message
-        self._spent += time.monotonic() - begin
 
     def __exit__(self, *raised: object) -> None:
         """Let go of the file."""

@@ -30,6 +30,8 @@ _RESOLVED = 1e-3
 # and the least of these, and the one beyond which nothing helps.
 _LADDER = np.array([1e-3, 1e-2, 0.1, 0.3, 1.0, 3.0, 30.0, 1e3])
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e6
+# What may be anywhere between 0 and 1 has this standard deviation about one half.
+BOX_DEVIATION = math.sqrt(1.0 / 12.0)
 
 
 class RefineStatus(enum.Enum):
@@ -99,7 +101,15 @@ class _Stop(Exception):
 
 @dataclass(eq=False)
 class _Start:
-    """One start: counts, remembers the best point, asks for permission before each call."""
+    """One start: counts, remembers the best point, asks for permission before each call.
+
+    Least squares with what a box tells before, a normal prior with its mean and variance.
+    Parameters are shares of their box. What the data determine hardly feels it; what they leave
+    open stays in the middle. The residual at the best point is taken as white noise.
+
+    Reference:
+        Maximum a posteriori: Gelman et al. (2013), Bayesian Data Analysis, section 13.1.
+    """
 
     residuals: Residuals
     box: Box
@@ -111,6 +121,7 @@ class _Start:
     evaluations: int = 0
     cost: float = math.inf
     residual: Array = field(default_factory=lambda: np.empty(0))
+    certainty: float = 0.0
 
     def evaluate(self, theta: Array) -> Array:
         """Return (S, R) residuals of (S, N) physical candidates."""
@@ -137,6 +148,33 @@ class _Start:
                 'and return inf for a diverged candidate',
             )
         return told
+
+    def loss(self, unit: Array, residual: Array) -> float:
+        """Return minus twice the logarithm of the posterior, but for a constant."""
+        aside = (unit - 0.5) / BOX_DEVIATION
+        return self.certainty * float(residual @ residual) + float(aside @ aside)
+
+    def least(self, jacobian: Array, damping: float = 0.0) -> tuple[Array, float]:
+        """Return the (N,) parameters of the least loss by a (R, N) Jacobian, and that loss.
+
+        Damping holds them where they are, by a share of the columns' squares.
+        """
+        unit = self.point
+        both = math.sqrt(self.certainty) * np.column_stack([jacobian, -self.residual])
+        # The triangular factor has the minimum of the whole.
+        triangle = np.asarray(np.linalg.qr(both, mode='r'))
+        rows = [triangle[:, :-1], np.eye(unit.size) / BOX_DEVIATION]
+        wanted = [triangle[:, -1], (0.5 - unit) / BOX_DEVIATION]
+        if damping:
+            rows.append(np.diag(math.sqrt(damping) * np.linalg.norm(rows[0], axis=0)))
+            wanted.append(np.zeros(unit.size))
+        found = lsq_linear(
+            np.concatenate(rows),
+            np.concatenate(wanted),
+            (-unit - 1e-15, 1.0 - unit + 1e-15),
+            method='bvls',
+        )
+        return np.clip(unit + found.x, 0.0, 1.0), 2.0 * float(found.cost)
 
     def jac(self) -> Array:
         """Return (R, N) the derivative at the best point by the cube's coordinates."""
@@ -180,13 +218,14 @@ class _Start:
             jacobian: Array | None = None
             while self.cost > 0.0 and damping <= _MOST_DAMPING:
                 jacobian = self.jac() if jacobian is None else jacobian
-                posterior = Posterior.of(self.residual)
-                loss = posterior.loss(self.point, self.residual)
-                there, least = posterior.least(self.point, self.residual, jacobian)
+                # What a square of the residual counts, one over its unit squared.
+                self.certainty = len(self.residual) / float(self.residual @ self.residual)
+                loss = self.loss(self.point, self.residual)
+                there, least = self.least(jacobian)
                 if loss - least <= tolerance * loss:
                     break
                 now = self.evaluate(self.box.physical(there)[None])[0]
-                if loss - posterior.loss(there, now) > _AS_FORESEEN * (loss - least):
+                if loss - self.loss(there, now) > _AS_FORESEEN * (loss - least):
                     # The most probable point may leave a little more than the best fit.
                     self._keep(there, now)
                     jacobian = None
@@ -196,12 +235,9 @@ class _Start:
                         self._keep(there, now)
                     break
                 # So many candidates at once take the time of one.
-                tried = [
-                    posterior.least(self.point, self.residual, jacobian, factor)[0]
-                    for factor in _LADDER * damping
-                ]
+                tried = [self.least(jacobian, factor)[0] for factor in _LADDER * damping]
                 values = self.evaluate(self.box.physical(np.array(tried)))
-                losses = [posterior.loss(*one) for one in zip(tried, values, strict=True)]
+                losses = [self.loss(*one) for one in zip(tried, values, strict=True)]
                 best = int(np.argmin(losses))
                 if not losses[best] < loss:
                     damping *= 1e4
@@ -299,61 +335,3 @@ def refine(
         jacobian /= box.width
         evaluations += counted.evaluations
     return Refinement(theta, best.cost, residual, jacobian, evaluations, status, tuple(outcomes))
-
-
-# What may be anywhere between 0 and 1 has this standard deviation about one half.
-BOX_DEVIATION = math.sqrt(1.0 / 12.0)
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """Least squares with what a box tells before: a normal prior with its mean and variance.
-
-    Parameters are shares of their box. What the data determine hardly feels it; what they leave
-    open stays in the middle.
-
-    Attributes:
-        certainty: What a square of the residual counts, one over its unit squared.
-
-    Reference:
-        Maximum a posteriori: Gelman et al. (2013), Bayesian Data Analysis, section 13.1.
-    """
-
-    certainty: float
-
-    @classmethod
-    def of(cls, residual: Array) -> 'Posterior':
-        """Return it for a fit's (R,) residual taken as white noise.
-
-        Raises:
-            ZeroDivisionError: Where there is no residual.
-        """
-        return cls(len(residual) / float(residual @ residual))
-
-    def loss(self, unit: Array, residual: Array) -> float:
-        """Return minus twice the logarithm of the posterior, but for a constant."""
-        aside = (unit - 0.5) / BOX_DEVIATION
-        return self.certainty * float(residual @ residual) + float(aside @ aside)
-
-    def least(
-        self, unit: Array, residual: Array, jacobian: Array, damping: float = 0.0
-    ) -> tuple[Array, float]:
-        """Return the (N,) parameters of the least loss by a (R, N) Jacobian, and that loss.
-
-        Damping holds them where they are, by a share of the columns' squares.
-        """
-        both = math.sqrt(self.certainty) * np.column_stack([jacobian, -residual])
-        # The triangular factor has the minimum of the whole.
-        triangle = np.asarray(np.linalg.qr(both, mode='r'))
-        rows = [triangle[:, :-1], np.eye(unit.size) / BOX_DEVIATION]
-        wanted = [triangle[:, -1], (0.5 - unit) / BOX_DEVIATION]
-        if damping:
-            rows.append(np.diag(math.sqrt(damping) * np.linalg.norm(rows[0], axis=0)))
-            wanted.append(np.zeros(unit.size))
-        found = lsq_linear(
-            np.concatenate(rows),
-            np.concatenate(wanted),
-            (-unit - 1e-15, 1.0 - unit + 1e-15),
-            method='bvls',
-        )
-        return np.clip(unit + found.x, 0.0, 1.0), 2.0 * float(found.cost)
