@@ -8,12 +8,11 @@ what a lost worker had; what it gives up is evaluated in this process.
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from functools import lru_cache, partial
 import math
 import pickle
 import time
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -232,8 +231,8 @@ class Cluster:
         Raises:
             IdentError: INVALID_GOAL where there is no Dask, no scheduler, or no worker.
         """
-        with self._link(objective, cancel) as link, Threads().open(objective) as here:
-            yield _Costs(link, here)
+        with Threads().open(objective) as here, self._link(objective, cancel, here) as link:
+            yield link
 
     @contextmanager
     def tasks(self, subject: Subject) -> Iterator[RunTasks]:
@@ -252,13 +251,14 @@ class Cluster:
             yield run
 
     @contextmanager
-    def _link(self, subject: Subject, cancel: Cancel | None) -> Iterator['_Link']:
+    def _link(
+        self, subject: Subject, cancel: Cancel | None, here: Evaluate | None = None
+    ) -> Iterator['_Link']:
         """Connect to the scheduler, wait for its workers, and bring an object to them."""
         own = isinstance(self._scheduler, str)
         client = connect(self._scheduler) if own else self._scheduler
         try:
-            _await_workers(client, cancel)
-            yield _Link(subject, client, cancel)
+            yield _Link(subject, client, cancel, here)
         finally:
             if own:
                 client.close()
@@ -268,29 +268,28 @@ class Cluster:
 Workers = Threads | Cluster
 
 
-def _slots(client: Any) -> int:
-    """Return how many tasks the workers of a client's cluster run at the same time."""
-    return sum(client.nthreads().values())
-
-
-def _await_workers(client: Any, cancel: Cancel | None) -> None:
-    end = time.monotonic() + PATIENCE
-    while not _slots(client):
-        if time.monotonic() > end or (cancel is not None and cancel.is_set()):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{client.scheduler.address}: the scheduler has no worker; start some with '
-                '`dask worker ADDRESS`',
-            )
-        time.sleep(_LOOK)
-
-
 class _Link:
-    """A Dask scheduler, whose workers have an object."""
+    """A Dask scheduler, whose workers have an object; of an objective also its costs.
 
-    def __init__(self, subject: Subject, client: Any, cancel: Cancel | None) -> None:
+    Each batch is cut into equal pieces, one for each worker.
+    """
+
+    limited = True
+
+    def __init__(
+        self, subject: Subject, client: Any, cancel: Cancel | None, here: Evaluate | None
+    ) -> None:
         self._packed = pickle.dumps(subject, protocol=pickle.HIGHEST_PROTOCOL)
-        self._client = client
+        self._client, self._here = client, here
+        end = time.monotonic() + PATIENCE
+        while not self.slots:
+            if time.monotonic() > end or (cancel is not None and cancel.is_set()):
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{client.scheduler.address}: the scheduler has no worker; start some with '
+                    '`dask worker ADDRESS`',
+                )
+            time.sleep(_LOOK)
         self._scatter()
         # Every worker compiles before a clock runs.
         ready = [self.send('prepare', (), workers=[name]) for name in client.nthreads()]
@@ -306,7 +305,21 @@ class _Link:
     @property
     def slots(self) -> int:
         """Batches that are evaluated at the same time; 0 where no worker is there now."""
-        return _slots(self._client) if self._client.status == 'running' else 0
+        running = self._client.status == 'running'
+        return sum(self._client.nthreads().values()) if running else 0
+
+    def __call__(self, theta: Array, limit: float = math.inf, stop: Stop = bool) -> Array:
+        """Evaluate (S, N) candidates; `stop` is asked here, the workers do not know it."""
+        assert self._here is not None
+        pieces = dealt(len(theta), self.slots)
+        sent = [self.send('costs', (theta[rows], limit)) for rows in pieces]
+        out = np.full(len(theta), np.inf)
+        for rows, future in zip(pieces, sent, strict=True):
+            told = self.result(future, partial(self._here, theta[rows], limit, stop), stop)
+            if told is None:
+                break
+            out[rows] = told
+        return out
 
     def send(self, name: str, arguments: tuple[Any, ...], **where: Any) -> Any:
         """Return the future of a call of the object's method; None without a worker."""
@@ -336,27 +349,6 @@ class _Link:
                 if stop():
                     return None
         return here()
-
-
-@dataclass(frozen=True)
-class _Costs:
-    """The costs, each batch cut into equal pieces, one for each worker."""
-
-    link: _Link
-    here: Evaluate
-    limited: ClassVar[bool] = True
-
-    def __call__(self, theta: Array, limit: float = math.inf, stop: Stop = bool) -> Array:
-        """Evaluate (S, N) candidates; `stop` is asked here, the workers do not know it."""
-        pieces = dealt(len(theta), self.link.slots)
-        sent = [self.link.send('costs', (theta[rows], limit)) for rows in pieces]
-        out = np.full(len(theta), np.inf)
-        for rows, future in zip(pieces, sent, strict=True):
-            told = self.link.result(future, partial(self.here, theta[rows], limit, stop), stop)
-            if told is None:
-                break
-            out[rows] = told
-        return out
 
 
 def _lost(error: BaseException) -> bool:
