@@ -29,7 +29,6 @@ class LocalFit:
         residual: (R,) weighted residual there.
         jacobian: (R, N) its derivative by the parameters in shares of their box.
         loss: Mean square of the residual.
-        evaluations: Candidates simulated.
     """
 
     theta: Array
@@ -37,7 +36,6 @@ class LocalFit:
     residual: Array
     jacobian: Array
     loss: float
-    evaluations: int
 
 
 def difference_jacobian(
@@ -59,11 +57,11 @@ def difference_jacobian(
 def fit_at(
     evaluate: Callable[[Array], Array], unit: Array, low: Array, high: Array
 ) -> LocalFit:
-    """Return the fit that ended at (N,) shares of the box, as `local_fit` returned it."""
+    """Return the fit that ends at (N,) shares of the box."""
     span = high - low
     residual, jacobian = difference_jacobian(evaluate, unit, low, span)
     loss = float(_losses(residual[None])[0])
-    return LocalFit(low + span * unit, unit, residual, jacobian, loss, len(unit) + 1)
+    return LocalFit(low + span * unit, unit, residual, jacobian, loss)
 
 
 def _losses(values: Array) -> Array:
@@ -103,38 +101,29 @@ def local_fit(
         push outwards.
     """
     span = high - low
-    unit = np.clip((start - low) / span, 0.0, 1.0)
-    residual, jacobian = difference_jacobian(evaluate, unit, low, span)
-    loss = float(_losses(residual[None])[0])
-    evaluations = len(unit) + 1
+    at = fit_at(evaluate, np.clip((start - low) / span, 0.0, 1.0), low, high)
     damping = 1e-2
     for _ in range(iterations):
-        if not np.isfinite(loss) or (stopped is not None and stopped()):
+        if not np.isfinite(at.loss) or (stopped is not None and stopped()):
             break
-        gradient = jacobian.T @ residual
-        free = ~(((unit <= 0.0) & (gradient > 0.0)) | ((unit >= 1.0) & (gradient < 0.0)))
-        hessian = jacobian.T @ jacobian
+        gradient, hessian = at.jacobian.T @ at.residual, at.jacobian.T @ at.jacobian
+        free = ~(((at.unit <= 0.0) & (gradient > 0.0)) | ((at.unit >= 1.0) & (gradient < 0.0)))
         scale = np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max() + 1e-300)
-        trials = np.repeat(unit[None], len(_LADDER), axis=0)
+        trials = np.repeat(at.unit[None], len(_LADDER), axis=0)
         for i, factor in enumerate(_LADDER * damping):
             matrix = (hessian + np.diag(factor * scale))[np.ix_(free, free)]
             trials[i, free] -= np.linalg.lstsq(matrix, gradient[free], rcond=None)[0]
         np.clip(trials, 0.0, 1.0, out=trials)
-        values = evaluate(low + span * trials)
-        losses = _losses(values)
-        evaluations += len(trials)
+        losses = _losses(evaluate(low + span * trials))
         best = int(np.argmin(losses))
-        if not losses[best] < loss:
+        if not losses[best] < at.loss:
             if damping > 1e6:
                 break
             damping *= 1e4
             continue
         damping = max(1e-9, damping * _LADDER[best])
-        gain = (loss - losses[best]) / loss
-        unit = trials[best]
-        residual, jacobian = difference_jacobian(evaluate, unit, low, span)
-        loss = float(np.mean(residual**2))
-        evaluations += len(unit) + 1
+        gain = (at.loss - losses[best]) / at.loss
+        at = fit_at(evaluate, trials[best], low, high)
         if gain < tolerance:
             break
-    return LocalFit(low + span * unit, unit, residual, jacobian, loss, evaluations)
+    return at
