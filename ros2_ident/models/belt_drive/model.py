@@ -90,12 +90,6 @@ class BeltDrive:
     def constants(self, theta: Array) -> Array:
         """Return all constants (S, 10), in the order of `CONSTANTS`, of candidates (S, N)."""
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-        if theta.ndim != 2 or theta.shape[1] != len(self.parameters):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'candidates have the shape {theta.shape}; '
-                f'give (S, {len(self.parameters)}) numbers',
-            )
         full = np.repeat(self._nominal[None, :], len(theta), axis=0)
         full[:, self._columns] = theta
         return full

@@ -665,8 +665,7 @@ class DriveModel(MachineModel):
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         if self._as_a_whole:
             return super().costs(theta, limit, stop)
-        limits = np.empty(len(theta))
-        limits[:] = limit
+        limits = np.full(len(theta), limit)
         task = self._costing._replace(limits=limits, out=np.empty((len(theta), 1)))
         return self._simulated(theta, task, stop)[:, 0]
 
