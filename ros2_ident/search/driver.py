@@ -41,16 +41,14 @@ class Budget:
 
     Attributes:
         evaluations: Candidates.
-        generations: Generations, counted from the search's first.
         seconds: Wall time of this call, s.
     """
 
     evaluations: int | None = None
-    generations: int | None = None
     seconds: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ('evaluations', 'generations', 'seconds'):
+        for name in ('evaluations', 'seconds'):
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise IdentError(
@@ -67,7 +65,7 @@ class Progress:
         phase: `search` for the genetic algorithm, `refinement` after it, and where the fit is an
             identification's, `intervals` while what the model may lack is weighed.
         generation: Generation being evaluated, or start being refined; from 1.
-        generations: The last one by settings and budget, or the number of starts.
+        generations: The last one, or the number of starts.
         evaluations: Candidates evaluated so far, all phases.
         budget: Candidates that will be evaluated at most, a refinement's as usual.
         best_cost: Lowest cost so far, inf before a candidate converged.
@@ -174,9 +172,7 @@ class _Run:
         self.done = search.evaluations  # told, plus those of the running generation
         self.best_cost = search.best_cost
         self.best_point = search.best_point
-        s = search.settings
-        self.generations = min(s.generations, budget.generations or s.generations)
-        planned = s.initial_population + (self.generations - 1) * s.survivors * s.children
+        planned = search.settings.evaluations
         self.limit = min(planned, budget.evaluations or planned)
 
     @property
@@ -247,7 +243,7 @@ class _Run:
             Progress(
                 phase='search',
                 generation=self.search.generation,
-                generations=self.generations,
+                generations=self.search.settings.generations,
                 evaluations=self.done,
                 budget=self.limit,
                 best_cost=self.best_cost,
@@ -387,9 +383,6 @@ def minimise(
     completed = search.generation - (0 if search.stop_reason else 1)
     stop = search.stop_reason
     while stop is None:
-        if completed >= run.generations:
-            stop = StopReason.GENERATIONS
-            break
         points = search.ask()
         found = _Generation(points, box.physical(points), run.order(points))
         room = run.left is None or len(points) <= run.left

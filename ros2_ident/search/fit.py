@@ -314,7 +314,6 @@ class _Fit:
             high=self.problem.high,
             budget=Budget(
                 evaluations=self._share(kept),
-                generations=budget.generations,
                 seconds=kept * budget.seconds if budget.seconds else None,
             ),
             cancel=self.cancel,
