@@ -36,6 +36,8 @@ REFINEMENT_SHARE = 0.3
 DOWN_TO_NOISE = 1.2
 # Jacobians a refinement takes, for the estimate of the time to go.
 USUAL_STEPS = 12
+# Jacobians' worth of candidates that a start may take at most.
+JACOBIANS = 60
 # What a candidate costs that is simulated to its end, over one of the search: most are given up.
 WHOLE = 5.0
 # Starts differ in at least one parameter by this part of the box.
@@ -98,7 +100,6 @@ class FitSettings:
         refine: Whether to refine the genetic algorithm's result locally.
         starts: Most candidates to refine, the best and good ones far from it; the rest is left out
             once one has reached the noise of the outputs.
-        refine_evaluations: Most candidates for each start; 60 Jacobians by default.
         level: Probability that an interval covers the truth.
         give_up: Whether to leave off simulating candidates of the genetic algorithm as soon as
             they cost too much to survive. The result is the same; their costs are not known then.
@@ -108,11 +109,10 @@ class FitSettings:
     budget: Budget = field(default_factory=Budget)
     refine: bool = True
     starts: int = 4
-    refine_evaluations: int | None = None
     level: float = 0.95
     give_up: bool = True
     # Whole numbers of at least 1, or None where that is a default.
-    counts: ClassVar[tuple[str, ...]] = 'starts', 'refine_evaluations'
+    counts: ClassVar[tuple[str, ...]] = ('starts',)
 
     def __post_init__(self) -> None:
         for name in self.counts:
@@ -249,7 +249,7 @@ class _Fit:
         self.generations: list[int] = []
         jacobian = len(self.names) + 1
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
-        self.per_start = settings.refine_evaluations or 60 * jacobian
+        self.per_start = JACOBIANS * jacobian
         self.search = GeneticSearch(len(self.names), settings.genetic, self.seed)
         self.new = True
         self.key = 'generation', problem.key, self.seed, asdict(settings.genetic)

@@ -23,6 +23,9 @@ from ros2_ident.search.operators import (
     select,
 )
 
+# Relative decrease of the best cost that counts as improvement.
+_IMPROVES = 1e-6
+
 
 class StopReason(enum.Enum):
     """Why a search ended; the value is the sentence for the user."""
@@ -44,7 +47,7 @@ def _refuse(message: str) -> IdentError:
 
 @dataclass(frozen=True)
 class GeneticSettings:
-    """The settings of Tables 2 and 4; the last four are ours and by default switched off.
+    """The settings of Tables 2 and 4; the last three are ours and by default switched off.
 
     Attributes:
         initial_population: Candidates of the first generation.
@@ -62,7 +65,6 @@ class GeneticSettings:
         first_generation: `uniform` (eq. 4) or `kronecker` (fills the box more evenly with the same
             number of candidates).
         stagnation_generations: Stop after this many generations without improvement; 0 for never.
-        stagnation_tolerance: Relative decrease of the best cost that counts as improvement.
     """
 
     initial_population: int = 1024
@@ -75,7 +77,6 @@ class GeneticSettings:
     first_step: float = 1.0
     first_generation: str = 'uniform'
     stagnation_generations: int = 0
-    stagnation_tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
         for name in ('initial_population', 'survivors', 'children', 'generations'):
@@ -92,11 +93,6 @@ class GeneticSettings:
             ('range_reduction', 0.0 < self.range_reduction <= 1.0, 'above 0 and at most 1'),
             ('first_step', 0.0 < self.first_step <= 1.0, 'above 0 and at most 1'),
             ('min_distance', 0.0 <= self.min_distance < math.inf, 'of at least 0'),
-            (
-                'stagnation_tolerance',
-                0.0 <= self.stagnation_tolerance < 1.0,
-                'of at least 0 and below 1',
-            ),
         ):
             if not fits:
                 raise _refuse(f'{name} is {getattr(self, name)}; give a number {wanted}')
@@ -291,7 +287,7 @@ class GeneticSearch:
         if len(self.survivors):
             cost, needed = float(self.survivor_costs[0]), self.best_cost
             if math.isfinite(needed):
-                needed -= self.settings.stagnation_tolerance * abs(needed)
+                needed -= _IMPROVES * abs(needed)
             self._stagnant = 0 if cost < needed else self._stagnant + 1
             if cost < self.best_cost:
                 self.best_cost, self.best_point = cost, self.survivors[0].copy()

@@ -171,7 +171,6 @@ def test_unusable_costs_are_refused(costs, text):
         ({'first_generation': 'grid'}, "first_generation is 'grid'; give one of kronecker"),
         ({'first_step': 1.1}, 'first_step is 1.1; give a number above 0 and at most 1'),
         ({'stagnation_generations': -1}, 'give a whole number, 0 for never'),
-        ({'stagnation_tolerance': 1.0}, 'at least 0 and below 1'),
     ],
 )
 def test_unusable_settings_are_refused(change, text):
