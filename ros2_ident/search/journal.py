@@ -16,6 +16,7 @@ import math
 from pathlib import Path
 import struct
 from typing import Any, NamedTuple
+import zlib
 
 import numpy as np
 
@@ -24,8 +25,8 @@ from ros2_ident.files import Growing
 
 # The last character is the version of what follows: digest of the run's key, records.
 MAGIC = b'ros2_ident journal 2\n'
-# Of a record: bytes of its archive of numpy, which has checksums, and digest of its inputs.
-_HEAD = struct.Struct('<Q16s')
+# Of a record: bytes of its archive of numpy, their CRC-32, and digest of its inputs.
+_HEAD = struct.Struct('<QI16s')
 # All records may take so many bytes.
 MOST = 1 << 29
 
@@ -89,7 +90,7 @@ class Journal(AbstractContextManager['Journal']):
         self.failed = ''
         self._path = None if path is None else Path(path)
         self._file = None if path is None else Growing(path)
-        self._places: dict[bytes, tuple[int, int]] = {}
+        self._places: dict[bytes, tuple[int, int, int]] = {}
         if self._file is not None:
             try:
                 self._open(self._file, MAGIC + digest_of(key))
@@ -116,11 +117,11 @@ class Journal(AbstractContextManager['Journal']):
             )
         end = len(head)
         while end + _HEAD.size <= file.size:
-            size, what = _HEAD.unpack(file.read(end, _HEAD.size))
+            size, crc, what = _HEAD.unpack(file.read(end, _HEAD.size))
             first = end + _HEAD.size
             if first + size > file.size:
                 break
-            self._places[what] = first, size
+            self._places[what] = first, size, crc
             end = first + size
         file.cut(end)
 
@@ -129,8 +130,11 @@ class Journal(AbstractContextManager['Journal']):
         place = self._places.get(digest_of(*what)) if self._places else None
         if place is None or self._file is None:
             return None
+        data = self._file.read(*place[:2])
+        if zlib.crc32(data) != place[2]:
+            return None
         try:
-            with np.load(io.BytesIO(self._file.read(*place)), allow_pickle=False) as kept:
+            with np.load(io.BytesIO(data), allow_pickle=False) as kept:
                 arrays = {name: kept[name] for name in kept}
             values = {name: x if x.ndim else x.item() for name, x in arrays.items()}
             fits = all(value.holds(values[name]) for name, value in wanted.items())
@@ -145,9 +149,9 @@ class Journal(AbstractContextManager['Journal']):
         archive = io.BytesIO()
         np.savez(archive, **values)
         data, key = archive.getvalue(), digest_of(*what)
-        place = self._file.size + _HEAD.size, len(data)
+        place = self._file.size + _HEAD.size, len(data), zlib.crc32(data)
         try:
-            self._file.write(_HEAD.pack(len(data), key) + data)
+            self._file.write(_HEAD.pack(*place[1:], key) + data)
             self._places[key] = place
         except IdentError as error:
             self.failed = error.message
