@@ -231,7 +231,6 @@ def _scanned(files: list[Path], topics: Topics) -> Content:
             except Damage as exc:
                 refused.append(_unreadable(file, place.suffix, str(exc)))
                 continue
-            content.sort()
             found += losses.whole
             if not whole:
                 losses.say('it cannot be unpacked to its end')
@@ -246,6 +245,8 @@ def _scanned(files: list[Path], topics: Topics) -> Content:
                 lost = f', {losses.messages} are lost' if losses.messages else ''
                 read = f'{losses.whole} whole messages were read{lost}'
                 content.warnings.append(f'{file}: is damaged: {losses.text}, {read}; {remedy}')
+    for messages in content.messages.values():
+        messages.finish()
     if refused and not found:
         raise refused[0]
     content.warnings += [x.message for x in refused]
@@ -334,7 +335,6 @@ def _feed(
     builder: RecordingBuilder, role: str, topic: str, kind: str, messages: Messages
 ) -> None:
     """Bring the messages of a topic into the builder; they are gone afterwards."""
-    messages.finish()
     if messages.lost and not messages.blocks:
         raise IdentError(
             ErrorCode.BAD_VALUES,

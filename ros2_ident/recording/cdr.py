@@ -66,13 +66,6 @@ class Block:
     names: tuple[str, ...]
     fields: tuple[FloatArray | None, FloatArray | None, FloatArray | None]
 
-    def taken(self, rows: IntArray) -> 'Block':
-        """Return the messages at some places of this block, numbered from 0."""
-        position, velocity, effort = (None if x is None else x[rows] for x in self.fields)
-        fields = position, velocity, effort
-        return Block(np.arange(rows.size), self.stamp[rows], self.names, fields)
-
-
 class Cursor:
     """Walks over one serialised message and notes which of its bytes make its layout.
 

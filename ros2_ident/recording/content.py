@@ -42,7 +42,7 @@ Sink = Callable[[Sequence[int], Sequence[bytes]], None]
 
 
 class Messages:
-    """The messages of a topic in the order of log time, decoded piece by piece.
+    """The messages of a topic in the order of the file, decoded piece by piece.
 
     A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
 
@@ -64,7 +64,6 @@ class Messages:
         self._data: list[bytes] = []
         self._held = 0
         self._bytes = 0
-        self._since = 0
 
     def take(self, times: Sequence[int], data: Sequence[bytes]) -> None:
         """Take messages: log times [ns] and serialised bytes."""
@@ -120,18 +119,9 @@ class Messages:
         names = block.names
         return bool(names) and len(set(names)) == len(names) and abs(log_time) < LATEST_STAMP
 
-    def sort(self) -> None:
-        """Bring what came since the last call into the order of log time, as it was recorded."""
-        self.decode()
-        new = [self.blocks.pop() for _ in range(len(self.blocks) - self._since)][::-1]
-        clock = np.concatenate([x for x, _ in new]) if new else np.empty(0, dtype=np.int64)
-        if (np.diff(clock) < 0).any():
-            new = _sorted(new, np.argsort(clock, kind='stable'))
-        self.blocks.extend(new)
-        self._since = len(self.blocks)
-
     def finish(self) -> None:
-        """Bring what is only known with the last message into the blocks."""
+        """Bring the last messages, and what is only known with them, into the blocks."""
+        self.decode()
 
 
 class Trajectories(Messages):
@@ -149,14 +139,10 @@ class Trajectories(Messages):
             except ValueError:
                 self.lost += 1
 
-    def sort(self) -> None:
-        """Bring all trajectories into the order of log time."""
-        self.decode()
-        self.sent.sort(key=lambda pair: pair[0])
-
     def finish(self) -> None:
-        """Follow the trajectories."""
-        for block in set_points([x for _, x in self.sent]):
+        """Follow the trajectories in the order in which they came."""
+        self.decode()
+        for block in set_points([x for _, x in sorted(self.sent, key=lambda pair: pair[0])]):
             self.blocks.append((block.stamp, block))
         self.sent = []
 
@@ -173,19 +159,6 @@ def _unpacked(packed: bytes, budget: Budget) -> bytes:
     except Damage:
         return b''
     return raw if sound else b''
-
-
-def _sorted(blocks: list[Decoded], order: IntArray) -> list[Decoded]:
-    """Return blocks cut and put together anew in another order of their messages (T,)."""
-    sizes = [clock.size for clock, _ in blocks]
-    owner = np.repeat(np.arange(len(blocks)), sizes)[order]
-    row = np.concatenate([np.arange(n) for n in sizes])[order]
-    cuts = [0, *(np.flatnonzero(np.diff(owner)) + 1).tolist(), owner.size]
-    out = []
-    for begin, end in zip(cuts, cuts[1:], strict=False):
-        clock, block = blocks[int(owner[begin])]
-        out.append((clock[row[begin:end]], block.taken(row[begin:end])))
-    return out
 
 
 @dataclass
@@ -250,7 +223,3 @@ class Content:
             found = {x for data in first for x in offers(kind, data)}
             yield topic, kind, tuple(x for x in ROLES_OF[kind] if x in found)
 
-    def sort(self) -> None:
-        """Bring all messages since the last call into the order of log time."""
-        for messages in self.messages.values():
-            messages.sort()

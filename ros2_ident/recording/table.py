@@ -5,6 +5,7 @@ A map is read, or drafted from the names in a table's header.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 import csv
 from dataclasses import dataclass
 from decimal import Decimal
@@ -27,7 +28,7 @@ from ros2_ident.recording.limits import require_memory
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import digest
-from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording, Stream
+from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
 
 SUFFIXES = ('.csv', '.tsv', '.txt')
 MAP_SUFFIX = '.columns.yaml'
@@ -94,23 +95,15 @@ class Column:
     unsigned: bool = False
 
 
-_LINES = 'write the number of lines {} the names'
+_AS = 'write it as in docs/logs.md'
 # What a map may state beside time and joints: the usual, whether a value fits, what to write else.
-_OPTIONS: Mapping[str, tuple[Any, Callable[[Any], bool], str]] = {
-    'where': (
-        {},
-        lambda x: isinstance(x, Mapping) and all(np.isscalar(y) for y in x.values()),
-        'write {COLUMN: VALUE} of rows that count',
-    ),
-    'delimiter': (
-        ',',
-        lambda x: isinstance(x, str) and len(x) == 1 and x not in '\r\n\0"',
-        'write one character, as ";" or "\\t"',
-    ),
-    'decimal': ('.', ('.', ',').__contains__, 'write "." or ",", and another one as delimiter'),
-    'skip': (0, lambda x: type(x) is int and x >= 0, _LINES.format('before')),
-    'skip_below': (0, lambda x: type(x) is int and x >= 0, _LINES.format('below')),
-    'header': (True, lambda x: isinstance(x, bool), 'write true or false'),
+_OPTIONS: Mapping[str, tuple[Any, Callable[[Any], bool]]] = {
+    'where': ({}, lambda x: isinstance(x, Mapping) and all(map(np.isscalar, x.values()))),
+    'delimiter': (',', lambda x: isinstance(x, str) and len(x) == 1 and x not in '\r\n\0"'),
+    'decimal': ('.', ('.', ',').__contains__),
+    'skip': (0, lambda x: type(x) is int and x >= 0),
+    'skip_below': (0, lambda x: type(x) is int and x >= 0),
+    'header': (True, lambda x: isinstance(x, bool)),
 }
 OPTIONS = ('time', 'joints', *_OPTIONS)
 
@@ -158,17 +151,15 @@ def load_columns(path: str | Path) -> ColumnMap:
     if not isinstance(data, Mapping) or not isinstance(data.get('joints'), Mapping):
         raise refuse(path, 'needs `time` and `joints`; docs/logs.md has an example')
     _known(path, 'the map', data, OPTIONS)
-    given = {key: data.get(key, usual) for key, (usual, *_) in _OPTIONS.items()}
+    given = {key: data.get(key, usual) for key, (usual, _) in _OPTIONS.items()}
     for key, value in given.items():
-        _, fits, remedy = _OPTIONS[key]
-        if not fits(value) or (key == 'decimal' and value == given['delimiter']):
-            raise refuse(path, f'{key} is {short(value)}; {remedy}')
+        if not _OPTIONS[key][1](value) or (key == 'decimal' and value == given['delimiter']):
+            raise refuse(path, f'{key} is {short(value)}; {_AS}')
     cell = partial(_cell, path, given['header'])
     time, where = data.get('time'), given.pop('where')
     unit = str(time.get('unit')) if isinstance(time, Mapping) else ''
     if not isinstance(time, Mapping) or set(time) != {'column', 'unit'} or unit not in _DIGITS:
-        said = 'write {column: NAME, unit: s}, the unit s, ms, us or ns'
-        raise refuse(path, f'time is {short(time)}; {said}')
+        raise refuse(path, f'time is {short(time)}; {_AS}, its unit s, ms, us or ns')
     at, digits = cell('time', time['column']), _DIGITS[unit]
     columns = []
     for joint, quantities in data['joints'].items():
@@ -202,20 +193,14 @@ def _column(
     path: object, joint: str, quantity: str, entry: Any, cell: Callable[[str, Any], Cell]
 ) -> Column:
     """Return what a map has as (a part of) a quantity of a joint: a cell, or more about it."""
-    what = f'{printable(joint)}.{quantity}'
-    if not isinstance(entry, Mapping):
-        return Column(joint, quantity, cell(what, entry))
-    signed = ('sign',) if quantity == 'effort' else ()
-    _known(path, what, entry, ('column', 'scale', *signed))
-    if entry.get('sign', 'velocity') != 'velocity':
-        raise refuse(path, f'{what}.sign is {short(entry["sign"])}; write velocity')
-    try:
-        scale = float(entry.get('scale', 1.0))
-    except (TypeError, ValueError, OverflowError):
-        scale = math.nan
-    if not math.isfinite(scale) or scale == 0.0:
-        raise refuse(path, f'{what}.scale is {short(entry["scale"])}; write a number other than 0')
-    return Column(joint, quantity, cell(what, entry.get('column')), scale, 'sign' in entry)
+    what, scale = f'{printable(joint)}.{quantity}', math.nan
+    given = entry if isinstance(entry, Mapping) else {'column': entry}
+    _known(path, what, given, ('column', 'scale', *['sign'] * (quantity == 'effort')))
+    with suppress(TypeError, ValueError, OverflowError):
+        scale = float(given.get('scale', 1.0))
+    if not math.isfinite(scale) or not scale or given.get('sign', 'velocity') != 'velocity':
+        raise refuse(path, f'{what} is {short(entry)}; {_AS}')
+    return Column(joint, quantity, cell(what, given.get('column')), scale, 'sign' in given)
 
 
 def short(value: object) -> str:
@@ -568,40 +553,41 @@ def write_table(
     where = table.with_name(table.stem + MAP_SUFFIX)
     require_ours([table, where], inputs)
     make_directory(table.parent)
-    columns = list(dict.fromkeys(name for r in recordings for name, *_ in _columns(r)))
+    parts = [_cells(x) for x in recordings]
+    columns = list(dict.fromkeys(name for _, cells in parts for name in cells))
     joints: dict[str, dict[str, str]] = {}
     for joint, quantity in columns:
         joints.setdefault(joint, {})[quantity] = f'{joint}.{quantity}'
     told = {'time': {'column': 'time', 'unit': 's'}, 'joints': joints}
     head = ['time', *map('.'.join, columns)]
     return (
-        write_rows(table, head, (row for r in recordings for row in _rows(r, columns))),
+        write_rows(table, head, (row for part in parts for row in _rows(*part, columns))),
         write_text(where, f'# {mark("columns")}\n{yaml.safe_dump(told, sort_keys=False)}'),
     )
 
 
-def _rows(recording: Recording, columns: Sequence[tuple[str, str]]) -> Iterator[list[str]]:
+def _rows(
+    stamps: IntArray, cells: Mapping[tuple[str, str], FloatArray], columns: list[tuple[str, str]]
+) -> Iterator[list[str]]:
     """Yield the rows of a recording: a time, and a cell for each column."""
-    own = list(_columns(recording))
-    stamps = np.unique(np.concatenate([stamp for _, stamp, _ in own]))
-    cells = np.full((stamps.size, len(columns)), np.nan)
-    for name, stamp, values in own:
-        cells[np.searchsorted(stamps, stamp), columns.index(name)] = values
-    for stamp, row in zip(stamps.tolist(), cells.tolist(), strict=True):
+    none = np.full(stamps.size, np.nan)
+    rows = np.stack([cells.get(name, none) for name in columns], axis=1)
+    for stamp, row in zip(stamps.tolist(), rows.tolist(), strict=True):
         time = Decimal(stamp).scaleb(_TO_SECONDS)
         yield [f'{time:f}', *('' if value != value else repr(value) for value in row)]
 
 
-def _columns(
-    recording: Recording,
-) -> Iterator[tuple[tuple[str, str], IntArray, FloatArray]]:
-    """Yield joint and quantity, stamps (T,) and values (T,) of all that was measured."""
+def _cells(recording: Recording) -> tuple[IntArray, dict[tuple[str, str], FloatArray]]:
+    """Return all stamps (T,) of a recording, and what was measured at them (T,), NaN where not.
+
+    By joint and quantity; joint states may bring the effort.
+    """
+    stamps = np.unique(np.concatenate([x.stamp for x in recording.streams.values()]))
+    cells = {}
     for quantity, (role, field) in QUANTITIES.items():
-        stream: Stream | None = getattr(recording, role)
-        if role == 'effort' and stream is None:
-            stream = recording.state  # joint states may bring the effort
-        values = None if stream is None else getattr(stream, field)
-        if stream is not None and values is not None:
-            for joint, column in zip(stream.names, values.T, strict=True):
-                if np.isfinite(column).any():
-                    yield (joint, quantity), stream.stamp, column
+        stream = recording.streams.get(role, recording.state if role == 'effort' else None)
+        for name in stream.names if stream is not None else ():
+            if stream is not None and (column := stream.column(field, name)) is not None:
+                row = cells[name, quantity] = np.full(stamps.size, np.nan)
+                row[np.searchsorted(stamps, stream.stamp)] = column
+    return stamps, cells

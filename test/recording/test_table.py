@@ -101,18 +101,18 @@ def test_a_table_is_read_in_any_code_and_within_bounds(tmp_path, code, monkeypat
 
 
 MAPS = [
-    ("time is 'time'; write {column: NAME, unit: s}", 'time: time'),
-    ('the unit s, ms, us or ns', 'time: {column: time, unit: min}'),
+    ("time is 'time'; write it as in docs", 'time: time'),
+    ('its unit s, ms, us or ns', 'time: {column: time, unit: min}'),
     ("a has 'torque'; choose from position, velocity, effort", 'joints: {a: {torque: 1}}'),
     ("the map has 'sep'; choose from time, joints", 'sep: ;'),
     ("decimal is ','; write", 'decimal: ","\ndelimiter: ","'),
-    ('delimiter is 5; write one character', 'delimiter: 5'),
-    ('skip is -1; write the number of lines', 'skip: -1'),
+    ('delimiter is 5; write', 'delimiter: 5'),
+    ('skip is -1; write', 'skip: -1'),
     ('joints is empty', 'joints: {}'),
-    ('where is 3; write {COLUMN: VALUE}', 'where: 3'),
+    ('where is 3; write', 'where: 3'),
     ('a has no column', 'joints: {a: {}}'),
     ('names a joint twice', 'joints: {1: {position: 2}, "1": {position: 3}}'),
-    ('header is 0; write true or false', 'header: 0'),
+    ('header is 0; write', 'header: 0'),
     ("names the column 'time'; write the number", 'header: false'),
     *(
         (f'names the column {said}', f'joints: {{a: {{effort: {cell}}}}}')
@@ -121,8 +121,8 @@ MAPS = [
     ),
     *(
         (said, f'joints: {{a: {{effort: {{column: q1, {part}}}}}}}')
-        for part, said in (('scale: 0', 'scale is 0; write a number other than 0'),
-                           ('scale: .nan', 'scale is nan'), ('scale: x', "scale is 'x'"),
+        for part, said in (('scale: 0', "'scale': 0}; write it as in docs"),
+                           ('scale: .nan', "'scale': nan}"), ('scale: x', "'scale': 'x'}"),
                            ('unit: m', "has 'unit'; choose from column, scale"))
     ),
 ]  # fmt: skip
