@@ -200,7 +200,7 @@ def _is_open(topics: Topics, role: str, content: Content) -> bool:
     state = content.messages.get((topics.topic('state'), 'state'))
     if role != 'effort' or state is None:
         return True
-    efforts = (block.fields[2] for _, block in state.blocks)
+    efforts = (block.fields[2] for block in state.blocks)
     return not any(x is not None and np.isfinite(x).any() for x in efforts)
 
 
@@ -346,8 +346,7 @@ def _feed(
             f'{topic}: {messages.lost} of {messages.count} messages are no valid '
             f'{kind.rpartition("/")[2]} and are left out'
         )
-    unstamped = all(not block.stamp.any() for _, block in messages.blocks)
-    if unstamped and messages.blocks:
+    if messages.unstamped:
         said = 'all header stamps are 0, the time of recording is used; stamp the messages'
         if kind == ARRAY:
             said = (
@@ -356,6 +355,5 @@ def _feed(
             )
         builder.warn(f'{topic}: {said}')
     while messages.blocks:
-        clock, block = messages.blocks.popleft()
-        stamp = clock if unstamped else block.stamp
-        builder.add_block(role, stamp, block.names, *block.fields)
+        block = messages.blocks.popleft()
+        builder.add_block(role, block.stamp, block.names, *block.fields)

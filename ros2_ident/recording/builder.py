@@ -43,8 +43,6 @@ _PAUSE, _PAUSE_SAMPLES = 10.0, 50
 _STRAY, _STRAY_SHARE, _APART = 3, 0.01, 10.0
 # So many messages do not overtake each other on one connection.
 _LATE_SHARE = 0.25
-# Blocks that are put together: single messages would take more room than their values.
-_TOGETHER = 1024
 
 # Stamps (T,), the D joints, and position, velocity and effort, each (T, D) or None.
 _Block = tuple[IntArray, tuple[str, ...], Sequence[FloatArray | None]]
@@ -57,7 +55,6 @@ class _Track:
     blocks: list[_Block] = field(default_factory=list)
     joints: dict[str, int] = field(default_factory=dict)
     count: int = 0
-    fresh: int = 0
 
     def add(self, stamp: IntArray, joints: tuple[str, ...], fields: Sequence[Any]) -> None:
         """Append messages."""
@@ -65,29 +62,26 @@ class _Track:
             self.joints.setdefault(name, len(self.joints))
         self.blocks.append((stamp, joints, fields))
         self.count += len(stamp)
-        self.fresh += 1
-        if self.fresh == _TOGETHER:
-            self.blocks[-_TOGETHER:] = [self.joined(self.blocks[-_TOGETHER:])]
-            self.fresh = 0
 
-    def measured(self, blocks: Sequence[_Block]) -> list[bool]:
-        """Say which of position, velocity and effort blocks hold."""
-        return [any(joints and x[i] is not None for _, joints, x in blocks) for i in range(3)]
+    @property
+    def measured(self) -> list[bool]:
+        """Which of position, velocity and effort the messages hold."""
+        return [any(joints and x[i] is not None for _, joints, x in self.blocks) for i in range(3)]
 
-    def joined(self, blocks: Sequence[_Block]) -> _Block:
-        """Return blocks as one of all joints, NaN where a message does not name one."""
-        stamp = np.concatenate([x for x, *_ in blocks])
+    def joined(self) -> tuple[IntArray, list[FloatArray | None]]:
+        """Return stamps (T,) and fields (T, D) of all, NaN where a message names no such joint."""
+        stamp = np.concatenate([x for x, *_ in self.blocks])
         shape = (stamp.size, len(self.joints))
-        fields = [np.full(shape, np.nan) if x else None for x in self.measured(blocks)]
+        fields = [np.full(shape, np.nan) if x else None for x in self.measured]
         begin = 0
-        for own, joints, values in blocks:
+        for own, joints, values in self.blocks:
             rows = slice(begin, begin + len(own))
             begin = rows.stop
             columns = [self.joints[name] for name in joints]
             for target, part in zip(fields, values, strict=True):
                 if target is not None and part is not None:
                     target[rows, columns] = part
-        return stamp, tuple(self.joints), fields
+        return stamp, fields
 
 
 class RecordingBuilder:
@@ -265,16 +259,15 @@ class RecordingBuilder:
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         """Return the segments of one role."""
         names = list(track.joints)
-        measured = track.measured(track.blocks)
-        if not any(measured):
+        if not any(track.measured):
             warnings.append(
                 f'{role}: {track.count} messages without any value; nothing was measured there'
             )
             return []
-        needed = 3 * sum(measured) * len(names) * track.count * 8
+        needed = 3 * sum(track.measured) * len(names) * track.count * 8
         what = f'{self.source}: {role} with {len(names)} joints takes'
         require_memory(what, needed)
-        stamp, _, fields = track.joined(track.blocks)
+        stamp, fields = track.joined()
         track.blocks.clear()  # hours of them twice would not fit
         for target in fields:
             if target is not None and (bad := np.abs(target) > _ABSURD).any():

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.limits import limit, variable_of
 from ros2_ident.recording.streams import FloatArray, IntArray
 
@@ -24,10 +25,6 @@ _ROUNDS = 32
 _PADDING = 8
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 _HEADER = 4  # bytes of encapsulation before the first byte that alignment counts from
-
-
-class TooManyNamesError(ValueError):
-    """A message names more joints, or longer ones, than are allowed."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +76,7 @@ class Cursor:
 
     Raises:
         ValueError: The bytes are no message, here and in every step.
+        IdentError: BAD_VALUES where joints are more, or their names longer, than is allowed.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -111,9 +109,10 @@ class Cursor:
         if self.at + size > len(self._data):
             raise ValueError('message ends early')
         if not free and size > limit('name') + 1:
-            raise TooManyNamesError(
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
                 f'a joint has a name of {size - 1} bytes, more than the {limit("name")} '
-                f'allowed; shorten it, or raise {variable_of("name")}'
+                f'allowed; shorten it, or raise {variable_of("name")}',
             )
         begin = self.skip(size, 1)
         self.fixed[begin : self.at] = not free
@@ -131,9 +130,10 @@ class Cursor:
         if number > len(self._data):
             raise ValueError('more names than bytes')
         if number > limit('joints'):
-            raise TooManyNamesError(
+            raise IdentError(
+                ErrorCode.BAD_VALUES,
                 f'a message names {number} joints, more than the {limit("joints")} allowed; '
-                f'record the drives only, or raise {variable_of("joints")}'
+                f'record the drives only, or raise {variable_of("joints")}',
             )
         return tuple(self.text() for _ in range(number))
 
@@ -161,7 +161,8 @@ def parse_layout(data: bytes) -> Layout:
         data: The message with its four bytes of encapsulation.
 
     Raises:
-        ValueError: The bytes are no JointState; TooManyNamesError where they exceed the limits.
+        ValueError: The bytes are no JointState.
+        IdentError: As `Cursor`.
     """
     cursor = Cursor(data)
     cursor.header()

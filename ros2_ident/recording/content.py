@@ -3,11 +3,10 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
 from ros2_ident.recording.limits import limit, require_memory
 from ros2_ident.recording.ros2_control import (
@@ -21,12 +20,10 @@ from ros2_ident.recording.ros2_control import (
     Trajectory,
 )
 from ros2_ident.recording.storage import Budget, Damage, inflate, ZSTD
-from ros2_ident.recording.streams import IntArray, LATEST_STAMP
+from ros2_ident.recording.streams import LATEST_STAMP
 
-# Messages that are decoded at once; fewer would take longer.
-_PIECE = 1 << 14
-# Bytes of messages after which they are decoded, however few they are.
-_HELD = 1 << 24
+# Bytes of messages that are decoded at once; fewer would take longer.
+_HELD = 1 << 22
 # Messages of a topic that is not read, which show what could be read there.
 _SHOWN = 10
 
@@ -36,7 +33,6 @@ WHY = {
     ARRAY: 'it has to hold a number for each of the joint names given',
 }
 OTHERWISE = 'a value for each joint, and times that increase'
-Decoded = tuple[IntArray, cdr.Block]
 # Takes messages of a topic: log times, ns, and serialised bytes.
 Sink = Callable[[Sequence[int], Sequence[bytes]], None]
 
@@ -52,13 +48,15 @@ class Messages:
     Attributes:
         count: Messages that came.
         lost: Those that are no valid ones of their type.
-        blocks: What is decoded: log times, ns, and values.
+        blocks: What is decoded, with log times as stamps of those that have none.
+        unstamped: Whether there are such.
     """
 
     def __init__(self, parse: cdr.Parse = cdr.parse_layout) -> None:
         self.count = 0
         self.lost = 0
-        self.blocks: deque[Decoded] = deque()
+        self.blocks: deque[cdr.Block] = deque()
+        self.unstamped = False
         self._parse = parse
         self._times: list[int] = []
         self._data: list[bytes] = []
@@ -71,7 +69,7 @@ class Messages:
         self._held += sum(map(len, data))
         self._times += times
         self._data += data
-        if len(self._data) >= _PIECE or self._held > _HELD:
+        if self._held > _HELD:
             self.decode()
 
     def _fresh(self) -> tuple[list[int], list[bytes]]:
@@ -96,8 +94,6 @@ class Messages:
             if max(times) >= LATEST_STAMP or min(times) <= -LATEST_STAMP:
                 raise ValueError
             found = cdr.decode(data, self._parse)
-        except cdr.TooManyNamesError as exc:
-            raise IdentError(ErrorCode.BAD_VALUES, str(exc)) from None
         except (ValueError, IndexError):
             whole = [pair for pair in zip(times, data, strict=True) if self._is_whole(*pair)]
             self.lost += len(data) - len(whole)
@@ -106,7 +102,9 @@ class Messages:
         clock = np.array(times, dtype=np.int64)
         for block in found:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
-            self.blocks.append((clock[block.rows], block))
+            if not block.stamp.any():
+                block, self.unstamped = replace(block, stamp=clock[block.rows]), True
+            self.blocks.append(block)
         # the builder needs them twice while it puts them together
         require_memory('the values of one topic take', 3 * self._bytes)
 
@@ -142,8 +140,7 @@ class Trajectories(Messages):
     def finish(self) -> None:
         """Follow the trajectories in the order in which they came."""
         self.decode()
-        for block in set_points([x for _, x in sorted(self.sent, key=lambda pair: pair[0])]):
-            self.blocks.append((block.stamp, block))
+        self.blocks += set_points([x for _, x in sorted(self.sent, key=lambda pair: pair[0])])
         self.sent = []
 
 

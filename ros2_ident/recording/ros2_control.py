@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BPoly
 
+from ros2_ident.errors import IdentError
 from ros2_ident.recording.cdr import Block, Cursor, Layout, Parse, parse_layout, typestore
 from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
 from ros2_ident.recording.limits import require_memory
@@ -64,7 +65,7 @@ def offers(kind: str, data: bytes) -> tuple[str, ...]:
     for role in ROLES_OF.get(kind, ()):
         try:
             layout = parser(kind, role)(data)
-        except ValueError:
+        except (ValueError, IdentError):
             return ()
         position, _, effort = layout.places
         wanted = effort if role == 'effort' else position

@@ -253,7 +253,7 @@ class Capture:
             return False
         try:
             (block,) = cdr.decode([data], parser(inbox.kind, role, self.names))
-        except (ValueError, IndexError):
+        except (ValueError, IndexError, IdentError):
             return False
         return 0 < int(block.stamp[0]) - inbox.meter.last < 0.5e9 * self.idle
 
@@ -308,9 +308,14 @@ class Capture:
             messages.take(sent, data)
             messages.decode()
             for block in messages.blocks:
-                self._add(role, *block)
+                self._add(role, block)
         except IdentError as error:
             messages.lost, why = len(data), error.message
+        if messages.unstamped:
+            said = 'header stamps are 0, the time of publishing is used; stamp the messages'
+            if inbox.kind == ARRAY:
+                said = 'arrays have no stamps, the time of publishing is used'
+            self._builder.warn(f'{self.topics[role]}: {said}')
         if isinstance(messages, Trajectories):
             inbox.trajectories += [x for _, x in messages.sent]
             inbox.meter.received += len(messages.sent)
@@ -330,18 +335,12 @@ class Capture:
             if self._spool_problem:
                 self._node.get_logger().warning(self._spool_problem)
 
-    def _add(self, role: str, clock: NDArray[np.int64], block: cdr.Block) -> None:
-        """Bring messages into the builder, by the time of publishing (T,), ns, without stamps."""
-        inbox, stamp = self._inbox[role], block.stamp
-        meter, before = inbox.meter, inbox.meter.backward
-        if not stamp.any():
-            stamp = clock
-            said = 'header stamps are 0, the time of publishing is used; stamp the messages'
-            if inbox.kind == ARRAY:
-                said = 'arrays have no stamps, the time of publishing is used'
-            self._builder.warn(f'{self.topics[role]}: {said}')
-        self._builder.add_block(role, stamp, block.names, *block.fields)
-        meter.add(stamp)
+    def _add(self, role: str, block: cdr.Block) -> None:
+        """Bring messages into the builder."""
+        meter = self._inbox[role].meter
+        before = meter.backward
+        self._builder.add_block(role, block.stamp, block.names, *block.fields)
+        meter.add(block.stamp)
         if meter.backward > before:
             self._node.get_logger().info(
                 f'{self.topics[role]}: stamps stepped back, a new segment begins'
