@@ -78,10 +78,8 @@ def align(
     recording, found = with_positions(recording, names)
     lay = _Layout(recording, names, cycle)
     if found:
-        lay.warnings.append(
-            f'state: no position of {", ".join(found)} was recorded; it is the integral of the '
-            'speed, from 0'
-        )
+        which = ', '.join(found)
+        lay.warnings.append(f'state: the position of {which} is the integral of the speed, from 0')
     lay.place()
     lay.span()
     off = lay.released() if released else None
@@ -220,20 +218,16 @@ class _Layout:
             self.placed[role] = _Placed(kept, tick, instants, ticks, period, counted_from)
         self.warnings += [f'{" and ".join(roles)}: {x}' for x, roles in remarks.items()]
         if 'state' not in self.placed and 'effort' not in self.placed:
-            raise self.error(
-                'neither a state nor an effort stream holds the drives; record the topic on which '
-                'they report, or name it'
-            )
+            text = 'neither a state nor an effort stream holds the drives; name their topic'
+            raise self.error(text)
 
     def _reduced(self, role: str, stream: Stream) -> Stream | None:
         """Return the stream with the drives only, in their order; None where it does not help."""
         missing = [name for name in self.names if name not in stream.names]
         held = ', '.join(stream.names)
         if missing and role != 'effort':
-            raise self.error(
-                f'{role} has no joint {", ".join(missing)}, it holds {held}; write these names as '
-                'drives in the machine file, or record the others too'
-            )
+            text = f'{role} has no joint {", ".join(missing)}, it holds {held}'
+            raise self.error(f'{text}; name these as drives, or record the others')
         if len(missing) == len(self.names):
             said = f'effort: holds none of the drives, only {held}; efforts of the state are used'
             self.warnings.append(said)
@@ -268,11 +262,9 @@ class _Layout:
         for name, x in others.items():
             apart = max(first - int(x.tick[-1]), int(x.tick[0]) - last)
             if apart > 0:
-                raise self.error(
-                    f'{role} and {name} do not overlap in time, they are {apart * self.cycle:.3g} '
-                    's apart; record them together, with one clock for all stamps',
-                    ErrorCode.NO_DATA,
-                )
+                text = f'{role} and {name} do not overlap in time, they are '
+                text += f'{apart * self.cycle:.3g} s apart; record them together, with one clock'
+                raise self.error(text, ErrorCode.NO_DATA)
         if last <= first:
             text = f'{role} has a single sample of the drives; record a motion of several seconds'
             raise self.error(text, ErrorCode.NO_DATA)
@@ -294,10 +286,8 @@ class _Layout:
         for role, x in self.placed.items():
             outside = int((~self._inside(x)[1]).sum())
             if role != leader and outside > max(5, 0.02 * x.tick.size):
-                self.warnings.append(
-                    f'{role}: {outside} of {x.tick.size} samples lie outside the {leader} and are '
-                    'not used'
-                )
+                said = f'{outside} of {x.tick.size} samples lie outside the {leader}, not used'
+                self.warnings.append(f'{role}: {said}')
 
     def released(self) -> int | None:
         """Return the cycle from which on motors are off, None for none.
@@ -312,10 +302,9 @@ class _Layout:
             return None
         if end - last <= self._bridged(command):
             return None
-        self.warnings.append(
-            f'command: stops {(end - last) * self.cycle:.3g} s before the state; the motors are '
-            'taken as switched off from there on'
-        )
+        seconds = (end - last) * self.cycle
+        said = f'stops {seconds:.3g} s before the state: the motors are taken as off from there on'
+        self.warnings.append(f'command: {said}')
         self.cycles = end
         # Who commands and reads in one loop has stopped commanding by the next reading.
         return int(state[state > command[-1]][0]) - self.start
@@ -358,10 +347,8 @@ class _Layout:
         for column, name in enumerate(self.names):
             there = np.isfinite(position[:, column]) if position is not None else np.zeros(1, bool)
             if position is None or not there.any():
-                raise self.error(
-                    f'command: holds no position of {name}; record its set-point, or leave the '
-                    'topic out'
-                )
+                text = f'command: holds no position of {name}; record it, or leave the topic out'
+                raise self.error(text)
             feed = None if velocity is None else velocity[there, column]
             feed = None if feed is None or np.isnan(feed).any() else feed
             out[column], rate[column] = interpolate_setpoint(
@@ -389,10 +376,8 @@ class _Layout:
     ) -> None:
         """Refuse data without a field that is needed."""
         if 'command' in need and 'command' not in self.placed:
-            raise self.error(
-                'holds no command stream; record the set-point, or let the recorded motion drive '
-                'the model'
-            )
+            text = 'holds no command stream; record it, or let the recorded motion drive the model'
+            raise self.error(text)
         for field in filter(need.__contains__, FIELDS):
             values = measured[field]
             if values is not None and not np.isnan(values).all(axis=1).any():
@@ -403,14 +388,9 @@ class _Layout:
                 silent = ', '.join(name for name, x in pairs if np.isnan(x).all())
                 raise self.error(f'no {field} of {silent}; leave these out, or record theirs too')
             if any(field in x.fields for x in sources):
-                raise self.error(
-                    f'every {field} of the drives is NaN; switch the measurement on in the drive, '
-                    'or name the topic that carries it',
-                    ErrorCode.BAD_VALUES,
-                )
-            raise self.error(
-                f'no stream holds {field}; record it, or name the topic that carries it'
-            )
+                text = f'every {field} of the drives is NaN; switch the measurement on'
+                raise self.error(text, ErrorCode.BAD_VALUES)
+            raise self.error(f'no stream holds {field}; record it, or name its topic')
 
     def quality(self, placed: _Placed) -> StreamQuality:
         """Count what of a stream lies on the grid."""

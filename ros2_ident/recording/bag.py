@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import mcap_scan, rosbags_scan
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.content import Content, Messages, OTHERWISE, WHY
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
+from ros2_ident.recording.scan import scan
 from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import (
     Damage,
     damaged,
     digest,
-    Losses,
     storage_files,
     SUFFIXES,
     unpacked,
@@ -75,9 +74,8 @@ class Topics:
             if topic := self.topic(role):
                 found[topic] = (*found.get(topic, ()), role)
         if not found:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL, 'no topic is given; name at least the state topic'
-            )
+            text = 'no topic is given; name at least the state topic'
+            raise IdentError(ErrorCode.INVALID_GOAL, text)
         return found
 
 
@@ -111,11 +109,8 @@ def read_bag(
             return read_lerobot(path, roles, unit, topics.columns, travel)
         return _read(path, topics)
     except OSError as exc:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{printable(str(path))}: cannot be read ({exc.strerror or exc}); give the path of a '
-            'log that this user may read',
-        ) from exc
+        text = f'cannot be read ({exc.strerror or exc}); give the path of a log'
+        raise IdentError(ErrorCode.NO_DATA, f'{printable(str(path))}: {text}') from exc
 
 
 def read_bags(
@@ -133,11 +128,9 @@ def read_bags(
         recordings = read_bag(path, topics, travel=travel)
         digest = recordings[0].sha256
         if digest in of:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{printable(str(path))}: is the same log as {printable(str(of[digest]))} and '
-                'would count twice; name it once',
-            )
+            text = f'is the same log as {printable(str(of[digest]))} and would count twice; '
+            text = f'{printable(str(path))}: {text}name it once'
+            raise IdentError(ErrorCode.INVALID_GOAL, text)
         of[digest] = path
         found += recordings
     return found
@@ -182,9 +175,8 @@ def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, .
                 chosen[role] = able[0]
                 notes.append(f'{role}: no {getattr(topics, role)}, {able[0]} is taken ({kind})')
             else:
-                notes.append(
-                    f'{role}: {listed(able)} hold one; name one of them by --{role}-topic'
-                )
+                several = f'{listed(able)} hold one; name one of them by --{role}-topic'
+                notes.append(f'{role}: {several}')
             break
     for topic, kind, roles in offered:
         if topic not in chosen.values() and kind != JOINT_STATE:
@@ -227,7 +219,7 @@ def _scanned(files: list[Path], topics: Topics) -> Content:
     with unpacked(files) as plain:
         for file, (place, whole) in zip(files, plain, strict=True):
             try:
-                losses = _scan(place, content)
+                losses = scan(place, content)
             except Damage as exc:
                 refused.append(_unreadable(file, place.suffix, str(exc)))
                 continue
@@ -253,28 +245,13 @@ def _scanned(files: list[Path], topics: Topics) -> Content:
     return content
 
 
-def _scan(path: Path, content: Content) -> Losses:
-    """Read one file by its kind."""
-    if not path.stat().st_size:
-        raise Damage('')
-    if path.suffix not in SUFFIXES:
-        raise Damage('its kind is not known')
-    if path.suffix == '.mcap':
-        return mcap_scan.scan(path, content)
-    return (rosbags_scan.scan_ros1 if path.suffix == '.bag' else rosbags_scan.scan_db3)(
-        path, content
-    )
-
-
 def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
     if not reason:
         return damaged(path, 'is empty (0 bytes); copy or record the bag again')
     if kind not in SUFFIXES:
-        return IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path}: {printable(kind) or "a file without a suffix"} is not a format read here; '
-            'write a CSV with a column map, or give a bag: .mcap, .db3, .bag, or its directory',
-        )
+        text = f'{printable(kind) or "a file without a suffix"} is not a format read here; '
+        text += 'write a CSV with a column map, or give a bag: .mcap, .db3, .bag, or its directory'
+        return IdentError(ErrorCode.INVALID_GOAL, f'{path}: {text}')
     remedy = {
         '.bag': f'`rosbag reindex {path.name}` writes the index of what is whole, or ',
         '.db3': f'what is left comes out with `sqlite3 {path.name} .recover`, or ',
@@ -293,42 +270,25 @@ def _check_topics(
             allowed = 'expected ' + JOINT_STATE
             if kind in ROLES_OF:
                 allowed = f'which holds no {unfit[0]}'
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                f'{path}: {topic} is of type {printable(kind)}, {allowed}; give another topic as '
-                f'{unfit[0]}',
-            )
+            text = f'{topic} is of type {printable(kind)}, {allowed}; give another as {unfit[0]}'
+            raise IdentError(ErrorCode.MISSING_STREAM, f'{path}: {text}')
         if len(several) > 1 and kind != CONTROLLER_STATE:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{topic} is given as {several[0]} and as {several[1]}; name one topic per role, '
-                f'efforts inside joint states need no {several[1]} topic',
-            )
+            text = f'{topic} is given as {several[0]} and as {several[1]}; name one topic per role'
+            raise IdentError(ErrorCode.INVALID_GOAL, text)
         if kind == ARRAY and not raw.names:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{topic} is an array without names; say what its numbers are: --joint-names '
-                'with the joints in its order, as a,b or a/velocity,b/velocity (the node: '
-                'joint_names)',
-            )
+            text = f'{topic} is an array without names; name the joints in its order, as a,b or '
+            text += 'a/velocity,b/velocity: --joint-names (the node: joint_names)'
+            raise IdentError(ErrorCode.INVALID_GOAL, text)
     if not sum(raw.counts.values()):
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{path}: the bag holds no message; record again while the drives publish',
-        )
+        text = 'the bag holds no message; record again while the drives publish'
+        raise IdentError(ErrorCode.NO_DATA, f'{path}: {text}')
     named = [x for x, several in roles.items() if any(map(topics.named, several))]
     lacking = [x for x in named if not raw.counts.get(x)]
     if lacking or not any(messages.count for messages in raw.messages.values()):
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{path}: holds no message of {", ".join(lacking or roles)}, only {_held(raw)}; name '
-            'the topics of state, effort and command, or `none` for one that was not recorded',
-        )
-
-
-def _held(raw: Content) -> str:
-    """Return the topics that hold messages, with their types."""
-    return listed(f'{x} ({kind})' for x, kind in sorted(raw.types.items()) if raw.counts[x])
+        held = listed(f'{x} ({kind})' for x, kind in sorted(raw.types.items()) if raw.counts[x])
+        text = f'holds no message of {", ".join(lacking or roles)}, only {held}; name the topics '
+        text += 'of state, effort and command, or `none` for one that was not recorded'
+        raise IdentError(ErrorCode.MISSING_STREAM, f'{path}: {text}')
 
 
 def _feed(
@@ -336,23 +296,15 @@ def _feed(
 ) -> None:
     """Bring the messages of a topic into the builder; they are gone afterwards."""
     if messages.lost and not messages.blocks:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{builder.source}: no message of {topic} is a valid {kind} '
-            f'({WHY.get(kind, OTHERWISE)}); repair the publisher',
-        )
+        text = f'no message of {topic} is a valid {kind} ({WHY.get(kind, OTHERWISE)})'
+        raise IdentError(ErrorCode.BAD_VALUES, f'{builder.source}: {text}; repair the publisher')
     if messages.lost:
-        builder.warn(
-            f'{topic}: {messages.lost} of {messages.count} messages are no valid '
-            f'{kind.rpartition("/")[2]} and are left out'
-        )
+        lost = f'{messages.lost} of {messages.count} messages'
+        builder.warn(f'{topic}: {lost} are no valid {kind.rpartition("/")[2]} and are left out')
     if messages.unstamped:
         said = 'all header stamps are 0, the time of recording is used; stamp the messages'
         if kind == ARRAY:
-            said = (
-                'arrays have no stamps, the time of recording is used, which is late by up to '
-                'some milliseconds; a stamped topic of the same is better'
-            )
+            said = 'arrays have no stamps, the time of recording is used, some milliseconds late'
         builder.warn(f'{topic}: {said}')
     while messages.blocks:
         block = messages.blocks.popleft()

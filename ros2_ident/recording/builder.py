@@ -156,22 +156,14 @@ class RecordingBuilder:
         shape = (len(stamp), len(joints))
         for part in fields:
             if part is not None and part.shape != shape:
-                raise self._bad(
-                    f'{self.source}: a block of {role} has shape {part.shape}, expected {shape} '
-                    '(messages, joints)'
-                )
+                raise self._bad(f'a block of {role} has shape {part.shape}, expected {shape}')
         if len(set(joints)) != len(joints):
-            raise self._bad(
-                f'{self.source}: a message of {role} names a joint twice ({listed(joints)}); '
-                'give each joint its own name'
-            )
+            text = f'a message of {role} names a joint twice ({listed(joints)})'
+            raise self._bad(f'{text}; give each joint its own name')
         if not len(stamp):
             return
         if int(stamp.max()) >= LATEST_STAMP or int(stamp.min()) <= -LATEST_STAMP:
-            raise self._bad(
-                f'{self.source}: a stamp of {role} is no time, it lies more than a century off; '
-                'send nanoseconds since 1970'
-            )
+            raise self._bad(f'a stamp of {role} is no time; send nanoseconds since 1970')
         track.add(np.asarray(stamp, dtype=np.int64), joints, fields)
 
     def add_columns(
@@ -213,11 +205,8 @@ class RecordingBuilder:
             if track.count:
                 pieces[role] = self._streams(role, track, warnings)
         if not any(pieces.values()):
-            raise IdentError(
-                ErrorCode.NO_DATA,
-                f'{self.source}: no measured value arrived; check the topic names and that the '
-                'drives publish',
-            )
+            text = 'no measured value arrived; check the topic names and that the drives publish'
+            raise self._bad(text, ErrorCode.NO_DATA)
         groups = []
         for group in _match_segments(pieces):
             parts = _split_pauses(group)
@@ -240,9 +229,8 @@ class RecordingBuilder:
             for group in groups
         ]
 
-    @staticmethod
-    def _bad(text: str) -> IdentError:
-        return IdentError(ErrorCode.BAD_VALUES, text)
+    def _bad(self, text: str, code: ErrorCode = ErrorCode.BAD_VALUES) -> IdentError:
+        return IdentError(code, f'{self.source}: {text}')
 
     def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
         """Return the names as they may be shown, no more of them than a stream may have."""
@@ -250,10 +238,8 @@ class RecordingBuilder:
         if all(name in known for name in names):
             return tuple(names)
         if len({*known, *names}) > limit('joints'):
-            raise self._bad(
-                f'{self.source}: {role} names more than {limit("joints")} joints; record the '
-                f'drives only, or raise {variable_of("joints")}'
-            )
+            text = f'{role} names more than {limit("joints")} joints; record the drives only'
+            raise self._bad(f'{text}, or raise {variable_of("joints")}')
         return tuple(printable(name, 8 * limit('name')) for name in names)
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
@@ -320,10 +306,8 @@ def _in_range(group: dict[str, Stream], warnings: list[str]) -> dict[str, Stream
     if begin >= 0 and end < _LAST_ROS_TIME:
         return group
     whole = begin // 1_000_000_000
-    warnings.append(
-        f'the stamps begin at {begin * 1e-9:.6g} s, which no ROS time can be: {whole} s are taken '
-        'from all of them'
-    )
+    said = f'the stamps begin at {begin * 1e-9:.6g} s, which no ROS time can be'
+    warnings.append(f'{said}: {whole} s are taken from all of them')
     shift = whole * 1_000_000_000
     return {role: replace(x, stamp=x.stamp - shift) for role, x in group.items()}
 
@@ -432,12 +416,9 @@ def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
             cuts.append(start)
     restarts = len(cuts) - 1
     if restarts > max(_MANY, _SHARE * stamp.size) or late > max(_MANY, _LATE_SHARE * stamp.size):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{where}: the stamps step back {back.size} times in {stamp.size} messages; two '
-            'publishers with different clocks share the topic: record one of them, or remap the '
-            'other',
-        )
+        text = f'the stamps step back {back.size} times in {stamp.size} messages: two publishers '
+        text += 'with different clocks share the topic; record one of them, or remap the other'
+        raise IdentError(ErrorCode.BAD_VALUES, f'{where}: {text}')
     cuts.append(stamp.size)
     rows = np.arange(stamp.size)
     parts = (rows[a:b] for a, b in zip(cuts, cuts[1:], strict=False))

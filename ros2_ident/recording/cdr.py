@@ -109,11 +109,9 @@ class Cursor:
         if self.at + size > len(self._data):
             raise ValueError('message ends early')
         if not free and size > limit('name') + 1:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'a joint has a name of {size - 1} bytes, more than the {limit("name")} '
-                f'allowed; shorten it, or raise {variable_of("name")}',
-            )
+            text = f'a joint has a name of {size - 1} bytes, more than the {limit("name")} allowed'
+            remedy = f'shorten it, or raise {variable_of("name")}'
+            raise IdentError(ErrorCode.BAD_VALUES, f'{text}; {remedy}')
         begin = self.skip(size, 1)
         self.fixed[begin : self.at] = not free
         return '' if free else self._data[begin : self.at].rstrip(b'\0').decode()
@@ -130,11 +128,9 @@ class Cursor:
         if number > len(self._data):
             raise ValueError('more names than bytes')
         if number > limit('joints'):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'a message names {number} joints, more than the {limit("joints")} allowed; '
-                f'record the drives only, or raise {variable_of("joints")}',
-            )
+            text = f'a message names {number} joints, more than the {limit("joints")} allowed'
+            remedy = f'record the drives only, or raise {variable_of("joints")}'
+            raise IdentError(ErrorCode.BAD_VALUES, f'{text}; {remedy}')
         return tuple(self.text() for _ in range(number))
 
     def doubles(self) -> IntArray | None:

@@ -90,19 +90,14 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
         IdentError: BAD_VALUES where the cycle is no positive time.
     """
     if not _SHORTEST_CYCLE < cycle < _LONGEST_CYCLE:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'controller cycle is {cycle} s; give a positive time in the machine file',
-        )
+        text = f'controller cycle is {cycle} s; give a positive time in the machine file'
+        raise IdentError(ErrorCode.BAD_VALUES, text)
     time = (stamp - reference).astype(np.float64) * 1e-9
     cycles = (time[-1] - time[0]) / cycle
     if cycles > _MOST_CYCLES:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{time[-1] - time[0]:.4g} s are {cycles:.3g} controller cycles of {cycle:g} s, more '
-            f'than the {_MOST_CYCLES:g} that can be laid out; cut the log, or correct its stamps '
-            'or the cycle',
-        )
+        text = f'{time[-1] - time[0]:.4g} s are {cycles:.3g} controller cycles of {cycle:g} s, '
+        text += f'more than {_MOST_CYCLES:g}; cut the log, or correct its stamps or the cycle'
+        raise IdentError(ErrorCode.BAD_VALUES, text)
     period = sample_period(stamp)
     if period:
         stride = _stride(time, period, cycle)

@@ -79,9 +79,8 @@ def read_lerobot(
     rate, columns = _described(path, roles)
     files = sorted(path.glob('data/*/*.parquet'))
     if not files:
-        raise IdentError(
-            ErrorCode.NO_DATA, f'{path}: holds no data/*/*.parquet; fetch or record it again'
-        )
+        text = f'{path}: holds no data/*/*.parquet; fetch or record it again'
+        raise IdentError(ErrorCode.NO_DATA, text)
     parts = [_values(file, columns) for file in files]
     episode, frame, values = (np.concatenate(x) for x in zip(*parts, strict=True))
     ends = {**(travel or {}), **(_calibrated(Path(calibration)) if calibration else {})}
@@ -94,10 +93,8 @@ def read_lerobot(
         rows = rows[np.argsort(frame[rows], kind='stable')]
         source = f'{path}/episode_{number:06d}' if numbers.size > 1 else str(path)
         builder = RecordingBuilder(source, total)
-        builder.warn(
-            f'LeRobot stamps are the number of the frame over {rate:g} Hz: jitter, and when a '
-            'value was taken, cannot be seen'
-        )
+        clock = f'the number of the frame over {rate:g} Hz'
+        builder.warn(f'LeRobot stamps are {clock}: jitter cannot be seen')
         for sentence in said:
             builder.warn(sentence)
         stamp = np.round(frame[rows] * (1e9 / rate)).astype(np.int64)
@@ -121,10 +118,8 @@ def _described(path: Path, roles: Container[str]) -> tuple[float, _Columns]:
         raise damaged(file, f'says {printable(version)} at {rate:g} Hz; v2.1 and v3 are read')
     columns = dict(pairs)
     if not columns:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{file}: names no joints of {" or ".join(_FEATURES)}; write them as `names`',
-        )
+        text = f'{file}: names no joints of {" or ".join(_FEATURES)}; write them as `names`'
+        raise IdentError(ErrorCode.MISSING_STREAM, text)
     if len(columns) < len(pairs):
         raise damaged(file, 'names a joint twice in one feature; correct it')
     return rate, columns
@@ -153,11 +148,8 @@ def _values(file: Path, columns: _Columns) -> tuple[IntArray, IntArray, FloatArr
         import pyarrow
         from pyarrow import parquet
     except ModuleNotFoundError as missing:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'a LeRobot folder needs {missing.name}; `pip install "ros2-ident[lerobot]"` brings '
-            'it',
-        ) from None
+        text = f'a LeRobot folder needs {missing.name}; `pip install "ros2-ident[lerobot]"`'
+        raise IdentError(ErrorCode.INVALID_GOAL, text) from None
     features = dict.fromkeys(feature for feature, _ in columns.values())
     try:
         with parquet.ParquetFile(file) as opened:
@@ -187,11 +179,9 @@ def _calibrated(file: Path) -> dict[str, tuple[float, float]]:
         motors = json.loads(read_small(file))
         turns = {k: (x['range_max'] - x['range_min']) / _COUNTS for k, x in motors.items()}
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as exc:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{file}: is no calibration of LeRobot ({printable(str(exc), 80)}); give the file '
-            'with range_min and range_max of each motor',
-        ) from None
+        text = f'is no calibration of LeRobot ({printable(str(exc), 80)})'
+        text = f'{file}: {text}; give the file with range_min and range_max of each motor'
+        raise IdentError(ErrorCode.INVALID_GOAL, text) from None
     return {name: (-0.5 * math.tau * x, 0.5 * math.tau * x) for name, x in turns.items()}
 
 
@@ -212,12 +202,9 @@ def _in_rad(
             row *= pair[0]
             row += pair[1] if field == 'position' else 0.0
     if unknown:
-        raise IdentError(
-            ErrorCode.WRONG_UNITS,
-            f'{path}: -100 to 100 is the travel of {listed(dict.fromkeys(unknown))}, which '
-            "nothing states; give LeRobot's calibration file of the robot by --columns, or a "
-            'machine whose description has limits',
-        )
+        text = f'-100 to 100 is the travel of {listed(dict.fromkeys(unknown))}, which nothing '
+        text += "states; give LeRobot's calibration file by --columns, or a machine with limits"
+        raise IdentError(ErrorCode.WRONG_UNITS, f'{path}: {text}')
     return said
 
 
@@ -254,11 +241,9 @@ def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) ->
         return found[0]
     most = max((max(map(abs, x)) for x in spans.values()), default=0.0)
     able = ' or '.join(UNITS[x] for x in found) or 'none of them'
-    raise IdentError(
-        ErrorCode.WRONG_UNITS,
-        f'{path}: LeRobot states no unit of its positions, which reach {most:.4g} and may be '
-        f'{able}; give --position-unit {", ".join(UNITS)}',
-    )
+    text = f'{path}: LeRobot states no unit of its positions, which reach {most:.4g} and may be '
+    text += f'{able}; give --position-unit {", ".join(UNITS)}'
+    raise IdentError(ErrorCode.WRONG_UNITS, text)
 
 
 def _fits(unit: str, spans: Travel, ends: Travel) -> bool:

@@ -26,10 +26,8 @@ def limit(name: str) -> int:
     usual, unit = _USUAL[name]
     text = os.environ.get(variable_of(name), str(usual))
     if not text.isdecimal() or not int(text[:12]) > 0 or len(text) > 12:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{variable_of(name)} is {text[:40]!r}; give a positive whole number',
-        )
+        said = f'{variable_of(name)} is {text[:40]!r}; give a positive whole number'
+        raise IdentError(ErrorCode.INVALID_GOAL, said)
     return int(text) * unit
 
 
@@ -49,11 +47,9 @@ def require_memory(what: str, size: float) -> None:
         IdentError: BAD_VALUES with the remedy.
     """
     if size > (most := limit('memory')):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{what} {size_text(size)} of memory, more than the {size_text(most)} allowed; '
-            f'correct the stamps or cut the log, or raise {variable_of("memory")} (MiB)',
-        )
+        text = f'{what} {size_text(size)} of memory, more than the {size_text(most)} allowed'
+        remedy = f'correct the stamps or cut the log, or raise {variable_of("memory")} (MiB)'
+        raise IdentError(ErrorCode.BAD_VALUES, f'{text}; {remedy}')
 
 
 def variable_of(name: str) -> str:

@@ -39,15 +39,12 @@ WRONG: frozenset[Sign] = frozenset({'reversed', 'unsigned', 'either'})
 SAID: dict[Sign, str] = {
     'right': 'the effort overcomes friction, so it has the sign of the motion',
     'reversed': 'where the same positions are passed both ways the effort takes power from the '
-    'drive instead of overcoming friction: its sign is reversed against the motion; negate the '
-    'effort or the position in the driver, or for this log the torque_constant, of a table the '
-    'scale',
+    'drive: its sign is reversed against the motion; negate the effort or the position in the '
+    'driver, or for this log the torque_constant, of a table the scale',
     'unsigned': 'the effort never changes its sign while the drive reverses: only its size was '
-    'logged; log the signed torque or current, or write "sign: velocity" in the column map of a '
-    'table',
+    'logged; log the signed one, or write "sign: velocity" in the column map of a table',
     'either': 'the effort never changes its sign while the drive reverses, and takes power from '
-    'it: only its size was logged, or its sign is reversed; log the signed torque or current, or '
-    'negate it in the driver',
+    'it: only its size was logged, or it is reversed; log the signed one, or negate it',
     'open': 'whether the effort has the sign of the motion does not show in this log',
 }
 # Slower than this share of the top speed is no motion; positions fall into so many cells, samples
@@ -238,10 +235,8 @@ def check(
         text = 'there is no recording; record joint states while the drives move'
         return Report('', findings=(Finding('error', 'no_data', '', text),))
     if len(recordings) > 1 and len({x.source for x in recordings}) == 1:
-        text = (
-            f'the stamps step back, or nothing came for long: the log falls into '
-            f'{len(recordings)} segments; each is judged and used by itself'
-        )
+        text = 'the stamps step back, or nothing came for long: each of the segments, '
+        text += f'{len(recordings)}, is judged and used by itself'
         findings.append(Finding('warn', 'segments', '', text))
     for number, recording in enumerate(recordings):
         findings += [Finding('warn', 'reading', '', text) for text in recording.warnings]
@@ -250,16 +245,11 @@ def check(
         for role, stream in recording.streams.items():
             findings += about(role, _of_stream(role, stream))
         if recording.duration < _SHORT:
-            text = (
-                f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s '
-                'with acceleration, cruise and reversal'
-            )
+            text = f'the recording lasts {recording.duration:.2g} s; record at least {_SHORT:g} s'
             findings.append(Finding('warn', 'short', '', text))
         if recording.command is None:
-            text = (
-                'there is no command stream: the recorded motion will drive the model, which '
-                'leaves the controller untested; record the set-point too where there is one'
-            )
+            text = 'there is no command stream: the recorded motion will drive the model, and '
+            text += 'nothing is found of the controller; record the set-point where there is one'
             findings.append(Finding('warn', 'no_command', 'command', text))
         found, said = _judge_drives(number, recording, wanted, gravity)
         drives += found
@@ -300,11 +290,8 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
                     remedy = '; name the topic that carries it, or switch its measurement on'
                 yield 'warn', 'nan', f'every value of the {what} is NaN{remedy}'
             elif share > _MISSING_WARN:
-                text = (
-                    f'{100.0 * share:.3g} % of the values of the {what} are missing or NaN; they '
-                    'are left out; check the driver if you expected them'
-                )
-                yield 'warn', 'nan', text
+                text = f'{100.0 * share:.3g} % of the values of the {what} are missing or NaN'
+                yield 'warn', 'nan', f'{text}: they are left out'
 
 
 def _judge_drives(
@@ -379,11 +366,8 @@ def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -
     if effort is None or np.isfinite(effort).sum() < _FEWEST:
         return
     if np.nanmax(effort) - np.nanmin(effort) <= 1e-9 * np.nanmax(np.abs(effort)):
-        text = (
-            f'the effort is {np.nanmax(effort):g} all the time; switch its measurement on in the '
-            'drive, or name the topic that carries it'
-        )
-        yield 'error', 'effort_constant', text
+        text = f'the effort is {np.nanmax(effort):g} all the time'
+        yield 'error', 'effort_constant', f'{text}; switch its measurement on, or name its topic'
     elif moves:
         yield from _of_effort(motion, effort)
         if gravity and math.isfinite(drive.effort_rest):

@@ -110,15 +110,11 @@ class Budget:
             Damage: It may not.
         """
         if size > self.chunk:
-            raise Damage(
-                f'a block claims to unpack to {size_text(size)}, more than the '
-                f'{size_text(self.chunk)} allowed ({variable_of("chunk")})'
-            )
+            text = f'a block claims to unpack to {size_text(size)}, more than the '
+            raise Damage(f'{text}{size_text(self.chunk)} allowed ({variable_of("chunk")})')
         if size > self._left:
-            raise Damage(
-                f'its blocks unpack to more than {limit("ratio")} times the size of the file, '
-                f'the most allowed ({variable_of("ratio")})'
-            )
+            text = f'its blocks unpack to more than {limit("ratio")} times the size of the file'
+            raise Damage(f'{text}, the most allowed ({variable_of("ratio")})')
         self._left -= size
 
 
@@ -168,19 +164,13 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
     if path.is_file():
         return [path], []
     if not path.is_dir():
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{path}: does not exist; give the path of a bag directory or of an .mcap, .db3 or '
-            '.bag file',
-        )
+        text = 'does not exist; give the path of a bag directory or an .mcap, .db3 or .bag file'
+        raise IdentError(ErrorCode.NO_DATA, f'{path}: {text}')
     files = [x for x in path.iterdir() if x.suffix in SUFFIXES or x.suffix == '.zstd']
     files = [x for x in files if x.is_file()]
     if not files:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{path}: holds no .mcap, .db3 or .bag file; give the directory that `ros2 bag '
-            'record` wrote',
-        )
+        text = 'holds no .mcap, .db3 or .bag file; give what `ros2 bag record` wrote'
+        raise IdentError(ErrorCode.NO_DATA, f'{path}: {text}')
     # split recordings count up: bag_9 comes before bag_10
     files.sort(key=lambda x: [int(p) if p.isdigit() else p for p in re.split(r'(\d+)', x.name)])
     stated = [path / x for x in read_metadata(path)[0]]

@@ -58,10 +58,8 @@ class Stream:
         """Validate and take ownership of the arrays."""
         names = tuple(str(name) for name in self.names)
         if not names or len(set(names)) < len(names):
-            raise _fail(
-                f'the joints of a stream are ({", ".join(names)}); give at least one, and each '
-                'its own name'
-            )
+            text = f'the joints of a stream are ({", ".join(names)})'
+            raise _fail(f'{text}; give at least one, and each its own name')
         stamp = np.array(self.stamp)
         if stamp.ndim != 1 or stamp.dtype.kind not in 'iu' or not stamp.size:
             raise _fail(
@@ -71,11 +69,8 @@ class Stream:
         stamp = stamp.astype(np.int64)
         back = np.flatnonzero(np.diff(stamp) <= 0)
         if back.size:
-            raise _fail(
-                f'stamps have to increase, but sample {int(back[0]) + 1} is '
-                f'{int(stamp[back[0]] - stamp[back[0] + 1])} ns before its predecessor; feed the '
-                'messages to a RecordingBuilder, which splits and merges'
-            )
+            text = f'stamps have to increase, but sample {int(back[0]) + 1} does not'
+            raise _fail(f'{text}; feed the messages to a RecordingBuilder')
         stamp.setflags(write=False)
         object.__setattr__(self, 'names', names)
         object.__setattr__(self, 'stamp', stamp)
@@ -83,16 +78,12 @@ class Stream:
         for name, values in self.fields.items():
             array = np.asarray(values, dtype=np.float64)
             if array.shape != shape:
-                raise _fail(
-                    f'{name} has shape {array.shape}, expected {shape} (samples, joints); pass '
-                    'None for what was not measured'
-                )
+                text = f'{name} has shape {array.shape}, expected {shape} (samples, joints)'
+                raise _fail(f'{text}; pass None for what was not measured')
             if np.isinf(array).any():
-                row, column = (int(i) for i in np.argwhere(np.isinf(array))[0])
-                raise _fail(
-                    f'{name} of {names[column]} is infinite at sample {row}; write NaN where '
-                    'there is no measurement'
-                )
+                row, column = np.argwhere(np.isinf(array))[0].tolist()
+                text = f'{name} of {names[column]} is infinite at sample {row}'
+                raise _fail(f'{text}; write NaN where there is no measurement')
             object.__setattr__(self, name, _frozen(array))
         if not self.fields:
             raise _fail('a stream holds neither position, velocity nor effort; leave it out')
@@ -170,10 +161,8 @@ class Recording:
     def __post_init__(self) -> None:
         """Refuse a recording of nothing."""
         if self.state is None and self.effort is None and self.command is None:
-            raise IdentError(
-                ErrorCode.NO_DATA,
-                f'{self.source or "recording"}: holds no stream at all; record joint states first',
-            )
+            text = f'{self.source or "recording"}: holds no stream at all; record joint states'
+            raise IdentError(ErrorCode.NO_DATA, text)
         object.__setattr__(self, 'warnings', tuple(self.warnings))
 
     @property
@@ -209,11 +198,8 @@ class Recording:
         """
         cut = {role: stream.between(begin, end) for role, stream in self.streams.items()}
         if all(stream is None for stream in cut.values()):
-            raise IdentError(
-                ErrorCode.NO_DATA,
-                f'{self.source or "recording"}: no sample between {begin} and {end} ns; it spans '
-                f'{self.begin} to {self.end} ns',
-            )
+            text = f'no sample between {begin} and {end} ns, only {self.begin} to {self.end} ns'
+            raise IdentError(ErrorCode.NO_DATA, f'{self.source or "recording"}: {text}')
         return replace(self, **{role: cut.get(role) for role in ROLES})  # type: ignore[arg-type]
 
 
@@ -232,10 +218,8 @@ def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> R
     """
     gains = list(factor.values()) if isinstance(factor, Mapping) else [factor]
     if not all(math.isfinite(x) and x for x in gains):
-        raise IdentError(
-            ErrorCode.WRONG_UNITS,
-            f'effort factor is {factor}; give the torque constant or the rated torque over 100',
-        )
+        text = f'effort factor is {factor}; give the torque constant or the rated torque over 100'
+        raise IdentError(ErrorCode.WRONG_UNITS, text)
     if set(gains) == {1.0}:
         return recording
 

@@ -63,10 +63,7 @@ _ASKED = {'%': 'percent and rated_torque', **dict.fromkeys(('a', 'ma'), 'A and t
 _UNITS = {*_TIME_UNITS, 'm', 'rad', 'n', 'nm', *_ASKED, *_TO_SI}
 # Rows converted at once: bounds the memory that texts take.
 _BLOCK = 1 << 14
-_NO_TIME = (
-    'write it as a number in the unit that the column map states, or leave lines of units below '
-    'the names out by `skip_below: 1`'
-)
+_NO_TIME = 'write a number, or leave lines of units below the names out by `skip_below: 1`'
 _NO_VALUE = 'leave a cell empty where nothing was measured'
 # A step between rows outside of this is a wrong unit of the time, ns.
 _FINEST, _COARSEST = 1_000, 2_000_000_000
@@ -311,18 +308,15 @@ def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
     """
     path = Path(path)
     if not path.is_file():
-        raise IdentError(
-            ErrorCode.NO_DATA, f'{path}: does not exist; give the path of a bag or a CSV file'
-        )
+        text = f'{path}: does not exist; give the path of a bag or a CSV file'
+        raise IdentError(ErrorCode.NO_DATA, text)
     text = _text(path)
     where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
     if not where.is_file():
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
-        raise refuse(
-            path,
-            f'is a table and {where} is missing; write this map as in docs/logs.md, or have '
-            f'`ident new-machine --kind KIND --bag {path}` write it; the first line is: {names}',
-        )
+        text = f'is a table and {where} is missing; write this map as in docs/logs.md, or by '
+        text += f'`ident new-machine --kind KIND --bag {path}`; the first line is: {names}'
+        raise refuse(path, text)
     layout = load_columns(where)
     stamp, values, warnings = _parse(path, text, layout)
     builder = RecordingBuilder(str(path), digest([path, where]))
@@ -389,9 +383,8 @@ def _parse(
     stamp = np.concatenate(stamps or [np.empty(0, np.int64)])
     if not stamp.size:
         where_ = ' with what `where` asks for' if layout.where else ''
-        raise IdentError(
-            ErrorCode.NO_DATA, f'{path}: holds no row of values{where_}; record again'
-        )
+        text = f'{path}: holds no row of values{where_}; record again'
+        raise IdentError(ErrorCode.NO_DATA, text)
     _check_steps(path, stamp)
     return stamp, [np.concatenate(part) for part in parts], warnings
 
@@ -410,14 +403,11 @@ def _find(path: Path, cell: Cell, names: list[str]) -> int:
     if names.count(cell) == 1:
         return names.index(cell)
     if cell in names:
-        raise _bad(
-            path, f'two columns are called {short(cell)}; give the number of the column instead'
-        )
-    raise IdentError(
-        ErrorCode.MISSING_STREAM,
-        f'{path}: has no column {short(cell)}, its columns are {listed(names, 30)}; correct '
-        'the column map, its delimiter or its skip',
-    )
+        text = f'two columns are called {short(cell)}; give the number of the column instead'
+        raise _bad(path, text)
+    text = f'{path}: has no column {short(cell)}, its columns are {listed(names, 30)}'
+    remedy = 'correct the column map, its delimiter or its skip'
+    raise IdentError(ErrorCode.MISSING_STREAM, f'{text}; {remedy}')
 
 
 def _rows_of(
@@ -476,19 +466,12 @@ def _check_steps(path: Path, stamp: IntArray) -> None:
     steps = np.diff(stamp)
     repeated = int((steps == 0).sum())
     if repeated > 0.01 * stamp.size:
-        raise _bad(
-            path,
-            f'{repeated} of {stamp.size} rows have the time of the row before; write the time '
-            'with more digits, or correct its unit in the column map',
-        )
+        text = f'{repeated} of {stamp.size} rows have the time of the row before'
+        raise _bad(path, f'{text}; write it with more digits, or correct its unit')
     forward = steps[steps > 0]
     period = float(np.median(forward)) if forward.size else _FINEST
     if not _FINEST <= period <= _COARSEST:
-        raise _bad(
-            path,
-            f'the rows are {period * 1e-9:g} s apart; correct the unit of the time in the column '
-            'map',
-        )
+        raise _bad(path, f'the rows are {period * 1e-9:g} s apart; correct the unit of the time')
 
 
 def _directions(

@@ -141,9 +141,8 @@ def write_bag(
         streams = {getattr(Topics, role): stream for role, stream in streams.streams.items()}
     by_topic = {'/' + topic.lstrip('/'): stream for topic, stream in streams.items()}
     if not by_topic:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'{path}: there is no stream to write; name at least one'
-        )
+        text = f'{path}: there is no stream to write; name at least one'
+        raise IdentError(ErrorCode.INVALID_GOAL, text)
     require_room(path, mark)
     noted = {**(custom or {}), **({MARK: mark} if mark else {})}
     with replacing_directory(path, replace=bool(mark)) as new:
@@ -195,15 +194,11 @@ def require_room(path: str | Path, mark: str = '') -> None:
     if not path.exists() and not path.is_symlink():
         return
     if not mark:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'{path}: exists already; remove it or give another directory'
-        )
+        text = f'{path}: exists already; remove it or give another directory'
+        raise IdentError(ErrorCode.INVALID_GOAL, text)
     if not _is_marked(path, mark):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path}: is no {mark} that ident wrote and will not be replaced; move it away or '
-            'give another directory',
-        )
+        text = f'is no {mark} that ident wrote and will not be replaced; move it away'
+        raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: {text}')
 
 
 def remove_bag(path: str | Path, mark: str) -> None:
@@ -293,10 +288,8 @@ class Spool:
             records.append(Message(number, when, data, when, 0))
         out = _bytes(*records)
         if self._file.size + len(out) > self._limit:
-            self.problem = (
-                f'{self.path}: holds {size_text(self._file.size)} and takes no more; after a '
-                'restart later messages will be missing: raise spool_size'
-            )
+            self.problem = f'{self.path}: holds {size_text(self._file.size)} and takes no more; '
+            self.problem += 'after a restart later messages will be missing: raise spool_size'
             return
         self._write(out)
 

@@ -114,9 +114,9 @@ def test_errors_name_the_remedy():
     )
     for recording, code, text, more in (
         (good, 'INVALID_GOAL', 'drives are .*; name at least one', {'drives': ()}),
-        (good, 'MISSING_STREAM', 'log: state has no joint x, it holds drive_1, drive_2; write',
+        (good, 'MISSING_STREAM', 'log: state has no joint x, it holds drive_1, drive_2; name these',
          {'drives': ('drive_1', 'x')}),
-        (still, 'MISSING_STREAM', 'no stream holds effort; record it, or name the topic', {}),
+        (still, 'MISSING_STREAM', 'no stream holds effort; record it, or name its topic', {}),
         (silent, 'BAD_VALUES', 'every effort of the drives is NaN; switch', {}),
         (half, 'MISSING_STREAM', 'no effort of drive_2; leave these out', {}),
         (stream(ticks, fields='e'), 'MISSING_STREAM', 'no stream holds position; record it',
@@ -175,7 +175,7 @@ def test_speeds_without_positions_are_integrated():
     position, _ = motion(ticks * CYCLE)
     moved = position - position[0]
     np.testing.assert_allclose(data.position[:, ::5], moved.T[:, : data.cycles], atol=1e-4)
-    assert any('drive_1, drive_2 was recorded; it is the integral' in x for x in data.warnings)
+    assert any('the position of drive_1, drive_2 is the integral' in x for x in data.warnings)
     command = stream(ticks, fields='p')
     assert (
         align(Recording(state=stream(ticks, fields='ve'), command=command), NAMES, CYCLE).position

@@ -100,7 +100,7 @@ def test_an_array_is_read_by_the_names_given(tmp_path):
     np.testing.assert_array_equal(read.command.stamp, recording.command.stamp)
     assert any('arrays have no stamps' in x for x in read.warnings)
     for names, code, said in (
-        ((), ErrorCode.INVALID_GOAL, 'is an array without names; say what its numbers are'),
+        ((), ErrorCode.INVALID_GOAL, 'is an array without names; name the joints'),
         (('drive_1',), ErrorCode.BAD_VALUES, 'a number for each of the joint names given'),
     ):
         with pytest.raises(IdentError, match=said) as caught:
