@@ -5,7 +5,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
-from ros2_ident.recording.ros2_control import (
+from ros2_ident.recording.content import (
     ARRAY,
     CONTROLLER_STATE,
     DYNAMIC_STATE,

@@ -53,7 +53,6 @@ OWN: dict[str, str] = {
     'recording.limits': 'recording_damage',
     'recording.motion': 'recording_quality recording_smooth',
     'recording.scan': 'recording_damage recording_bag',
-    'recording.shown': 'recording_builder recording_damage',
     'recording.storage': 'recording_bag recording_damage',
     'recording.write': 'recording_damage recording_bag',
 }

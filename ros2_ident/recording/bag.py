@@ -9,11 +9,19 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.content import Content, Messages, OTHERWISE, WHY
+from ros2_ident.recording.content import (
+    ARRAY,
+    Content,
+    CONTROLLER_STATE,
+    JOINT_STATE,
+    Messages,
+    OTHERWISE,
+    ROLES_OF,
+    WHY,
+)
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
-from ros2_ident.recording.ros2_control import ARRAY, CONTROLLER_STATE, JOINT_STATE, ROLES_OF
+from ros2_ident.recording.limits import listed, printable
 from ros2_ident.recording.scan import scan
-from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import (
     Damage,
     damaged,
@@ -267,9 +275,8 @@ def _check_topics(
         kind = raw.types.get(topic, JOINT_STATE)
         unfit = [role for role in several if role not in ROLES_OF.get(kind, ())]
         if unfit:
-            allowed = 'expected ' + JOINT_STATE
-            if kind in ROLES_OF:
-                allowed = f'which holds no {unfit[0]}'
+            holds = f'which holds no {unfit[0]}'
+            allowed = holds if kind in ROLES_OF else f'expected {JOINT_STATE}'
             text = f'{topic} is of type {printable(kind)}, {allowed}; give another as {unfit[0]}'
             raise IdentError(ErrorCode.MISSING_STREAM, f'{path}: {text}')
         if len(several) > 1 and kind != CONTROLLER_STATE:

@@ -10,9 +10,8 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.grid import sample_period
-from ros2_ident.recording.limits import limit, require_memory, variable_of
+from ros2_ident.recording.limits import limit, listed, printable, require_memory, variable_of
 from ros2_ident.recording.outliers import leave_out
-from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.streams import (
     FIELDS,
     FloatArray,

@@ -12,8 +12,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.limits import require_memory
-from ros2_ident.recording.shown import listed, printable
+from ros2_ident.recording.limits import listed, printable, require_memory
 from ros2_ident.recording.storage import damaged, digest
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
 

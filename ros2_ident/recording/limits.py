@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much of a machine a log may take: what is claimed in a file is held against these."""
 
+from collections.abc import Iterable, Sequence
 import os
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -64,3 +65,30 @@ def size_text(size: float) -> str:
             return f'{size:.3g} {unit}'
         size /= 1024
     return f'{size:.4g} GiB'
+
+
+def printable(text: str, limit: int = 200) -> str:
+    """Return a text with all that is not printable escaped, as a terminal may be shown it.
+
+    Args:
+        text: Anything.
+        limit: Characters after which it is cut off with an ellipsis.
+    """
+    if not text.isprintable():
+        text = ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: limit + 1])
+    return text if len(text) <= limit else text[: limit - 1] + '…'
+
+
+def listed(texts: Iterable[str], most: int = 12) -> str:
+    """Return texts as a list for a sentence, with the number of those left out.
+
+    Args:
+        most: Entries shown.
+    """
+    return enumerated([printable(x, 80) for x in texts], most)
+
+
+def enumerated(names: Sequence[str], most: int) -> str:
+    """Return names of our own as such a list, whole."""
+    shown = ', '.join(names[:most])
+    return shown if len(names) <= most else f'{shown} and {len(names) - most} more'

@@ -309,12 +309,20 @@ def _judge_drives(
     for name in state.names if wanted is None else wanted:
         if name not in state.names:
             continue
-        summary, said = _judge_drive(number, recording, name, gravity, wanted is not None)
+        try:
+            motion = motion_of(recording, name)
+        except IdentError as exc:
+            findings.append(Finding('error', exc.code.name.lower(), name, exc.message))
+            continue
+        at_rest, effort = math.nan, motion.effort
+        if effort is not None:
+            rest = motion.resting & np.isfinite(effort)
+            at_rest = float(np.mean(effort[rest])) if rest.sum() >= _FEWEST else math.nan
+        drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
+        said = about(name, _judged(drives[-1], motion, gravity, wanted is not None))
         # An integrated speed says nothing of the speed.
         vacuous = name in integrated
         findings += [f for f in said if not (vacuous and f.code.startswith('velocity'))]
-        if summary is not None:
-            drives.append(summary)
     if still := standing({x.drive: x.stroke for x in drives}):
         listed = ', '.join(still)
         text = f'{listed}: stood still, so nothing is found of what moves there; the others count'
@@ -329,32 +337,13 @@ def standing(strokes: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(name for name, stroke in strokes.items() if stroke < STANDS * longest)
 
 
-def _judge_drive(
-    number: int, recording: Recording, name: str, gravity: float, wanted: bool
-) -> tuple[DriveSummary | None, list[Finding]]:
-    """Judge one drive's excitation and effort.
+def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -> Iterator[Said]:
+    """Yield what is to be said of a drive's excitation and effort.
 
     Args:
         gravity: Gravity along the drive, m/s^2; 0 where it does not act or is not known.
         wanted: Whether the drive is to be identified, so that standing still is an error.
-
-    Returns:
-        The drive's summary, None where there are too few samples, and the findings.
     """
-    try:
-        motion = motion_of(recording, name)
-    except IdentError as exc:
-        return None, [Finding('error', exc.code.name.lower(), name, exc.message)]
-    at_rest, effort = math.nan, motion.effort
-    if effort is not None:
-        rest = motion.resting & np.isfinite(effort)
-        at_rest = float(np.mean(effort[rest])) if rest.sum() >= _FEWEST else math.nan
-    drive = DriveSummary(number, name, float(np.ptp(motion.position)), at_rest)
-    return drive, about(name, _judged(drive, motion, gravity, wanted))
-
-
-def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -> Iterator[Said]:
-    """Yield what is to be said of a drive."""
     moves = drive.stroke > 1e-6 * float(np.abs(motion.position).max())
     if moves:
         yield _of_motion(drive, motion)

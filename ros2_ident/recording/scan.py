@@ -10,13 +10,14 @@ have no checksums, a sound db3 and an indexed ROS 1 bag are read.
 from collections import Counter, defaultdict
 import contextlib
 from contextlib import closing
-from functools import cache
+from functools import cache, partial
 from io import BytesIO
 import mmap
 from pathlib import Path
 import re
 import sqlite3
 import struct
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import quote
 import zlib
@@ -38,10 +39,8 @@ from rosbags.rosbag1.reader import (
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
-from ros2_ident.recording.content import Content, Sink
-from ros2_ident.recording.limits import limit
-from ros2_ident.recording.ros2_control import CONTROLLER_STATE
-from ros2_ident.recording.shown import printable
+from ros2_ident.recording.content import Content, CONTROLLER_STATE, Sink
+from ros2_ident.recording.limits import limit, printable
 from ros2_ident.recording.storage import Budget, Damage, inflate, Losses, SUFFIXES
 
 HEAD = struct.Struct('<BQ')
@@ -309,7 +308,7 @@ def _scan_ros1(path: Path, content: Content) -> Losses:
     """Read a ROS 1 bag chunk by chunk; see `scan`."""
     losses = Losses(size=path.stat().st_size)
     reader = _Chunks(path)
-    reader.path = _Mapped(path)  # type: ignore[assignment]
+    reader.path = SimpleNamespace(open=partial(_mapped, path))
     try:
         reader.open()
     except Exception as exc:  # the parser lets whatever damaged bytes cause through
@@ -320,16 +319,10 @@ def _scan_ros1(path: Path, content: Content) -> Losses:
     return losses
 
 
-class _Mapped:
-    """A path whose file is mapped: no stated length makes it allocate more than is there."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def open(self, mode: str) -> mmap.mmap:
-        """Map the file."""
-        with self._path.open(mode) as file:
-            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+def _mapped(path: Path, mode: str) -> mmap.mmap:
+    """Map a file: no stated length makes its reader allocate more than is there."""
+    with path.open(mode) as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 class _Chunks(Reader):
@@ -348,7 +341,14 @@ class _Chunks(Reader):
         for info in self.chunk_infos:
             stated.update(info.connection_counts)
             try:
-                stream = BytesIO(self._decompressed(info.pos, budget))
+                chunk = self.chunks[info.pos]
+                self.bio.seek(chunk.datapos)  # type: ignore[union-attr]
+                packed = read_bytes(self.bio, chunk.datasize)  # type: ignore[arg-type]
+                raw, sound = inflate(_METHODS[chunk.decompressor], packed, budget.chunk)
+                budget.take(len(raw) + (not sound and len(raw) == budget.chunk))
+                if not sound:
+                    raise ReaderError
+                stream = BytesIO(raw)
                 while stream.tell() < len(stream.getbuffer()):
                     header = Header.read(stream)
                     data = read_bytes(stream, read_uint32(stream))
@@ -366,22 +366,6 @@ class _Chunks(Reader):
             content.counts[topic] = found[topic]
         losses.whole = found.total()
         losses.messages = max(0, stated.total() - losses.whole)
-
-    def _decompressed(self, place: int, budget: Budget) -> bytes:
-        """Return the content of a chunk.
-
-        Raises:
-            Damage: It is larger than allowed.
-            ReaderError: It is damaged.
-        """
-        chunk, most = self.chunks[place], budget.chunk
-        self.bio.seek(chunk.datapos)  # type: ignore[union-attr]
-        packed = read_bytes(self.bio, chunk.datasize)  # type: ignore[arg-type]
-        raw, sound = inflate(_METHODS[chunk.decompressor], packed, most)
-        budget.take(len(raw) + (not sound and len(raw) == most))
-        if not sound:
-            raise ReaderError
-        return raw
 
 
 def _cdr(kind: str, data: bytes) -> bytes:

@@ -24,9 +24,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, mark, read_yaml, require_ours, write_text
 from ros2_ident.files import write_table as write_rows
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.limits import require_memory
+from ros2_ident.recording.limits import listed, printable, require_memory
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
-from ros2_ident.recording.shown import listed, printable
 from ros2_ident.recording.storage import digest
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
 

@@ -28,8 +28,8 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import Growing, remove_directory, replacing_directory
 from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import Topics
+from ros2_ident.recording.content import JOINT_STATE
 from ros2_ident.recording.limits import size_text
-from ros2_ident.recording.ros2_control import JOINT_STATE
 from ros2_ident.recording.storage import NAME, read_metadata
 from ros2_ident.recording.streams import FIELDS, Recording, Stream
 
@@ -282,7 +282,11 @@ class Spool:
         records: list[Any] = []
         if topic not in self._channels:
             self._channels[topic] = len(self._channels) + 1
-            records += _described(self._channels[topic], topic, kind)
+            number, definition = self._channels[topic], ''
+            with contextlib.suppress(TypesysError, KeyError):  # a type that only its package knows
+                definition, _ = cdr.typestore().generate_msgdef(kind)
+            records.append(Schema(number, definition.encode(), 'ros2msg', kind))
+            records.append(Channel(number, topic, 'cdr', {}, number))
         number = self._channels[topic]
         for when, data in zip(times, messages, strict=True):
             records.append(Message(number, when, data, when, 0))
@@ -311,12 +315,3 @@ class Spool:
             self._closed = False
         except IdentError as exc:
             self.problem = exc.message
-
-
-def _described(number: int, topic: str, kind: str) -> tuple[Schema, Channel]:
-    """Return the records that say what a channel is."""
-    definition = ''
-    with contextlib.suppress(TypesysError, KeyError):  # a type that only its package knows
-        definition, _ = cdr.typestore().generate_msgdef(kind)
-    schema = Schema(number, definition.encode(), 'ros2msg', kind)
-    return schema, Channel(number, topic, 'cdr', {}, number)

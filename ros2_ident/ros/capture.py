@@ -31,15 +31,18 @@ from sensor_msgs.msg import JointState
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import cdr, LIVE, Recording, RecordingBuilder
-from ros2_ident.recording.content import messages_of, OTHERWISE, Trajectories, WHY
-from ros2_ident.recording.ros2_control import (
+from ros2_ident.recording.content import (
     ARRAY,
     JOINT_STATE,
+    messages_of,
+    OTHERWISE,
     parser,
     ROLES_OF,
     set_points,
+    Trajectories,
     TRAJECTORY,
     Trajectory,
+    WHY,
 )
 from ros2_ident.recording.write import Spool
 

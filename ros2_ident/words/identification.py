@@ -6,7 +6,7 @@ import math
 
 from ros2_ident.gates import GateReport
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
-from ros2_ident.recording.shown import enumerated
+from ros2_ident.recording.limits import enumerated
 from ros2_ident.search import RefineStatus, StopReason
 from ros2_ident.words.figures import figure, quantity
 

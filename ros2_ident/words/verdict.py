@@ -10,7 +10,7 @@ from ros2_ident.gap.diagnosis import Cause, Diagnosis, Facts, WrongConstant
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.asked import Event
 from ros2_ident.models import EffectAt
-from ros2_ident.recording.shown import enumerated
+from ros2_ident.recording.limits import enumerated
 from ros2_ident.words.figures import capital, compared, figure, in_travel, joined, length, quantity
 from ros2_ident.words.finding import instants
 

@@ -114,7 +114,7 @@ def test_errors_name_the_remedy():
     )
     for recording, code, text, more in (
         (good, 'INVALID_GOAL', 'drives are .*; name at least one', {'drives': ()}),
-        (good, 'MISSING_STREAM', 'log: state has no joint x, it holds drive_1, drive_2; name these',
+        (good, 'MISSING_STREAM', 'log: state has no joint x, it holds drive_1, drive_2; name',
          {'drives': ('drive_1', 'x')}),
         (still, 'MISSING_STREAM', 'no stream holds effort; record it, or name its topic', {}),
         (silent, 'BAD_VALUES', 'every effort of the drives is NaN; switch', {}),

@@ -32,7 +32,7 @@ import zstandard
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import align, check, read_bag, RecordingBuilder
 from ros2_ident.recording.cdr import encode
-from ros2_ident.recording.shown import printable
+from ros2_ident.recording.limits import printable
 from ros2_ident.recording.streams import FIELDS
 
 

@@ -10,7 +10,7 @@ from ros2_control_bags import as_ros2_control_records, Maker
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, render, Topics
-from ros2_ident.recording.ros2_control import (
+from ros2_ident.recording.content import (
     ARRAY,
     parse_trajectory,
     set_points,

@@ -8,7 +8,7 @@ import re
 from markupsafe import escape, Markup
 
 from ros2_ident.identify.result import ParameterEstimate
-from ros2_ident.recording.shown import enumerated
+from ros2_ident.recording.limits import enumerated
 
 RAISED = str.maketrans('0123456789-', '⁰¹²³⁴⁵⁶⁷⁸⁹⁻')
 # Shares below and above these are said in words: their digits tell nothing.
