@@ -18,9 +18,9 @@ from ros2_ident.recording.limits import limit, require_memory
 from ros2_ident.recording.storage import Budget, Damage, inflate, ZSTD
 from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, LATEST_STAMP
 
-# The messages of ros2_control that state what joints do, beside sensor_msgs/JointState: control_msgs
-# (noetic-devel, humble, jazzy) and trajectory_msgs. The releases differ only after what is read
-# here, so that no definition of the bag is needed.
+# The messages of ros2_control that state what joints do, beside sensor_msgs/JointState, of
+# control_msgs (noetic-devel, humble, jazzy) and trajectory_msgs. The releases differ only after
+# what is read here, so that no definition of the bag is needed.
 CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
 DYNAMIC_STATE = 'control_msgs/msg/DynamicJointState'
 ARRAY = 'std_msgs/msg/Float64MultiArray'
