@@ -205,12 +205,16 @@ class _Layout:
             if not self.placed:
                 shift = round(ticks.phase * 1e9)
             elif ticks.stride and abs(ticks.phase) > 0.35 * self.cycle:
-                self.warnings.append(
-                    f'{role}: stamps lie {abs(ticks.phase) * 1e3:.3g} ms beside those of '
-                    f'{next(iter(self.placed))}, near half a cycle: it may be one cycle off'
-                )
-            for remark in _remarks(ticks, self.cycle):
-                remarks.setdefault(remark, []).append(role)
+                off, other = f'{abs(ticks.phase) * 1e3:.3g} ms', next(iter(self.placed))
+                said = f'stamps lie {off} beside those of {other}, near half a cycle'
+                self.warnings.append(f'{role}: {said}: it may be one cycle off')
+            long = self.cycle * (1.0 + ticks.drift) * 1e3
+            if doubled := int((~ticks.keep).sum()):
+                said = f'{doubled} samples share a controller cycle with another and are left out'
+                remarks.setdefault(f'{said}; state a shorter one', []).append(role)
+            if abs(ticks.drift) > 2e-5:
+                said = f'the controller cycle is {long:.6g} ms on the clock of the stamps'
+                remarks.setdefault(f'{said}, not {self.cycle * 1e3:.6g} ms', []).append(role)
             kept = stream if ticks.keep.all() else stream.taken(ticks.keep)
             tick = ticks.tick[ticks.keep]
             instants = tick.astype(np.float64) if ticks.stride else ticks.raw[ticks.keep]
@@ -430,23 +434,6 @@ def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Tic
         jitter=max(part.jitter for part in parts),
     )
     return Stream(stream.names, stamp, **merged), ticks
-
-
-def _remarks(ticks: Ticks, cycle: float) -> list[str]:
-    """Say how a stream's samples fell on the grid, where that is worth a warning."""
-    remarks = []
-    doubled = int((~ticks.keep).sum())
-    if doubled:
-        remarks.append(
-            f'{doubled} samples share a controller cycle of {cycle * 1e3:.4g} ms with another '
-            'and are left out; state a shorter cycle if the controller has one'
-        )
-    if abs(ticks.drift) > 2e-5:
-        remarks.append(
-            f'the controller cycle is {cycle * (1.0 + ticks.drift) * 1e3:.6g} ms on the '
-            f'clock of the stamps, not {cycle * 1e3:.6g} ms'
-        )
-    return remarks
 
 
 Spline = Callable[[FloatArray], FloatArray]

@@ -187,8 +187,14 @@ def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, .
                 notes.append(f'{role}: {several}')
             break
     for topic, kind, roles in offered:
-        if topic not in chosen.values() and kind != JOINT_STATE:
-            notes.append(_unread(topic, kind, roles))
+        if topic in chosen.values() or kind == JOINT_STATE:
+            continue
+        names = ''
+        if kind == ARRAY:
+            roles, names = ('command',), ' --joint-names A,B (the joints in its order)'
+        ways = ' or '.join(f'--{role}-topic {topic}{names}' for role in roles)
+        why = f'; to read it: {ways}' if roles else ': it holds no values'
+        notes.append(f'{topic} ({kind}) is not read{why}')
     found = replace(topics, **chosen)  # type: ignore[arg-type]
     return found, tuple(notes)
 
@@ -202,17 +208,6 @@ def _is_open(topics: Topics, role: str, content: Content) -> bool:
         return True
     efforts = (block.fields[2] for block in state.blocks)
     return not any(x is not None and np.isfinite(x).any() for x in efforts)
-
-
-def _unread(topic: str, kind: str, roles: tuple[str, ...]) -> str:
-    """Return what to say of a topic that holds joints' values and is not read."""
-    names = ''
-    if kind == ARRAY:
-        roles, names = ('command',), ' --joint-names A,B (the joints in its order)'
-    if not roles:
-        return f'{topic} ({kind}) is not read: it holds no values'
-    ways = ' or '.join(f'--{role}-topic {topic}{names}' for role in roles)
-    return f'{topic} ({kind}) is not read; to read it: {ways}'
 
 
 def _scanned(files: list[Path], topics: Topics) -> Content:

@@ -213,10 +213,8 @@ class RecordingBuilder:
             if len(parts) > 1:
                 begins, ends = zip(*map(_span, parts), strict=True)
                 longest = max(np.subtract(begins[1:], ends[:-1])) * 1e-9
-                warnings.append(
-                    f'nothing came for up to {longest:.4g} s: the recorder paused or its clock '
-                    f'was set; the {len(parts)} stretches are taken one by one'
-                )
+                said = f'nothing came for up to {longest:.4g} s: the recorder paused or its clock '
+                warnings.append(f'{said}was set; {len(parts)} stretches are taken one by one')
         return [
             Recording(
                 **group,
@@ -245,9 +243,7 @@ class RecordingBuilder:
         """Return the segments of one role."""
         names = list(track.joints)
         if not any(track.measured):
-            warnings.append(
-                f'{role}: {track.count} messages without any value; nothing was measured there'
-            )
+            warnings.append(f'{role}: {track.count} messages without any value')
             return []
         needed = 3 * sum(track.measured) * len(names) * track.count * 8
         what = f'{self.source}: {role} with {len(names)} joints takes'
@@ -257,22 +253,19 @@ class RecordingBuilder:
         for target in fields:
             if target is not None and (bad := np.abs(target) > _ABSURD).any():
                 target[bad] = np.nan
-                warnings.append(
-                    f'{role}: {int(bad.sum())} infinite values are taken as not measured'
-                )
+                said = f'{int(bad.sum())} infinite values are taken as not measured'
+                warnings.append(f'{role}: {said}')
         stray = _find_stray(stamp)
         if stray.size:
             off = np.abs(stamp[stray] - stamp[np.maximum(stray - 1, 0)]).max() * 1e-9
-            warnings.append(
-                f'{role}: messages with stamps up to {off:.3g} s apart from those before and '
-                f'after are left out: {stray.size}, the first is number {int(stray[0]) + 1}'
-            )
+            said = f'messages with stamps up to {off:.3g} s apart from those before and after'
+            first = f'the first is number {int(stray[0]) + 1}'
+            warnings.append(f'{role}: {said} are left out: {stray.size}, {first}')
         there = np.delete(np.arange(stamp.size), stray)
         segments, late = _cut(stamp[there], f'{self.source}: {role}')
         if late:
-            warnings.append(
-                f'{role}: {late} messages overtook others and were put back into order'
-            )
+            said = f'{late} messages overtook others and were put back into order'
+            warnings.append(f'{role}: {said}')
         streams = []
         repeated = 0
         for rows in (there[x] for x in segments):
@@ -289,10 +282,8 @@ class RecordingBuilder:
             repeated += doubled
             streams.append(Stream(tuple(names), part, *cut))
         if repeated:
-            warnings.append(
-                f'{role}: {repeated} values came twice with the same stamp, the later one counts; '
-                'look for two publishers on one topic'
-            )
+            said = f'{repeated} values came twice with the same stamp, the later one counts; look'
+            warnings.append(f'{role}: {said} for two publishers on one topic')
         return streams
 
 
@@ -456,14 +447,11 @@ def _match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
         place = -1
         for last, stream in enumerate(streams, count - len(streams)):
             free = leader[place + 1 : last + 1]
-            place += 1 + int(np.argmax([_overlap(stream.stamp, x.stamp) for x in free]))
+            a, b = stream.stamp[[0, -1]]
+            both = [min(b, x.stamp[-1]) - max(a, x.stamp[0]) for x in free]
+            place += 1 + int(np.argmax(np.maximum(both, 0)))
             groups[place][role] = stream
     return groups
-
-
-def _overlap(one: IntArray, two: IntArray) -> int:
-    """Return how long both streams of stamps last at once, ns."""
-    return max(0, int(min(one[-1], two[-1]) - max(one[0], two[0])))
 
 
 def _split_pauses(group: dict[str, Stream]) -> list[dict[str, Stream]]:

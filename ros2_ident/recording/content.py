@@ -51,7 +51,9 @@ def parser(kind: str, role: str, names: Sequence[str] = ()) -> Parse:
     if kind == DYNAMIC_STATE:
         return _dynamic_state
     if kind == ARRAY:
-        named = _array_names(names, 'effort' if role == 'effort' else 'position')
+        usual = 'effort' if role == 'effort' else 'position'
+        parts = [name.rpartition('/') for name in names]
+        named = [(x[0], x[2]) if x[0] and x[2] in FIELDS else (''.join(x), usual) for x in parts]
         return lambda data: _array(data, named)
     return parse_layout
 
@@ -120,15 +122,6 @@ def _dynamic_state(data: bytes) -> Layout:
             rows.append([where.get(x, -1) for x in FIELDS])
     cursor.end()
     return _layout(names, np.reshape(rows, (-1, len(FIELDS))).astype(np.int64), cursor)
-
-
-def _array_names(names: Sequence[str], default: str) -> list[tuple[str, str]]:
-    """Return joint and field of each number of an array."""
-    pairs = []
-    for name in names:
-        joint, _, field = name.rpartition('/')
-        pairs.append((joint, field) if joint and field in FIELDS else (name, default))
-    return pairs
 
 
 def _array(data: bytes, named: Sequence[tuple[str, str]]) -> Layout:

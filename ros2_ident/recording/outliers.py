@@ -163,8 +163,6 @@ def leave_out(
                 signal[rows] = np.nan
                 few = 'a sample' if rows.size == 1 else f'{rows.size} samples'
                 at = (stamp[rows[0]] - stamp[0]) * 1e-9
-                said.append(
-                    f'{what} jumps by up to {size:.3g} and back in {few}, first at {at:.4f} s; '
-                    'that is no motion and is left out'
-                )
+                where = f'jumps by up to {size:.3g} and back in {few}, first at {at:.4f} s'
+                said.append(f'{what} {where}; that is no motion and is left out')
     return said

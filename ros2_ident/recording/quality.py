@@ -275,10 +275,8 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
     level: Level = 'ok'
     if share > _MISSING_WARN:
         level = 'error' if share > _MISSING_ERROR else 'warn'
-        text += (
-            f'; {100.0 * share:.3g} % are missing, the longest gap lasts {steps.max():.3g} s: '
-            'record on the machine itself, or with a larger cache'
-        )
+        text += f'; {100.0 * share:.3g} % are missing, the longest gap lasts {steps.max():.3g} s: '
+        text += 'record on the machine itself, or with a larger cache'
     yield level, 'missing', text
     for field, values in stream.fields.items():
         shares = np.isnan(values).mean(axis=0).tolist()
@@ -306,9 +304,7 @@ def _judge_drives(
         return [], [Finding('warn', 'no_position', 'state', f'{text}joint states')]
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
-    for name in state.names if wanted is None else wanted:
-        if name not in state.names:
-            continue
+    for name in (x for x in (state.names if wanted is None else wanted) if x in state.names):
         try:
             motion = motion_of(recording, name)
         except IdentError as exc:
@@ -374,9 +370,7 @@ def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
         text += '; Coulomb friction cannot be told from a constant force: record the way back too'
         return 'warn', 'one_way', text
     if turns < 3:
-        text += (
-            '; four or more reversals at different speeds tell friction, inertia and offset apart'
-        )
+        text += '; four or more at different speeds tell friction, inertia and offset apart'
         return 'warn', 'few_reversals', text
     return 'ok', 'excitation', text
 

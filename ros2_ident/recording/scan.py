@@ -51,8 +51,6 @@ _MESSAGE = struct.Struct('<HIQQ')
 _CHUNK_START = rb'\x06.{36}(?:\x00{4}|\x04\x00{3}zstd|\x03\x00{3}lz4)'
 _END_START = b'\x0f\x04' + bytes(7)
 _DAMAGED = (EndOfFile, OverflowError, struct.error, ValueError)
-# Sizes of messages outside of chunks that are remembered.
-_SHAPES = 64
 
 
 def scan(path: Path, content: Content) -> Losses:
@@ -111,7 +109,7 @@ class _Walk:
         # Topic of a channel, and where its messages go.
         self.ways: dict[int, tuple[str, Sink | None]] = {}
         self.found: Counter[str] = Counter()
-        self.shapes: set[bytes] = set()
+        self.starts = [_CHUNK_START, re.escape(_END_START)]
 
     # ------------------------------------------------------------------ the records of the file
 
@@ -151,8 +149,7 @@ class _Walk:
             self.losses.blocks += 1
             return end if self._follows(end) else self._next(at + 1) or self.size
         elif opcode == Opcode.MESSAGE:
-            if len(self.shapes) < _SHAPES:
-                self.shapes.add(data[: HEAD.size + 2])
+            self.starts[2:] = [rb'\x05.{5}\0\0\0']
             self._records(data)
         elif not _note(self.defined, opcode, data[HEAD.size :]):
             self.losses.skipped += end - at
@@ -171,14 +168,14 @@ class _Walk:
 
     def _next(self, at: int) -> int:
         """Return the next place where a chunk, message or the end of the data begins, or 0."""
-        starts = [_CHUNK_START, *(re.escape(x) for x in (_END_START, *sorted(self.shapes)))]
-        pattern = re.compile(b'|'.join(starts), re.DOTALL)
+        pattern = re.compile(b'|'.join(self.starts), re.DOTALL)
         while (match := pattern.search(self.data, at)) is not None:
             at, after = match.span()
             opcode, length = HEAD.unpack_from(self.data, at)
             end = at + HEAD.size + length
             packed = int.from_bytes(self.data[after : after + 8], 'little')
-            if end <= self.size and (opcode != Opcode.CHUNK or after + 8 + packed == end):
+            fits = opcode != Opcode.MESSAGE or self._follows(at)
+            if end <= self.size and fits and (opcode != Opcode.CHUNK or after + 8 + packed == end):
                 return at
             at += 1
         return 0

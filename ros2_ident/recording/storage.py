@@ -166,8 +166,7 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
     if not path.is_dir():
         text = 'does not exist; give the path of a bag directory or an .mcap, .db3 or .bag file'
         raise IdentError(ErrorCode.NO_DATA, f'{path}: {text}')
-    files = [x for x in path.iterdir() if x.suffix in SUFFIXES or x.suffix == '.zstd']
-    files = [x for x in files if x.is_file()]
+    files = [x for x in path.iterdir() if x.suffix in (*SUFFIXES, '.zstd') and x.is_file()]
     if not files:
         text = 'holds no .mcap, .db3 or .bag file; give what `ros2 bag record` wrote'
         raise IdentError(ErrorCode.NO_DATA, f'{path}: {text}')
@@ -208,9 +207,6 @@ def unpacked(files: list[Path]) -> Iterator[list[tuple[Path, bool]]]:
     Raises:
         IdentError: DAMAGED_BAG where one unpacks to more than allowed, or than the disk holds.
     """
-    if all(x.suffix != '.zstd' for x in files):
-        yield [(x, True) for x in files]
-        return
     with TemporaryDirectory() as room:
         plain = []
         for number, path in enumerate(files):

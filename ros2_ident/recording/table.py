@@ -378,7 +378,8 @@ def _parse(
         for part, column, at in zip(parts, layout.columns, where, strict=True):
             name = f', column {printable(str(column.cell))}:'
             with np.errstate(over='ignore'):
-                part.append(column.scale * np.array(read(at, name, _NO_VALUE, _value)))
+                numbers = read(at, name, _NO_VALUE, lambda x: float(x) if x else math.nan)
+                part.append(column.scale * np.array(numbers))
     stamp = np.concatenate(stamps or [np.empty(0, np.int64)])
     if not stamp.size:
         where_ = ' with what `where` asks for' if layout.where else ''
@@ -454,10 +455,6 @@ def _converted(
             text = f'line {number}{where} {short(row[at])} is no number; {remedy}'
             raise _bad(path, text) from None
     return out
-
-
-def _value(text: str) -> float:
-    return float(text) if text else math.nan
 
 
 def _check_steps(path: Path, stamp: IntArray) -> None:

@@ -193,11 +193,10 @@ def require_room(path: str | Path, mark: str = '') -> None:
     path = Path(path)
     if not path.exists() and not path.is_symlink():
         return
-    if not mark:
-        text = f'{path}: exists already; remove it or give another directory'
-        raise IdentError(ErrorCode.INVALID_GOAL, text)
-    if not _is_marked(path, mark):
+    text = 'exists already; remove it or give another directory'
+    if mark:
         text = f'is no {mark} that ident wrote and will not be replaced; move it away'
+    if not mark or not _is_marked(path, mark):
         raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: {text}')
 
 

@@ -152,7 +152,7 @@ def test_an_effort_is_held_against_the_machine(factor, code, text):
 def test_joints_of_the_bag_are_held_against_the_machine():
     file = read_machine_file(REPO / 'config' / 'tripod.yaml')
     (finding,) = check_both([recording()], file).of('missing_stream')
-    assert re.search('state has no joint .*drive_1.*, it holds a; write', finding.sentence)
+    assert re.search('state has no joint .*drive_1.*, it holds a; name', finding.sentence)
 
 
 def test_segments_short_ones_and_no_command():
