@@ -8,6 +8,7 @@ left or nothing gains.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -62,13 +63,6 @@ class Round:
         """The fits with one effect more than the base, by that effect."""
         more = len(self.base.effects) + 1
         return {e.effects[-1]: e for e in self.fitted if len(e.effects) == more}
-
-
-class _Stop:
-    """A question as a cancel event."""
-
-    def __init__(self, stopped: Callable[[], bool]) -> None:
-        self.is_set = stopped
 
 
 class Attribution:
@@ -218,13 +212,14 @@ class Attribution:
             share = progress.evaluations / max(progress.budget, 1)
             self.on_step(0.9 * share, 'identifying the nominal parameters')
 
+        cancel: Any = SimpleNamespace(is_set=self.stopped)
         found = fit(
             Problem(
                 compared, part.labels, part.conditions, fixed=dict(zip(names, own, strict=True))
             ),
             settings,
             seed,
-            cancel=_Stop(self.stopped),
+            cancel=cancel,
             on_progress=report,
             workers=self.workers,
             journal=self.journal,

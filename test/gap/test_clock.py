@@ -3,7 +3,7 @@
 
 import pytest
 
-from ros2_ident.gap.clock import Clock, DiagnoseProgress
+from ros2_ident.gap.diagnose import Clock, DiagnoseProgress
 
 
 def test_a_limit_of_time_bounds_what_is_said() -> None:
