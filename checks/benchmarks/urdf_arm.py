@@ -24,6 +24,8 @@ from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.write import write_bag
 
 CYCLE, STEP, SECONDS = 5e-3, 5e-5, 20.0
+# How far the motion goes to either side, rad.
+REACH = 0.8
 # Least and largest, as shares of a joint's largest effort in the URDF.
 HIDDEN = {
     'kp': (20.0, 50.0),
@@ -60,11 +62,13 @@ def main() -> None:
         getattr(model, f'dof_{key}')[:] = hidden[key]
     # By what a joint moves MuJoCo scales how firmly dry friction holds.
     mujoco.mj_setConst(model, mujoco.MjData(model))
+    ends = np.where(model.jnt_limited[:, None], model.jnt_range, [-np.inf, np.inf]).T
+    room = np.stack([ends[0] + REACH, np.maximum(ends[1] - REACH, ends[0] + REACH)])
     stamp = np.arange(round(SECONDS / CYCLE)) * round(CYCLE * 1e9)
     time = stamp[:, None] * 1e-9
     for bag in ('fit', 'judge'):
         data = mujoco.MjData(model)
-        home = rng.uniform(-0.8, 0.8, len(names))
+        home = np.clip(rng.uniform(-0.8, 0.8, len(names)), *room)
         points = home + sum(
             size * rng.uniform(0.7, 1.1, len(names))
             * np.sin(2.0 * np.pi * (rate * rng.uniform(0.7, 1.3, len(names)) * time))

@@ -428,10 +428,10 @@ class Plant:
         told = np.empty((count, steps, self.model.nsensordata))
         now, seen = np.empty((count, 1, self._state)), np.empty((count, 1, told.shape[2]))
         given = np.zeros((count, 1, nu + self.model.nv))
-        dofs = [at.dof for at in self.places]
+        dofs = np.array([at.dof for at in self.places])
         # A state begins with the time.
-        place = [1 + at.position for at in self.places]
-        rate = [1 + self.model.nq + dof for dof in dofs]
+        place = np.array([1 + at.position for at in self.places])
+        rate, pushed = 1 + self.model.nq + dofs, nu + dofs
         friction = [model.dof_frictionloss for model in models]
         effort = np.zeros((count, len(dofs)))
         for n in range(steps):
@@ -441,10 +441,11 @@ class Plant:
             for own, sizes in zip(friction, loss, strict=True):
                 own[dofs] = sizes
             given[:, 0, :nu] = control[:, n]
-            given[:, 0, [nu + dof for dof in dofs]] = force
+            given[:, 0, pushed] = force
             self._own.roller.rollout(
-                models, self._data, states, given, control_spec=spec, state=now, sensordata=seen
-            )
+                models, [self._data], states, given, nstep=1, control_spec=spec, state=now,
+                sensordata=seen, skip_checks=True,
+            )  # fmt: skip
             states[:], told[:, n] = now[:, 0], seen[:, 0]
             effort = told[:, n, self._sensors['effort']]
         return now, told
