@@ -255,12 +255,15 @@ def diagnose(
     return Diagnosed(request, logs, result, time.monotonic() - logs.since, checkpoint, cut)
 
 
-def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) -> list[Path]:
+def save(
+    done: Identified | Diagnosed, folder: Path, *, overlay: bool = True, live: bool = False
+) -> list[Path]:
     """Write what a run found, and forget its checkpoint where it came to its end.
 
     Args:
         folder: Where to write; it exists.
         overlay: Whether to write the overlay bags, too.
+        live: Whether the page there is this run's own, which a browser reloads.
 
     Raises:
         IdentError: INVALID_GOAL where something cannot be written.
@@ -271,7 +274,10 @@ def save(done: Identified | Diagnosed, folder: Path, *, overlay: bool = True) ->
     from ros2_ident.report.diagnosis import effects_in
 
     request, logs = done.request, done.logs
-    bags.withdraw_overlay(folder / bags.OVERLAY)  # what is new does not lie beside what is old
+    # What is new does not lie beside what is old.
+    bags.withdraw_overlay(folder / bags.OVERLAY)
+    if not live:
+        remove_file(folder / results.PAGE)
     if isinstance(done, Identified):
         problem, theta = done.problem(), done.result.theta
         held_out = None if logs.check is None else check_problem(problem, logs.check)

@@ -111,7 +111,7 @@ def carry_out(
             done = find(request, logs, cancel=cancel, on_progress=tell, checkpoint=kept)
             answer(done.result)
             if out is not None:
-                written = jobs.save(done, out, overlay=not args.no_overlay)
+                written = jobs.save(done, out, overlay=not args.no_overlay, live=args.live)
                 page = page_line(out, wanted=not args.no_report)
     if written:
         print('written: ' + ', '.join(str(path) for path in written))

@@ -93,7 +93,7 @@ def write_diagnosis(
         },
     }
     text = json.dumps(plain(data), indent=1, allow_nan=False) + '\n'
-    _withdraw(folder, PAGE, DIAGNOSIS_SIGNALS)
+    _withdraw(folder, DIAGNOSIS_SIGNALS)
     return (
         write_text(folder / DIAGNOSIS, text),
         write_signals(folder / DIAGNOSIS_SIGNALS, signals_of_diagnosis(found)),
@@ -161,7 +161,7 @@ def write_result(
     """
     folder = make_directory(directory)
     data = to_mapping(result)
-    _withdraw(folder, PAGE, YAML, HISTORY, SIGNALS)
+    _withdraw(folder, YAML, HISTORY, SIGNALS)
     files = (
         write_text(folder / JSON, json.dumps(data, indent=2, allow_nan=False) + '\n'),
         write_text(folder / YAML, yaml.safe_dump(data, sort_keys=False, width=99)),
