@@ -148,9 +148,7 @@ def test_what_is_not_ours_is_kept_and_said_before_the_search(
 @pytest.mark.parametrize(
     ('words', 'name'),
     [
-        (['export', str(BAG), '--to', 'csv', '--out', '{}'], 'axis_reversals.csv'),
-        (['export', str(BAG), '--to', 'csv', '--out', '{}'], 'axis_reversals.columns.yaml'),
-        (['excite', '{}', '--machine', str(AXIS_FILE)], 'motion.csv'),
+        (['excite', '{}', '--machine', str(AXIS_FILE)], 'trajectory.yaml'),
         (['simulate', '{}', '--machine', str(AXIS_FILE)], 'notes.txt'),
         (['fleet', str(BAG.parent), '--machine', str(AXIS_FILE), '--out', '{}'], 'fleet.csv'),
         (['new-machine', '--kind', 'servo', '--drives', 'a', '--out', '{}/my.yaml'], 'my.yaml'),

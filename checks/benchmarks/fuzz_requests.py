@@ -47,7 +47,6 @@ from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import RecordingBuilder  # noqa: E402
 from ros2_ident.recording.cdr import decode  # noqa: E402
-from ros2_ident.report.files import write_tables  # noqa: E402
 from ros2_ident.report.page import write_report  # noqa: E402
 from ros2_ident.search import GeneticSettings, journal  # noqa: E402
 
@@ -286,7 +285,7 @@ class Results:
         self.whole = {path: path.read_bytes() for path in sorted(self.room.iterdir())}
 
     def __call__(self, generator: random.Random) -> str:
-        """Make page, tables or estimate."""
+        """Make page or estimate."""
         for path, data in self.whole.items():
             path.write_bytes(data)
         path = generator.choice([*self.whole, *self.room.glob('*.json')])
@@ -296,8 +295,7 @@ class Results:
             path.write_bytes(damage(self.whole[path], generator))
         if path.suffix == '.yaml':
             path.with_suffix('.json').unlink()
-        make = generator.choice((write_report, write_tables, read_estimate))
-        make(self.room, *([self.room / 'tables'] if make is write_tables else []))
+        generator.choice((write_report, read_estimate))(self.room)
         return 'taken'
 
 

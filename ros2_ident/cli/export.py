@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from ros2_ident.identify.problem import Problem
 
 TARGETS = ('urdf', 'mjcf', 'isaac', 'ros2_control')
-TABLES = 'csv'
 
 
 def run(args: argparse.Namespace) -> int:
@@ -23,17 +22,12 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.export.estimate import read_estimate
     from ros2_ident.export.targets import fitting, write
 
-    wrong = [name for name in args.to or () if name not in (*TARGETS, TABLES)]
+    wrong = [name for name in args.to or () if name not in TARGETS]
     if wrong:
         raise IdentError(
             ErrorCode.INVALID_GOAL,
-            f'{wrong[0]} is no target; choose from {", ".join((*TARGETS, TABLES))}',
+            f'{wrong[0]} is no target; choose from {", ".join(TARGETS)}',
         )
-    if args.to and TABLES in args.to:
-        print(f'{TABLES}: {", ".join(map(str, _tables(args)))}')
-        args.to = tuple(name for name in args.to if name != TABLES)
-        if not args.to:
-            return 0
     estimate = read_estimate(args.results)
     problem = _problem(args, estimate)
     content = content_of(problem, estimate, args.prior)
@@ -41,9 +35,7 @@ def run(args: argparse.Namespace) -> int:
     files = write(args.out, args.to or fitting(content, description), content, description)
     links = content.links
     if links is not None:
-        print(
-            f'links: physically consistent; masses of the description ± {100 * args.prior:g} %'
-        )
+        print(f'links: physically consistent; masses of the description ± {100 * args.prior:g} %')
         if links.mended:
             impossible = ', '.join(links.mended)
             print(f'the description gives {impossible} inertials that no body can have')
@@ -52,20 +44,6 @@ def run(args: argparse.Namespace) -> int:
         for sentence in words:
             print(f'  {sentence}')
     return 0
-
-
-def _tables(args: argparse.Namespace) -> tuple[Path, ...]:
-    """Write results, or else a log, as CSV."""
-    from ros2_ident.recording import read_bag
-    from ros2_ident.recording.table import MAP_SUFFIX, write_table
-    from ros2_ident.report.files import holds_results, write_tables
-
-    log = Path(args.results)
-    if holds_results(log):
-        return write_tables(log, args.out)
-    topics = topics_of(args)
-    read = [log, topics.columns or log.with_name(log.stem + MAP_SUFFIX)]
-    return write_table(Path(args.out) / f'{log.stem}.csv', read_bag(log, topics), read)
 
 
 def _description(args: argparse.Namespace, problem: 'Problem') -> str:

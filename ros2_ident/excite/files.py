@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A motion in files: a bag of set-points, a trajectory for a controller, a table, its worth."""
+"""A motion in files: a bag of set-points, a trajectory for a controller, its worth."""
 
-from collections.abc import Iterator
 from importlib.util import find_spec
 import json
 from pathlib import Path
@@ -17,7 +16,6 @@ from ros2_ident.files import (
     mark,
     replacing,
     require_ours,
-    write_table,
     write_text,
 )
 from ros2_ident.recording import Stream, write_bag
@@ -35,9 +33,8 @@ from ros2_ident.report.style import (
     WIDTH,
 )
 
-BAG, TRAJECTORY, TABLE, WORTH, PICTURE = (
-    'set_points', 'trajectory.yaml', 'motion.csv', 'excite.json', 'motion.png',
-)  # fmt: skip
+BAG, TRAJECTORY, WORTH = 'set_points', 'trajectory.yaml', 'excite.json'
+PICTURE = 'motion.png'
 MARK = 'excitation'
 TOPIC = '/joint_trajectory_controller/joint_trajectory'
 _KIND = 'trajectory_msgs/msg/JointTrajectory'
@@ -69,7 +66,6 @@ def write_excitation(
     _write_bag(bag, found, message, asked)
     text = yaml.safe_dump(message, default_flow_style=None, sort_keys=False, width=1 << 20)
     files = [write_text(folder / TRAJECTORY, f'# {mark("trajectory")}\n{text}')]
-    files.append(write_table(folder / TABLE, *_table(found)))
     files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
     if find_spec('matplotlib') is None:
         return [bag, *files]
@@ -87,7 +83,7 @@ def require_place(directory: str | Path) -> None:
     """
     folder = Path(directory)
     require_room(folder / BAG, MARK)
-    require_ours(folder / name for name in (TRAJECTORY, TABLE, WORTH, PICTURE))
+    require_ours(folder / name for name in (TRAJECTORY, WORTH, PICTURE))
 
 
 def _write_bag(path: Path, found: Excitation, message: dict[str, Any], asked: str) -> None:
@@ -144,17 +140,6 @@ def _serialised(message: dict[str, Any]) -> bytes:
     header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
     whole = types[_KIND](header=header, joint_names=message['joint_names'], points=points)
     return bytes(store.serialize_cdr(whole, _KIND))
-
-
-def _table(found: Excitation) -> tuple[list[str], Iterator[list[str]]]:
-    """Return head and rows: time, and position, velocity and acceleration of each drive."""
-    rows = (found.planned.position, found.planned.velocity, found.planned.acceleration)
-    words = ('position', 'velocity', 'acceleration')
-    drives = found.courses.machine.drives
-    head = ['time', *(f'{drive}.{word}' for word in words for drive in drives)]
-    time = found.courses.series.cycle * np.arange(rows[0].shape[1])
-    values = np.column_stack([time, *(row.T for row in rows)]).tolist()
-    return head, ([f'{x:.9g}' for x in row] for row in values)
 
 
 def worth(found: Excitation) -> dict[str, Any]:

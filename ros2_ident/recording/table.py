@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Logs as tables (CSV), read and written by a column map: what each column is.
+"""Logs as tables (CSV), read by a column map: what each column is.
 
 A map is read, or drafted from the names in a table's header.
 """
@@ -21,8 +21,7 @@ import numpy as np
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import make_directory, mark, read_yaml, require_ours, write_text
-from ros2_ident.files import write_table as write_rows
+from ros2_ident.files import read_yaml
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.limits import listed, printable, require_memory
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
@@ -67,7 +66,6 @@ _NO_VALUE = 'leave a cell empty where nothing was measured'
 # A step between rows outside of this is a wrong unit of the time, ns.
 _FINEST, _COARSEST = 1_000, 2_000_000_000
 # ns are nine decimals of a second.
-_TO_SECONDS = -9
 
 Cell = str | int
 
@@ -507,66 +505,3 @@ def _summed(
         role, field = QUANTITIES[quantity]
         found[role, joint, field] = sums[joint, quantity]
     return found
-
-
-def write_table(
-    path: str | Path, recordings: Sequence[Recording], inputs: Sequence[str | Path] = ()
-) -> tuple[Path, Path]:
-    """Write recordings of one log as a table; `read_bag` gets the same values back.
-
-    Streams of other rates leave cells empty. The time of the next recording steps back, as it
-    does in the log.
-
-    Args:
-        path: The `.csv` file.
-        recordings: In order.
-        inputs: What they were read from, which is not replaced.
-
-    Returns:
-        The table and its column map, which lies beside it.
-
-    Raises:
-        IdentError: INVALID_GOAL where a file cannot be written, or is not ours to replace.
-    """
-    table = Path(path)
-    where = table.with_name(table.stem + MAP_SUFFIX)
-    require_ours([table, where], inputs)
-    make_directory(table.parent)
-    parts = [_cells(x) for x in recordings]
-    columns = list(dict.fromkeys(name for _, cells in parts for name in cells))
-    joints: dict[str, dict[str, str]] = {}
-    for joint, quantity in columns:
-        joints.setdefault(joint, {})[quantity] = f'{joint}.{quantity}'
-    told = {'time': {'column': 'time', 'unit': 's'}, 'joints': joints}
-    head = ['time', *map('.'.join, columns)]
-    return (
-        write_rows(table, head, (row for part in parts for row in _rows(*part, columns))),
-        write_text(where, f'# {mark("columns")}\n{yaml.safe_dump(told, sort_keys=False)}'),
-    )
-
-
-def _rows(
-    stamps: IntArray, cells: Mapping[tuple[str, str], FloatArray], columns: list[tuple[str, str]]
-) -> Iterator[list[str]]:
-    """Yield the rows of a recording: a time, and a cell for each column."""
-    none = np.full(stamps.size, np.nan)
-    rows = np.stack([cells.get(name, none) for name in columns], axis=1)
-    for stamp, row in zip(stamps.tolist(), rows.tolist(), strict=True):
-        time = Decimal(stamp).scaleb(_TO_SECONDS)
-        yield [f'{time:f}', *('' if value != value else repr(value) for value in row)]
-
-
-def _cells(recording: Recording) -> tuple[IntArray, dict[tuple[str, str], FloatArray]]:
-    """Return all stamps (T,) of a recording, and what was measured at them (T,), NaN where not.
-
-    By joint and quantity; joint states may bring the effort.
-    """
-    stamps = np.unique(np.concatenate([x.stamp for x in recording.streams.values()]))
-    cells = {}
-    for quantity, (role, field) in QUANTITIES.items():
-        stream = recording.streams.get(role, recording.state if role == 'effort' else None)
-        for name in stream.names if stream is not None else ():
-            if stream is not None and (column := stream.column(field, name)) is not None:
-                row = cells[name, quantity] = np.full(stamps.size, np.nan)
-                row[np.searchsorted(stamps, stream.stamp)] = column
-    return stamps, cells

@@ -5,7 +5,7 @@ An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A
 `diagnosis.json`, `diagnosis.npz`, and lines for the machine file that bring in what was found.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields, replace
 import json
 import math
@@ -21,9 +21,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import (
     make_directory,
     remove_file,
-    require_ours,
     write_arrays,
-    write_table,
     write_text,
 )
 from ros2_ident.gap.diagnosis import Diagnosis, Value
@@ -40,9 +38,7 @@ from ros2_ident.report.diagnosis import SCHEMA, Written
 from ros2_ident.report.diagnosis import to_mapping as diagnosis_mapping
 from ros2_ident.report.schema import from_mapping, intact, to_mapping
 from ros2_ident.report.signals import (
-    load_signals,
     read_arrays,
-    Signals,
     signals_of_diagnosis,
     signals_of_problem,
     write_signals,
@@ -291,79 +287,3 @@ def _box(name: str, value: Value) -> str:
     reach = digits(float(f'{2.0 * abs(value.value):.2g}'))
     low = f'-{reach}' if value.value < 0.0 else '0.0'
     return f'  {name}: [{low}, {reach}, {value.unit}]'
-
-
-# ---------------------------------------------------------------------- tables (CSV)
-
-# Of a parameter, in this order, where it is known.
-_COLUMNS = ('value', 'low', 'high', 'unit', 'at_bound', 'state', 'note')
-
-
-def write_tables(results: str | Path, directory: str | Path) -> tuple[Path, ...]:
-    """Write parameters and signals of a result directory as tables.
-
-    Args:
-        results: What `ident identify` or `ident diagnose` wrote; one table each where both did.
-        directory: Is made where it does not exist.
-
-    Returns:
-        The files: `parameters.csv` and `signals.csv`, those of a diagnosis with `diagnosis_`
-        before their names.
-
-    Raises:
-        IdentError: NO_DATA where there is neither, BAD_VALUES where a file cannot be read.
-    """
-    source, folder = Path(results), make_directory(directory)
-    names = 'parameters.csv', 'signals.csv'
-    require_ours(folder / f'{before}{name}' for before in ('', 'diagnosis_') for name in names)
-    result, diagnosis = load(source)
-    files: list[Path] = []
-    if result is not None:
-        found = to_mapping(result)['parameters']
-        files += _table(folder, '', found, source / SIGNALS)
-    if diagnosis is not None:
-        found = diagnosis.parameters
-        files += _table(folder, 'diagnosis_', found, source / DIAGNOSIS_SIGNALS)
-    return tuple(files)
-
-
-def _table(
-    folder: Path, before: str, found: dict[str, dict[str, Any]], signals: Path
-) -> Iterator[Path]:
-    fields = [f for f in _COLUMNS if any(f in entry for entry in found.values())]
-    rows = [[name, *(entry.get(f) for f in fields)] for name, entry in found.items()]
-    yield write_table(folder / f'{before}parameters.csv', ['parameter', *fields], rows)
-    if signals.exists():
-        head, *curves = _signal_rows(load_signals(signals))
-        yield write_table(folder / f'{before}signals.csv', head, curves)
-
-
-def _signal_rows(signals: Signals) -> Iterator[Sequence[object]]:
-    """Yield the names, then a row for each instant of each recording."""
-    models = [f'simulated, {name}' for name in signals.models]
-    yield [
-        'recording',
-        'time [s]',
-        *(
-            f'{drive} {what} [{unit}]'
-            for drive in signals.drives
-            for what, unit in [
-                *((name, signals.unit) for name in ('measured', *models)),
-                ('following error', signals.travel),
-            ]
-        ),
-    ]
-    for number, curves in enumerate(signals.recordings, 1):
-        # (D, M + 2, T): what stands side by side for each drive
-        blocks = np.concatenate(
-            [
-                curves.measured[:, None],
-                curves.simulated.swapaxes(0, 1),
-                curves.tracking[:, None],
-            ],
-            axis=1,
-        )
-        title = f'{number}: {curves.title}' if curves.title else str(number)
-        values = blocks.reshape(-1, curves.time.size).T
-        for time, row in zip(curves.time.tolist(), values.tolist(), strict=True):
-            yield [title, f'{time:.9g}', *('' if x != x else f'{x:.9g}' for x in row)]

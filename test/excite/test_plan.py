@@ -157,9 +157,7 @@ def test_the_intervals_come_true(axis) -> None:
     # 400 logs with noise, each fitted by least squares: the spread of what is found.
     noise = axis.effort_noise * np.random.default_rng(1).standard_normal((slopes.shape[0], 400))
     spread = np.std(np.linalg.lstsq(slopes, noise, rcond=None)[0], axis=1)
-    np.testing.assert_allclose(
-        sensitivity.half_widths(shown), norm.ppf(0.975) * spread, rtol=0.12
-    )
+    np.testing.assert_allclose(sensitivity.half_widths(shown), norm.ppf(0.975) * spread, rtol=0.12)
 
 
 def data_of(machine, planned: Moved) -> Dataset:
@@ -226,18 +224,17 @@ def command(folder: Path, *more: str) -> list[str]:
     return [*words, '--generations', '2', '--threads', '1', '--quiet', *more]
 
 
-def table(folder: Path) -> np.ndarray:
-    return np.loadtxt(folder / 'motion.csv', delimiter=',', skiprows=1)
-
-
 def test_a_controller_makes_the_motion_of_the_trajectory(written) -> None:
     topics = Topics(command='/joint_trajectory_controller/joint_trajectory')
     (recording,) = read_bag(written / 'set_points', topics)
-    followed, rows = recording.command, table(written)
-    assert followed is not None
+    (planned,) = read_bag(written / 'set_points')
+    followed, rows = recording.command, planned.command
+    assert followed is not None and rows is not None
     time = 1e-9 * (followed.stamp - followed.stamp[0])
     np.testing.assert_allclose(
-        np.interp(time, rows[:, 0], rows[:, 1]), followed.position[:, 0], atol=2e-6
+        np.interp(time, 1e-9 * (rows.stamp - rows.stamp[0]), rows.position[:, 0]),
+        followed.position[:, 0],
+        atol=2e-6,
     )
     text = yaml.safe_load((written / 'trajectory.yaml').read_text())
     first = text['points'][0]

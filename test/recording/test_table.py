@@ -13,7 +13,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, scale_effort, table
-from ros2_ident.recording.table import drafted_columns, load_columns, read_table, write_table
+from ros2_ident.recording.table import drafted_columns, load_columns, read_table
 
 
 def read(tmp_path, text, more='', joints='a: {position: q}', time='t', unit='s'):
@@ -21,6 +21,21 @@ def read(tmp_path, text, more='', joints='a: {position: q}', time='t', unit='s')
     where = tmp_path / 'map.yaml'
     where.write_text(f'time: {{column: {time}, unit: {unit}}}\njoints: {{{joints}}}\n{more}')
     return read_table(tmp_path / 'log.csv', where)
+
+
+def tabled(path, recording):
+    columns = {'q': ('state', 'position'), 'e': ('effort', 'effort'), 'c': ('command', 'position')}
+    rows = {}
+    for name, (role, field) in columns.items():
+        stream = recording.streams[role]
+        for stamp, value in zip(stream.stamp, getattr(stream, field)[:, 0], strict=True):
+            rows.setdefault(stamp, {})[name] = repr(float(value))
+    lines = [','.join([str(t), *(rows[t].get(x, '') for x in columns)]) for t in sorted(rows)]
+    path.write_text('\n'.join(['t,q,e,c', *lines]))
+    path.with_suffix('.columns.yaml').write_text(
+        'time: {column: t, unit: ns}\n'
+        'joints: {emps_axis: {position: q, effort: e, command_position: c}}\n'
+    )
 
 
 @pytest.mark.parametrize(
@@ -188,7 +203,7 @@ def test_a_table_without_a_map(tmp_path):
 
 def test_the_commands_take_a_table_like_a_bag(tmp_path, capsys):
     (recording,) = read_bag('bags/axis_reversals')
-    write_table(tmp_path / 'log.csv', [scale_effort(recording, 0.5)])
+    tabled(tmp_path / 'log.csv', scale_effort(recording, 0.5))
     words = ['--machine', 'config/emps.yaml']
     assert main(['check', str(tmp_path / 'log.csv'), *words]) == 0
     assert 'it has the sign of the motion' in capsys.readouterr().out
