@@ -213,16 +213,18 @@ class Attribution:
             self.on_step(0.9 * share, 'identifying the nominal parameters')
 
         cancel: Any = SimpleNamespace(is_set=self.stopped)
+        problem = Problem(
+            compared, part.labels, part.conditions, fixed=dict(zip(names, own, strict=True))
+        )
         found = fit(
-            Problem(
-                compared, part.labels, part.conditions, fixed=dict(zip(names, own, strict=True))
-            ),
+            problem,
             settings,
             seed,
             cancel=cancel,
             on_progress=report,
             workers=self.workers,
             journal=self.journal,
+            first=problem.suggested,
         )
         theta = np.concatenate([found.theta, own])
         if not np.isfinite(theta).all():

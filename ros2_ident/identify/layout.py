@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import functools
 from pathlib import Path
 from typing import TypeVar
 
@@ -171,6 +172,23 @@ class Layout:
         if columns is not None:
             theta = theta[:, columns]
         return theta if more is None else theta + more
+
+
+    @functools.cached_property
+    def suggested(self) -> Array | None:
+        """(N,) parameters that the recordings suggest, the mean of all; None for none."""
+        total, count = np.zeros(len(self.names)), np.zeros(len(self.names))
+        for number, model in enumerate(self.models):
+            told, more = model.suggested(), self._more[number]
+            if told is None:
+                return None
+            columns = self._columns[number]
+            columns = np.arange(len(told)) if columns is None else columns
+            told = told if more is None else told - more
+            free = columns < len(total)
+            np.add.at(total, columns[free], told[free])
+            np.add.at(count, columns[free], 1.0)
+        return np.clip(total / np.maximum(count, 1.0), self.low, self.high)
 
 
 def _named(every: set[str], names: Sequence[str]) -> set[str]:

@@ -171,6 +171,7 @@ def solve(
                 on_progress=watch or on_progress,
                 workers=workers or Threads(settings.threads),
                 journal=journal,
+                first=problem.suggested,
             )
     weighed = None
     if found.intervals is not None and not cut_short(found):

@@ -214,6 +214,10 @@ class FullModel(Model):
         """
         return {}
 
+    def suggested(self) -> Array | None:
+        """Return (N,) parameters that the log suggests without a search; None for none."""
+        return None
+
     # ------------------------------------------------------------------ what may be missing
 
     def extensions(self) -> tuple[EffectAt, ...]:
@@ -364,6 +368,9 @@ class _Restricted(_Completed):
     def measured(self) -> Array:
         return self._measured
 
+
+    def suggested(self) -> Array | None:
+        return self._whole.suggested()
 
     def simulate_at(self, theta: Array, there: Mask) -> Array:
         return self._whole.simulate_at(theta, there)

@@ -171,6 +171,7 @@ def fit(
     on_progress: OnProgress | None = None,
     workers: Workers | None = None,
     journal: Journal | None = None,
+    first: Array | None = None,
 ) -> Fitted:
     """Fit a problem.
 
@@ -186,6 +187,7 @@ def fit(
         workers: Who evaluates; threads of this process, one for each processor, where None.
         journal: Gets every generation and the end of every start of the refinement; a fit of the
             same problem, settings and seed goes on from it, with the same result to the bit.
+        first: (N,) a candidate of the first generation, physical units.
 
     Returns:
         The estimate with what is known of it.
@@ -202,8 +204,9 @@ def fit(
         ThreadedEvaluator(problem.residuals, workers.count) as residuals,
     ):
         return _Fit(
-            problem, settings, seed, costs, residuals, cancel, on_progress, journal or Journal()
-        ).solve()
+            problem, settings, seed, costs, residuals, cancel, on_progress, journal or Journal(),
+            first,
+        ).solve()  # fmt: skip
 
 
 def _require_memory(settings: FitSettings, dimension: int) -> None:
@@ -239,6 +242,7 @@ class _Fit:
     cancel: Cancel | None
     on_progress: OnProgress | None
     journal: Journal
+    first: Array | None
 
     def __post_init__(self) -> None:
         problem, settings = self.problem, self.settings
@@ -250,7 +254,10 @@ class _Fit:
         jacobian = len(self.names) + 1
         self.usual = settings.starts * USUAL_STEPS * jacobian if settings.refine else 0
         self.per_start = JACOBIANS * jacobian
-        self.search = GeneticSearch(len(self.names), settings.genetic, self.seed)
+        start = self.first
+        if start is not None:
+            start = (start - problem.low) / (problem.high - problem.low)
+        self.search = GeneticSearch(len(self.names), settings.genetic, self.seed, start)
         self.new = True
         self.key = 'generation', problem.key, self.seed, asdict(settings.genetic)
         problem.prepare()  # before the clock runs

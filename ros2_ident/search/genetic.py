@@ -137,14 +137,20 @@ class GeneticSearch:
         dimension: Number of parameters N.
         settings: The algorithm's settings.
         seed: Of PCG64; same seed and costs, same candidates to the bit.
+        start: (N,) a candidate of the first generation, in the unit cube.
 
     Raises:
         IdentError: BAD_VALUES where dimension, seed or min_distance (eqs. 8 and 9) do not fit.
     """
 
     def __init__(
-        self, dimension: int, settings: GeneticSettings | None = None, seed: int = 0
+        self,
+        dimension: int,
+        settings: GeneticSettings | None = None,
+        seed: int = 0,
+        start: Array | None = None,
     ) -> None:
+        self._start = start
         self.settings = settings if settings is not None else GeneticSettings()
         if dimension < 1:
             raise _refuse(f'dimension is {dimension}; a search needs at least one parameter')
@@ -204,7 +210,9 @@ class GeneticSearch:
         s = self.settings
         if self.generation == 1:
             draw = FIRST_GENERATIONS[s.first_generation]
-            return draw(s.initial_population, self.dimension, self._rng)
+            points: Array = draw(s.initial_population, self.dimension, self._rng)
+            points[:1] = points[:1] if self._start is None else self._start
+            return points
         if not len(self.survivors):
             # Everything diverged so far: there is no parent to start from, so try new places.
             return self._rng.random((s.survivors * s.children, self.dimension))

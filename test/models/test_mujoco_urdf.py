@@ -114,6 +114,19 @@ def test_the_law_of_the_machine_file_moves_the_urdf(folder, law, changed) -> Non
     assert left[:2].max() < 0.01 * np.ptp(effort)
 
 
+@pytest.mark.parametrize('logged', [True, False])
+def test_inverse_dynamics_suggest_where_to_begin(folder, logged) -> None:
+    points, position, velocity, effort = moved(delay=1)
+    machine = machine_of(folder, {'set_point_delay': CYCLE}, tuple(TRUE))
+    data = Dataset(DRIVES, CYCLE, 0, points, None, position, None, effort if logged else None)
+    model = make_model(machine, data, quantities=('position',))
+    found = dict(zip((p.name for p in model.parameters), model.suggested(), strict=True))
+    # Without an effort, what brakes by kv and by damping is one number.
+    for name in TRUE if logged else ('kp', 'armature', 'frictionloss'):
+        values = [found[f'{drive}.{name}'] for drive in DRIVES]
+        assert values == pytest.approx(TRUE[name], rel=0.2), name  # a search goes on from here
+
+
 def test_without_gains_it_says_what_to_state(folder) -> None:
     points = np.zeros((2, 100))
     data = Dataset(DRIVES, CYCLE, 0, points, points, points, None, None)

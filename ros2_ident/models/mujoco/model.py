@@ -21,6 +21,7 @@ from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
 from ros2_ident.models.kinds import MUJOCO as KIND
 from ros2_ident.models.mujoco.forces import Forces, HOOKS
+from ros2_ident.models.mujoco.guess import by_inverse_dynamics, NAMES
 from ros2_ident.models.mujoco.plant import Felt, OWN, Plant
 from ros2_ident.models.protocol import EffectAt, effort_range, Output
 from ros2_ident.recording import Dataset
@@ -135,6 +136,33 @@ class Mujoco(MachineModel):
                 stated = self.plant.stated(name, self.machine.drives.index(drive) if drive else 0)
                 out[p.name] = given.get(p.name, given.get(name, stated))
         return out
+
+    def suggested(self) -> Array | None:
+        """Return (N,) parameters by inverse dynamics, see `FullModel.suggested`."""
+        if self.data.position is None or self.plant.model.neq:
+            return None
+        middle = np.array([0.5 * (p.low + p.high) for p in self.parameters])
+        own = {k: v[0] for k, v in self._candidates.own_values(middle).items()}
+        free = {p.name for p in self.parameters}
+        drives, places = self.machine.drives, range(len(self.machine.drives))
+        known = {
+            name: np.array([
+                math.nan if f'{drives[d]}.{name}' in free
+                else own.get(f'{drives[d]}.{name}', self.plant.stated(name, d)) for d in places
+            ])
+            for name in NAMES
+        }  # fmt: skip
+        zero, late = (self._own(name, {}, 1)[0] for name in ('joint_zero', 'set_point_delay'))
+        known['joint_zero'] = zero[:, None]
+        known['velocity_feedforward'] = self.machine.numbers('velocity_feedforward')[:, None]
+        order = [self.data.names.index(name) for name in drives]
+        found = by_inverse_dynamics(self.plant, self.data, order, late, known)
+        for n, p in enumerate(self.parameters):
+            drive, _, name = p.name.rpartition('.')
+            if name in found and drive in drives:
+                middle[n] = found[name][drives.index(drive)]
+        low, high = np.array([(p.low, p.high) for p in self.parameters]).T
+        return np.asarray(np.clip(middle, low, high))
 
     # ------------------------------------------------------------------ what it is
 

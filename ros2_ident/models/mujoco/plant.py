@@ -417,6 +417,29 @@ class Plant:
         return out
 
 
+    def inverse(self, position: Array, velocity: Array, acceleration: Array) -> Array:
+        """Return (D, K) what the links ask of the drives' joints, N m or N.
+
+        Neither friction nor armature of the joints counts; joints without a drive stay as drawn.
+
+        Args:
+            position: (D, K), in the joints' own coordinates.
+            velocity: (D, K).
+            acceleration: (D, K).
+        """
+        mj, model = _mujoco(), copy.copy(self.model)
+        data = mj.MjData(model)
+        dofs = np.array([at.dof for at in self.places])
+        for field in ('armature', 'damping', 'frictionloss'):
+            getattr(model, f'dof_{field}')[dofs] = 0.0
+        out = np.empty(position.shape)
+        for k in range(position.shape[1]):
+            data.qpos[[at.position for at in self.places]] = position[:, k]
+            data.qvel[dofs], data.qacc[dofs] = velocity[:, k], acceleration[:, k]
+            mj.mj_inverse(model, data)
+            out[:, k] = data.qfrc_inverse[dofs]
+        return out
+
     def _stepped(
         self, models: list[Any], states: Array, control: Array, forces: Felt
     ) -> tuple[Array, Array]:
