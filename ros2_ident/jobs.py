@@ -299,7 +299,6 @@ def save(
             problem,
             theta,
             topics=request.topics,
-            found=done.result,
         )
     if done.checkpoint is not None and done.complete:
         remove_file(done.checkpoint)

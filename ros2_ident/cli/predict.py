@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ros2_ident.export.estimate import Estimate
     from ros2_ident.prediction import Run
 
-JSON, PICTURE, FORMAT = 'prediction.json', 'prediction.png', 'ros2_ident.prediction'
+JSON, FORMAT = 'prediction.json', 'ros2_ident.prediction'
 # Of a log that is only simulated no windows are chosen.
 _ALL = 10**12
 
@@ -26,12 +26,12 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.table import columns
     from ros2_ident.effects import add_effect_files
     from ros2_ident.export.estimate import read_estimate
-    from ros2_ident.files import make_directory, replacing, require_ours, write_text
+    from ros2_ident.files import make_directory, require_ours, write_text
     from ros2_ident.prediction import of_description, predicted
 
     add_effect_files(args.effect)
     folder = make_directory(args.out) if args.out else None
-    require_ours([folder / name for name in (JSON, PICTURE)] if folder else [])
+    require_ours([folder / JSON] if folder else [])
     runs = {path: _runs(args, read_estimate(path)) for path in (args.results, *args.beside)}
     stages = [*of_description(runs[args.results]), *runs.items()]
     found = predicted(', '.join(args.bag), stages, args.warm_up)
@@ -45,14 +45,9 @@ def run(args: argparse.Namespace) -> int:
             rows.append((row[0].drive, row[0].quantity, row[0].unit, name.upper(), *numbers))
     columns(rows, '<<<<' + '>' * len(found.stages))
     if folder is not None:
-        from ros2_ident.report.style import picture
-
         content = {'format': FORMAT, 'warm_up': args.warm_up, **plain(asdict(found))}
         write_text(folder / JSON, json.dumps(content, indent=1) + '\n')
-        with replacing(folder / PICTURE) as file:
-            figure = picture(found, stages)
-            figure.savefig(file, format='png', dpi=110, metadata={'format': FORMAT})
-        print(f'written: {folder / JSON}, {folder / PICTURE}')
+        print(f'written: {folder / JSON}')
     return 0
 
 

@@ -14,7 +14,6 @@ from ros2_ident.gap.coordinates import bin_edges, direction, Motion, since_rever
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.floor import NORMAL
 from ros2_ident.gap.localise import Finding
-from ros2_ident.gap.spectrum import spectrum
 from ros2_ident.gates.scale import FEWEST
 from ros2_ident.words.verdict import worst
 
@@ -54,7 +53,7 @@ class ResidualMap:
             logarithmic one; 0 where all of the axis is linear.
         noise_floor: The drive's.
         before: Lines of the nominal fit's residual: one along the velocity, which tells the
-            direction itself, and along the frequency; elsewhere one for each direction of motion.
+            direction itself; elsewhere one for each direction of motion.
         after: The same with the effects found; none where there are none.
     """
 
@@ -102,7 +101,8 @@ def _chosen(findings: Sequence[Finding], always: Sequence[str]) -> tuple[tuple[s
         Each pair once, drive by drive in the order of the findings.
     """
     # Those over which nothing was found come first.
-    found = [f for f in findings if not f.likely]
+    # A swing has no place along the motion.
+    found = [f for f in findings if not f.likely and f.along != 'frequency']
     others = set(always) - {f.drive for f in found}
     at = {drive: ['velocity'] for drive in always if drive in others}
     for f in found:
@@ -115,12 +115,6 @@ def _chosen(findings: Sequence[Finding], always: Sequence[str]) -> tuple[tuple[s
 
 def _lines(motion: Motion, row: Array, drive: int, name: str, values: Array) -> tuple[Line, ...]:
     """Return means of a residual (K,) with their bands, NaN where there is no sample."""
-    if name == 'frequency':
-        frequency, power, _ = spectrum(row, motion.cycle)
-        keep = frequency > 0.0
-        # An amplitude in place of a mean.
-        size = np.sqrt(power[keep])
-        return (Line('both', frequency[keep], size, np.full(size.size, np.nan)),)
     there = np.isfinite(row)
     heading = direction(motion.velocity[drive])
     block = np.arange(row.size) // block_length(row[None], motion.cycle)
@@ -156,7 +150,6 @@ def _along(motion: Motion, drive: int, name: str) -> tuple[Array, str]:
         ),
         'distance since reversal': (1e3 * way, f'distance since the last reversal [m{travel}]'),
         'motor angle': (turn, 'motor angle [turns]'),
-        'frequency': (time, 'frequency [Hz]'),
     }
     values, label = table.get(name, (time, 'time since start [s]'))
     return np.asarray(values, dtype=np.float64), label

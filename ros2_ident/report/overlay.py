@@ -1,43 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured and simulated effort side by side: streams, and a bag that any tool opens."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 import glob
-import json
 from pathlib import Path
 import time
 
 import numpy as np
 
-from ros2_ident.arrays import Array, plain
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.diagnosis import Diagnosis, Value
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.recording import Dataset, Recording, Stream, Topics, write_bag
-from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.grid import find_ticks
 from ros2_ident.recording.streams import FloatArray, IntArray
 from ros2_ident.recording.write import remove_bag, require_room, Topic
-from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.scene import MARKERS, scene_messages, scene_of
-from ros2_ident.report.schema import to_mapping as result_mapping
-from ros2_ident.words.finding import where
-from ros2_ident.words.identification import message
-from ros2_ident.words.verdict import advice, sentence
 
 # Where the node `identifier` publishes the same, so that one layout shows both.
 SIMULATED, RESIDUAL = '/identifier/simulated', '/identifier/residual'
-SCENE, VERDICT, DIAGNOSTICS = '/identifier/scene', '/identifier/verdict', '/diagnostics'
+SCENE = '/identifier/scene'
 # Name of the bag in a result directory, and its mark in the metadata.
 OVERLAY = 'overlay'
 # Simulating a preview holds the search up; it may for this share of the time.
 SHARE = 0.05
 # Samples of a segment in a preview: enough for the eye, and a few milliseconds to publish.
 SAMPLES = 500
-_STRING, _ARRAY = 'std_msgs/msg/String', 'diagnostic_msgs/msg/DiagnosticArray'
 
 Series = list[Stream]
 
@@ -78,7 +68,6 @@ def write_overlay(
     theta: Array,
     *,
     topics: Topics | None = None,
-    found: Identification | Diagnosis | None = None,
 ) -> tuple[Path, ...]:
     """Write bags with the original streams, the simulated and the residual effort.
 
@@ -90,7 +79,6 @@ def write_overlay(
         problem: The problem, from data that hold their recordings.
         theta: (N,) parameters, physical units.
         topics: Names of the original streams' topics.
-        found: What was found, for `/diagnostics` and, whole, for `/identifier/verdict`.
 
     Returns:
         The bags' directories; none where the data hold no recordings.
@@ -109,10 +97,8 @@ def write_overlay(
         recording = problem.data.recordings[number - 1]
         streams = {getattr(names, role): stream for role, stream in recording.streams.items()}
         streams |= {SIMULATED: extra['simulated'], RESIDUAL: extra['residual']}
-        others = [] if found is None else _said(found, recording.begin)
         scene = scene_of(problem, theta, extra['residual'], number - 1)
-        if scene is not None:
-            others.append(Topic(SCENE, MARKERS, scene_messages(scene)))
+        others = [] if scene is None else [Topic(SCENE, MARKERS, scene_messages(scene))]
         written.append(write_bag(_place(path, number), streams, mark=OVERLAY, others=others))
     return tuple(written)
 
@@ -154,47 +140,6 @@ def withdraw_overlay(path: str | Path) -> None:
 def _place(path: Path, number: int) -> Path:
     """Return the directory of a segment's bag; they count from 1."""
     return path if number == 1 else path.with_name(f'{path.name}_{number}')
-
-
-def _said(found: Identification | Diagnosis, stamp: int) -> list[Topic]:
-    """Return what was found as messages at the beginning of a bag."""
-    of = found.parameters
-    named: Mapping[str, Value | ParameterEstimate] = (
-        of if isinstance(of, Mapping) else {p.name: p for p in of}
-    )
-    values = {
-        name: f'{v.value:.6g} [{v.low:.6g}, {v.high:.6g}] {v.unit}' for name, v in named.items()
-    }
-    if isinstance(found, Identification):
-        name, good, said = 'fit', found.outcome is Outcome.IDENTIFIED, message(found)
-        document = result_mapping(found)
-    else:
-        name, good, said = 'gap', found.effect == 'none', sentence(found)
-        values |= {f'where {k}': where(x) for k, x in enumerate(found.localisation, 1)}
-        values |= {f'advice {k}': text for k, text in enumerate(advice(found), 1)}
-        document = to_mapping(found)
-    store = typestore()
-    types = store.types
-    pair = types['diagnostic_msgs/msg/KeyValue']
-    status = types['diagnostic_msgs/msg/DiagnosticStatus']
-    begin = types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9)
-    array = types[_ARRAY](
-        types['std_msgs/msg/Header'](begin, ''),
-        [
-            status(
-                level=int(not good),
-                name=f'identifier: {name}',
-                message=said,
-                hardware_id='',
-                values=[pair(key, text) for key, text in values.items()],
-            )
-        ],
-    )
-    text = types[_STRING](json.dumps(plain(document), indent=1))
-    return [
-        Topic(DIAGNOSTICS, _ARRAY, [(stamp, bytes(store.serialize_cdr(array, _ARRAY)))]),
-        Topic(VERDICT, _STRING, [(stamp, bytes(store.serialize_cdr(text, _STRING)))]),
-    ]
 
 
 def _measured(

@@ -282,7 +282,6 @@ def compare(
             problem,
             theta,
             topics=done.request.topics,
-            found=done.result,
         )
     streams = overlay_streams(problem, theta)
     scene = scene_of(problem, theta, streams[0]['residual'])

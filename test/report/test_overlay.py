@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Overlay bags: what was recorded, what was found, and the tripod in space."""
 
-import json
 
 from identify_cases import ROOT, tripod
 from mcap.reader import make_reader
 import numpy as np
 import pytest
-from report_cases import diagnosed
-from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import read_data
-from ros2_ident.report.diagnosis import to_mapping
 from ros2_ident.report.overlay import overlay_streams, write_overlay
 from ros2_ident.report.scene import (
     MARKERS,
@@ -21,8 +17,6 @@ from ros2_ident.report.scene import (
     scene_messages,
     scene_of,
 )
-from ros2_ident.words.finding import where
-from ros2_ident.words.verdict import sentence
 
 BAG = ROOT / 'bags/tripod_pick_and_place'
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -46,37 +40,8 @@ def scene(problem, theta):
 
 @pytest.fixture(scope='module')
 def overlay(problem, theta, tmp_path_factory):
-    (path,) = write_overlay(
-        tmp_path_factory.mktemp('bags') / 'overlay', problem, theta, found=diagnosed()
-    )
+    (path,) = write_overlay(tmp_path_factory.mktemp('bags') / 'overlay', problem, theta)
     return path
-
-
-def messages(path, topic):
-    with Reader(path) as reader:
-        return [
-            (stamp, STORE.deserialize_cdr(data, connection.msgtype))
-            for connection, stamp, data in reader.messages()
-            if connection.topic == topic
-        ]
-
-
-def test_the_verdict_is_in_the_bag_and_latched(overlay):
-    found = diagnosed()
-    ((_, array),) = messages(overlay, '/diagnostics')
-    (status,) = array.status
-    assert (status.name, status.level, status.message) == ('identifier: gap', 1, sentence(found))
-    values = {x.key: x.value for x in status.values}
-    assert values['drive_1.coulomb_torque'] == '0.05 [0.049, 0.051] N m'
-    assert values['where 1'] == where(found.localisation[0])
-    ((_, text),) = messages(overlay, '/identifier/verdict')
-    assert json.loads(text.data) == to_mapping(found)
-    with Reader(overlay) as reader:
-        latched = {
-            x.topic for x in reader.connections
-            for qos in x.ext.offered_qos_profiles if qos.durability.name == 'TRANSIENT_LOCAL'
-        }  # fmt: skip
-    assert latched == {'/diagnostics', '/identifier/verdict', '/identifier/scene'}
 
 
 def test_foxglove_finds_what_it_needs(overlay):

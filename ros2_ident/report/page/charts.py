@@ -54,7 +54,6 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
     before = [line for line in found.before if line.place.size]
     if not before:
         return None
-    spectrum = found.coordinate == 'frequency'
     laws = _laws(found) if effects else []
     name, _, _ = found.label.partition(' [')
     title = f'{found.drive}: measured minus simulated {compared(found.unit)} over the {name}'
@@ -62,35 +61,30 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
     if laws:
         verb = 'add' if effects == 'the effects' else 'adds'
         law = f'what {effects} {verb} to the simulation, with its parameters refitted'
-        keys.append(Key(f'left with {effects}' if spectrum else law, RED, '3'))
+        keys.append(Key(law, RED, '3'))
     note = 'dots are means; shaded: their 95 % interval; level band: noise of one sample'
-    if not spectrum and found.linear > 0.0:
+    if found.linear > 0.0:
         note += '; the axis is logarithmic away from 0'
     drawn = svg(lambda made: _draw(made.subplots(), found, before, laws), *SIZE)
     return Picture(drawn, title, title, tuple(keys), (note,))
 
 
 def _draw(axes: 'Axes', found: ResidualMap, lines: Sequence[Line], laws: Laws) -> None:
-    spectrum = found.coordinate == 'frequency'
     tidy(axes)
     axes.tick_params(labelsize=11.0)
-    if spectrum:
-        axes.loglog()
-        numbers(axes.xaxis)
-    elif found.linear:
+    if found.linear:
         _bend(axes, found.linear, np.concatenate([line.place for line in lines]))
     floor = found.noise_floor
-    if floor > 0.0 and not spectrum:
+    if floor > 0.0:
         axes.axhspan(-floor, floor, color=GREY, alpha=0.13, lw=0.0)
         axes.axhline(0.0, color=GREY, lw=0.8)
     for line in lines:
-        _measured(axes, line, spectrum=spectrum)
+        _measured(axes, line)
     for heading, place, values in laws:
         dashed = '--' if heading == 'backwards' else '-'
-        for s in [slice(None)] if spectrum else _stretches(axes, place):
+        for s in _stretches(axes, place):
             axes.plot(place[s], values[s], color=RED, lw=2.4, ls=dashed)
-    what = 'amplitude density' if spectrum else 'measured − simulated'
-    axes.set(xlabel=found.label, ylabel=f'{what} [{unit_of(found.unit)}]')
+    axes.set(xlabel=found.label, ylabel=f'measured − simulated [{unit_of(found.unit)}]')
 
 
 def _bend(axes: 'Axes', linear: float, places: Array) -> None:
@@ -104,13 +98,10 @@ def _bend(axes: 'Axes', linear: float, places: Array) -> None:
     axes.set_xticks([], minor=True)
 
 
-def _measured(axes: 'Axes', line: Line, *, spectrum: bool) -> None:
-    """Draw the means with their 95 % band; a spectrum as a line."""
+def _measured(axes: 'Axes', line: Line) -> None:
+    """Draw the means with their 95 % band."""
     place, mean, half = line.place, line.mean, line.half
     colour = _KEYS[line.heading].colour
-    if spectrum:
-        axes.plot(place, mean, color=colour, lw=1.4)
-        return
     if np.isfinite(half).all():
         for s in _stretches(axes, place):
             axes.fill_between(
@@ -135,11 +126,10 @@ def _laws(found: ResidualMap) -> list[tuple[str, Array, Array]]:
     """Return what the effects add to the simulation, in bins of each direction.
 
     Both residuals are of the same samples: what was measured drops out of their difference.
-    Amplitudes of a spectrum do not subtract: of it, what is left.
     """
     after = {line.heading: line for line in found.after}
     return [
-        (b.heading, b.place, a.mean if found.coordinate == 'frequency' else b.mean - a.mean)
+        (b.heading, b.place, b.mean - a.mean)
         for b in found.before
         if (a := after.get(b.heading)) is not None and b.place.size == a.place.size > 0
     ]
@@ -183,7 +173,7 @@ def all_of(w: Written, effects: str) -> tuple[Picture | None, list[Picture]]:
 
 def _explained(found: ResidualMap) -> float:
     """Return the mean square that goes once the effects are in, over that of the noise floor."""
-    if found.coordinate == 'frequency' or not found.noise_floor > 0.0:
+    if not found.noise_floor > 0.0:
         return 0.0
     squares = [
         b.mean**2 - a.mean**2
