@@ -27,7 +27,6 @@ CORE = [
     'zstandard',
 ]
 PAGE = ['bokeh>=3', 'Jinja2', 'MarkupSafe', 'matplotlib']
-PICTURE = ['matplotlib']
 EXTRAS = {
     'arms': ['pin'],
     'dask': ['distributed'],
@@ -58,7 +57,7 @@ def parts() -> dict[str, Any]:
     data[f'{NAME}.machine'] = ['*.yaml']
     main = f'{NAME}.cli.main:main'
     if os.environ.get('ROS2_IDENT_WHEEL'):
-        extras = {**EXTRAS, 'page': PAGE, 'picture': PICTURE}
+        extras = {**EXTRAS, 'page': PAGE}
         return {
             'name': 'ros2-ident',
             'packages': [name for name in found if not name.startswith(f'{NAME}.ros')]

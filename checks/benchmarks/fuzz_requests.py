@@ -293,8 +293,6 @@ class Results:
             path.write_text(json.dumps(swapped(json.loads(self.whole[path]), generator)))
         else:
             path.write_bytes(damage(self.whole[path], generator))
-        if path.suffix == '.yaml':
-            path.with_suffix('.json').unlink()
         generator.choice((write_report, read_estimate))(self.room)
         return 'taken'
 

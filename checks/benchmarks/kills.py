@@ -27,7 +27,6 @@ import time
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ros2_ident.cli.main import main as ident
 from ros2_ident.recording import read_bag
@@ -44,7 +43,7 @@ AGAIN = 0.25  # share of the runs started again that are killed, too
 BEFORE, IN_WORK, WITH_RESULT = 'before its work', 'in its work', 'with the new result'
 PATIENCE = 600.0  # the node answers within this time, s, or it never will
 FILES = {
-    'identify': ('result.json', 'result.yaml', 'history.npz', 'signals.npz'),
+    'identify': ('result.json', 'history.npz', 'signals.npz'),
     'diagnose': ('diagnosis.json', 'diagnosis.npz'),
 }
 
@@ -132,8 +131,7 @@ def content(path: Path) -> Any:
     if path.suffix == '.npz':
         with np.load(path, allow_pickle=False) as file:
             return {k: (file[k].dtype.str, file[k].shape, file[k].tobytes()) for k in file.files}
-    text = path.read_text()
-    return told(yaml.safe_load(text) if path.suffix == '.yaml' else json.loads(text))
+    return told(json.loads(path.read_text()))
 
 
 def results(name: str, out: Path) -> dict[str, Any]:
@@ -316,7 +314,7 @@ def kill_the_node(folder: Path, kills: int, generator: random.Random, end: float
             saved = any(out.glob('2*/result.json'))
             unfinished = any(out.glob('unfinished/*.checkpoint'))
             found[IN_WORK if unfinished else WITH_RESULT if saved else BEFORE] += 1
-            for path in (x for x in out.glob('2*/*') if x.suffix in ('.json', '.yaml', '.npz')):
+            for path in (x for x in out.glob('2*/*') if x.suffix in ('.json', '.npz')):
                 content(path)  # fails where it is not whole
             moment = generator.uniform(0.0, whole) if generator.random() < AGAIN else None
         ended += 1

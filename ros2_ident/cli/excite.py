@@ -2,9 +2,7 @@
 """`ident excite`: the motion that determines parameters best, within limits."""
 
 import argparse
-from pathlib import Path
 import shlex
-import sys
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import once
@@ -18,7 +16,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.progress import Meter
     from ros2_ident.cli.runs import answered
     from ros2_ident.excite.course import courses_for
-    from ros2_ident.excite.files import PICTURE, require_place, write_excitation
+    from ros2_ident.excite.files import require_place, write_excitation
     from ros2_ident.excite.information import Sensitivity
     from ros2_ident.excite.limits import limits_of
     from ros2_ident.excite.plan import excite
@@ -49,8 +47,6 @@ def run(args: argparse.Namespace) -> int:
         asked = shlex.join(['ident', *args.words])
         files = write_excitation(args.out, found, args.lead, asked)
     print(f'written: {", ".join(str(path) for path in files)}')
-    if Path(args.out) / PICTURE not in files:
-        print('no picture is drawn: `pip install "ros2-ident[picture]"`', file=sys.stderr)
     return 0
 
 

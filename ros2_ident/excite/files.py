@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A motion in files: a bag of set-points, a trajectory for a controller, its worth."""
 
-from importlib.util import find_spec
 import json
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import yaml
@@ -14,27 +13,14 @@ from ros2_ident.excite.plan import Excitation
 from ros2_ident.files import (
     make_directory,
     mark,
-    replacing,
     require_ours,
     write_text,
 )
 from ros2_ident.recording import Stream, write_bag
 from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.write import require_room, Topic
-from ros2_ident.report.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    numbers,
-    ORANGE,
-    RED,
-    SKY,
-    tidy,
-    WIDTH,
-)
 
 BAG, TRAJECTORY, WORTH = 'set_points', 'trajectory.yaml', 'excite.json'
-PICTURE = 'motion.png'
 MARK = 'excitation'
 TOPIC = '/joint_trajectory_controller/joint_trajectory'
 _KIND = 'trajectory_msgs/msg/JointTrajectory'
@@ -48,7 +34,7 @@ _START = 1_700_000_000_000_000_000
 def write_excitation(
     directory: str | Path, found: Excitation, lead: float, asked: str = ''
 ) -> list[Path]:
-    """Write a motion; return the files, without a picture where matplotlib is missing.
+    """Write a motion; return the files.
 
     Args:
         directory: Where to; it is made.
@@ -67,12 +53,7 @@ def write_excitation(
     text = yaml.safe_dump(message, default_flow_style=None, sort_keys=False, width=1 << 20)
     files = [write_text(folder / TRAJECTORY, f'# {mark("trajectory")}\n{text}')]
     files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
-    if find_spec('matplotlib') is None:
-        return [bag, *files]
-    about = {'format': 'ros2_ident.picture'}
-    with replacing(folder / PICTURE) as file:
-        picture(found).savefig(file, format='png', dpi=110, metadata=about)
-    return [bag, *files, folder / PICTURE]
+    return [bag, *files]
 
 
 def require_place(directory: str | Path) -> None:
@@ -83,7 +64,7 @@ def require_place(directory: str | Path) -> None:
     """
     folder = Path(directory)
     require_room(folder / BAG, MARK)
-    require_ours(folder / name for name in (TRAJECTORY, WORTH, PICTURE))
+    require_ours(folder / name for name in (TRAJECTORY, WORTH))
 
 
 def _write_bag(path: Path, found: Excitation, message: dict[str, Any], asked: str) -> None:
@@ -165,65 +146,3 @@ def worth(found: Excitation) -> dict[str, Any]:
         'evaluations': found.evaluations,
         'stop': found.stop,
     }
-
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_COLOURS = (BLUE, ORANGE, GREEN, RED, SKY, GREY)
-# Points of a line, and bars that fit beneath one another.
-_SAMPLES, _BARS = 4000, 30
-
-
-def picture(found: Excitation) -> 'Figure':
-    """Draw a motion over time, in shares of its limits, and the intervals that it will give.
-
-    Args:
-        found: The motion.
-    """
-    from matplotlib.figure import Figure
-
-    percent = 100.0 / np.array([p.high - p.low for p in found.parameters])
-    mine, chance = percent * found.half_widths, percent * found.chance
-    chosen = np.flatnonzero(found.wanted)
-    chosen = chosen[np.argsort(-mine[chosen], kind='stable')][:_BARS]
-    below = 0.9 + 0.2 * len(chosen)
-    figure = Figure(figsize=(WIDTH, 7.0 + below), layout='constrained')
-    axes = figure.subplots(5, 1, height_ratios=[1.8, 1.2, 1.2, 1.2, below])
-    moved, limits, machine = found.shown.moved, found.courses.limits, found.courses.machine
-    every = max(1, moved.position.shape[1] // _SAMPLES)
-    time = found.courses.series.cycle * np.arange(moved.position.shape[1])[::every]
-    for place, rows, most, word in (
-        (axes[0], found.planned.position, np.full(len(machine.drives), np.inf), 'position'),
-        (axes[1], moved.velocity, limits.velocity, 'velocity'),
-        (axes[2], moved.acceleration, limits.acceleration, 'acceleration'),
-        (axes[3], moved.effort, limits.effort, 'effort'),
-    ):
-        bounded = np.isfinite(most).all()
-        assert rows is not None
-        for number, row in enumerate(rows / most[:, None] if bounded else rows):
-            place.plot(time, row[::every], color=_COLOURS[number % len(_COLOURS)], lw=0.9)
-        place.margins(x=0.0)
-        tidy(place)
-        place.set_ylabel(f'{word}\n(share of limit)' if bounded else word)
-        for end in (-1.0, 1.0) if bounded else ():
-            place.axhline(end, color=GREY, lw=1.0, ls='--')
-        place.tick_params(labelbottom=place is axes[3])
-    axes[0].legend(
-        machine.drives, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8,
-        frameon=False,
-    )  # fmt: skip
-    axes[3].set_xlabel('time [s]')
-    bars, at = axes[4], np.arange(len(chosen))
-    bars.hlines(at, mine[chosen], chance[chosen], color=SKY, lw=3.0)
-    bars.plot(chance[chosen], at, 'o', color=GREY, ms=5, label='a random motion')
-    bars.plot(mine[chosen], at, 'D', color=GREEN, ms=5, label='this motion')
-    bars.set_yticks(at, [found.parameters[n].name for n in chosen], fontsize=8)
-    bars.set_xscale('log')
-    numbers(bars.xaxis)
-    bars.invert_yaxis()
-    bars.set_xlabel('half a 95 % interval [% of the range in the machine file]')
-    bars.legend(loc='best', fontsize=8, frameon=False)
-    tidy(bars)
-    bars.tick_params(axis='y', labelsize=8)
-    return figure

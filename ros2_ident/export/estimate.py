@@ -12,7 +12,7 @@ from ros2_ident.gap.diagnosis import Value
 from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.models import EffectAt
 from ros2_ident.report.diagnosis import effects_in, Written
-from ros2_ident.report.files import DIAGNOSIS, JSON, load_diagnosis, load_result, YAML
+from ros2_ident.report.files import DIAGNOSIS, JSON, load_diagnosis, load_result
 
 # Half a 95 % interval in standard deviations.
 _HALF = 1.96
@@ -51,7 +51,7 @@ def read_estimate(path: str | Path) -> Estimate:
             cannot stand for one machine.
     """
     folder = Path(path)
-    whole = not folder.is_dir() or (folder / JSON).exists() or (folder / YAML).exists()
+    whole = not folder.is_dir() or (folder / JSON).exists()
     diagnosis = folder.parent if folder.name == DIAGNOSIS else folder
     of: Identification | Written
     known: Mapping[str, ParameterEstimate | Value]

@@ -65,7 +65,6 @@ _NO_TIME = 'write a number, or leave lines of units below the names out by `skip
 _NO_VALUE = 'leave a cell empty where nothing was measured'
 # A step between rows outside of this is a wrong unit of the time, ns.
 _FINEST, _COARSEST = 1_000, 2_000_000_000
-# ns are nine decimals of a second.
 
 Cell = str | int
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results as files: JSON, YAML, overlay bags."""
+"""Results as files: JSON, overlay bags."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a run, all but the overlay bag and the page.
 
-An identification: `result.json`, `result.yaml`, `history.npz`, `signals.npz`. A diagnosis:
+An identification: `result.json`, `history.npz`, `signals.npz`. A diagnosis:
 `diagnosis.json`, `diagnosis.npz`, and lines for the machine file that bring in what was found.
 """
 
@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ros2_ident.arrays import plain
 from ros2_ident.effects import CATALOGUE, EffectParameter
@@ -45,7 +44,7 @@ from ros2_ident.report.signals import (
 )
 from ros2_ident.words.verdict import named
 
-JSON, YAML, HISTORY, SIGNALS = 'result.json', 'result.yaml', 'history.npz', 'signals.npz'
+JSON, HISTORY, SIGNALS = 'result.json', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
 # What `ident fleet` found, of all its recordings.
 FLEET = 'fleet.json'
@@ -54,7 +53,7 @@ PAGE = 'report.html'
 # What a run that was cut short goes on from.
 CHECKPOINT, DIAGNOSIS_CHECKPOINT = 'identify.checkpoint', 'diagnose.checkpoint'
 # What the two commands write, beside the overlay bag.
-OF_RESULT = (JSON, YAML, HISTORY, SIGNALS, PAGE, CHECKPOINT)
+OF_RESULT = (JSON, HISTORY, SIGNALS, PAGE, CHECKPOINT)
 OF_DIAGNOSIS = (DIAGNOSIS, DIAGNOSIS_SIGNALS, PAGE, DIAGNOSIS_CHECKPOINT)
 
 
@@ -98,7 +97,7 @@ def write_diagnosis(
 
 def holds_results(path: str | Path) -> bool:
     """Return whether a directory holds what an identification or a diagnosis wrote."""
-    return any((Path(path) / name).exists() for name in (JSON, YAML, DIAGNOSIS))
+    return any((Path(path) / name).exists() for name in (JSON, DIAGNOSIS))
 
 
 def load(directory: str | Path) -> tuple[Identification | None, Written | None]:
@@ -114,7 +113,7 @@ def load(directory: str | Path) -> tuple[Identification | None, Written | None]:
             f'{folder}: holds neither {JSON} nor {DIAGNOSIS}; give a directory that '
             '`ident identify` or `ident diagnose` wrote',
         )
-    result = load_result(folder) if any((folder / n).exists() for n in (JSON, YAML)) else None
+    result = load_result(folder) if (folder / JSON).exists() else None
     return result, load_diagnosis(folder) if (folder / DIAGNOSIS).exists() else None
 
 
@@ -149,7 +148,7 @@ def write_result(
         check: The same problem on recordings that were held out.
 
     Returns:
-        The files: JSON and YAML of the same content, the candidates of the search as NPZ, and the
+        The files: the result as JSON, the candidates of the search as NPZ, and the
         efforts as NPZ where there is a problem and a candidate that did not diverge.
 
     Raises:
@@ -157,10 +156,9 @@ def write_result(
     """
     folder = make_directory(directory)
     data = to_mapping(result)
-    _withdraw(folder, YAML, HISTORY, SIGNALS)
+    _withdraw(folder, HISTORY, SIGNALS)
     files = (
         write_text(folder / JSON, json.dumps(data, indent=2, allow_nan=False) + '\n'),
-        write_text(folder / YAML, yaml.safe_dump(data, sort_keys=False, width=99)),
         write_arrays(
             folder / HISTORY,
             {'names': np.array([p.name for p in result.parameters]), **vars(result.history)},
@@ -182,7 +180,7 @@ def load_result(path: str | Path) -> Identification:
     """Read a result.
 
     Args:
-        path: The directory `write_result` wrote to, or its JSON or YAML file.
+        path: The directory `write_result` wrote to, or its JSON file.
 
     Returns:
         The result, with the candidates of the search where `history.npz` lies beside it.
@@ -192,27 +190,26 @@ def load_result(path: str | Path) -> Identification:
     """
     path = Path(path)
     if path.is_dir():
-        path = path / (JSON if (path / JSON).exists() else YAML)
+        path = path / JSON
     result = from_mapping(content(path, '`ident identify` wrote'), path)
     history = path.with_name(HISTORY)
     return replace(result, history=_history(history)) if history.exists() else result
 
 
 def content(path: Path, whose: str) -> Any:
-    """Return what a file of JSON or YAML holds.
+    """Return what a file of JSON holds.
 
     Raises:
         IdentError: NO_DATA or BAD_VALUES, with whose directory is wanted.
     """
     try:
-        text = path.read_text(encoding='utf-8')
-        return json.loads(text) if path.suffix == '.json' else yaml.safe_load(text)
+        return json.loads(path.read_text(encoding='utf-8'))
     except OSError as exc:
         raise IdentError(
             ErrorCode.NO_DATA,
             f'{path}: cannot be read ({exc.strerror}); give a directory that {whose}',
         ) from None
-    except (ValueError, yaml.YAMLError) as exc:
+    except ValueError as exc:
         said = ' '.join(str(exc).split())
         raise IdentError(
             ErrorCode.BAD_VALUES, f'{path}: is damaged ({said}); write the result anew'

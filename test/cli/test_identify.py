@@ -45,7 +45,6 @@ def test_identify_writes_its_files_and_ends_well(command, tmp_path, capsys):
     out = tmp_path / 'out'
     assert {p.name for p in out.iterdir()} == {
         'result.json',
-        'result.yaml',
         'history.npz',
         'signals.npz',
         'overlay',

@@ -177,7 +177,7 @@ def test_two_axes_go_from_file_to_result(tmp_path: Path, capsys):
     assert '\nwarn' not in (said := capsys.readouterr().out) and 'error' not in said
     few = ['--population', '128', '--generations', '6', '--no-overlay', '--quiet']
     assert main(['identify', str(bag), '--machine', str(file), '--out', str(out), *few]) == 0
-    found = yaml.safe_load((out / 'result.yaml').read_text())['parameters']
+    found = yaml.safe_load((out / 'result.json').read_text())['parameters']
     for name, value in truth.items():
         assert found[name]['value'] == pytest.approx(value, rel=0.02), name
 

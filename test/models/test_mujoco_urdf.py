@@ -154,7 +154,7 @@ def test_from_urdf_and_log_to_parameters(folder, capsys) -> None:
              '--no-report', '--outputs', 'position,effort', '--out', str(folder / 'out'),
              '--generations', '4', '--population', '128']  # fmt: skip
     assert main(words) == 0
-    found = yaml.safe_load((folder / 'out/result.yaml').read_text())['parameters']
+    found = yaml.safe_load((folder / 'out/result.json').read_text())['parameters']
     assert len(found) == 10
     for full, p in found.items():
         drive, name = full.split('.')

@@ -14,8 +14,19 @@ from ros2_ident.identify.result import Identification
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.maps import Line, ResidualMap
 from ros2_ident.report.page.numbers import number, unit_of
-from ros2_ident.report.page.render import INK, Key, Picture, svg, WIDTH
-from ros2_ident.report.style import BLUE, GREY, numbers, ORANGE, RED, tidy
+from ros2_ident.report.page.render import (
+    BLUE,
+    GREY,
+    INK,
+    Key,
+    ORANGE,
+    Picture,
+    plain_ticks,
+    RED,
+    svg,
+    tidy,
+    WIDTH,
+)
 from ros2_ident.words.figures import compared
 from ros2_ident.words.verdict import named
 
@@ -71,7 +82,6 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
 
 def _draw(axes: 'Axes', found: ResidualMap, lines: Sequence[Line], laws: Laws) -> None:
     tidy(axes)
-    axes.tick_params(labelsize=11.0)
     if found.linear:
         _bend(axes, found.linear, np.concatenate([line.place for line in lines]))
     floor = found.noise_floor
@@ -207,10 +217,9 @@ def cost_over_parameters(result: Identification) -> Picture | None:
                 continue
             p = result.parameters[n]
             tidy(axes)
-            axes.tick_params(labelsize=11.0)
             if costs.min() > 0.0 and costs.max() > WIDE * costs.min():
                 axes.set_yscale('log')
-                numbers(axes.yaxis)
+                plain_ticks(axes.yaxis)
             if math.isfinite(p.low) and math.isfinite(p.high):
                 axes.axvspan(p.low, p.high, color=ORANGE, alpha=0.25, lw=0.0)
             axes.scatter(

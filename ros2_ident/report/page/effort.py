@@ -25,9 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.report.page.render import INK, Key, Picture
+from ros2_ident.report.page.render import GREY, INK, Key, ORANGE, Picture, RED, SKY
 from ros2_ident.report.signals import Curves, Signals
-from ros2_ident.report.style import GREY, ORANGE, RED, SKY
 from ros2_ident.words.figures import compared
 
 # Array that a page holds at most, of two bytes each; longer logs are thinned.
