@@ -123,7 +123,7 @@ def test_the_numbers_of_the_table_are_those_of_the_files(both):
         ),
         # a result of an older version
         (
-            write_identified, ('history.npz', 'signals.npz', 'result.json'), IDENTIFIED,
+            write_identified, ('history.npz', 'signals.npz'), IDENTIFIED,
             [], 'No simulated effort was kept',
         ),
         (write_diagnosed, (), [*DIAGNOSED, 'about'], ['gap-effort-plot'], 'of the effort'),
