@@ -11,10 +11,8 @@ as a key, a comment, a field or the name of a column. All else that is there is 
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-import csv
 import errno
 import fcntl
-import io
 import os
 from pathlib import Path
 import re
@@ -233,17 +231,6 @@ def write_text(path: str | Path, text: str, *, replace: bool = False) -> Path:
     with replacing(path, replace=replace) as file:
         file.write(text.encode())
     return Path(path)
-
-
-def write_table(
-    path: str | Path, head: Iterable[object], rows: Iterable[Iterable[object]]
-) -> Path:
-    """Write rows as CSV; the last column is the mark, with the version below it."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow([*head, mark('table')])
-    writer.writerows([*row, 1] for row in rows)
-    return write_text(path, text.getvalue())
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:

@@ -148,9 +148,9 @@ def test_what_is_not_ours_is_kept_and_said_before_the_search(
 @pytest.mark.parametrize(
     ('words', 'name'),
     [
-        (['excite', '{}', '--machine', str(AXIS_FILE)], 'trajectory.yaml'),
+        (['excite', '{}', '--machine', str(AXIS_FILE)], 'excite.json'),
         (['simulate', '{}', '--machine', str(AXIS_FILE)], 'notes.txt'),
-        (['fleet', str(BAG.parent), '--machine', str(AXIS_FILE), '--out', '{}'], 'fleet.csv'),
+        (['fleet', str(BAG.parent), '--machine', str(AXIS_FILE), '--out', '{}'], 'fleet.json'),
         (['new-machine', '--kind', 'servo', '--drives', 'a', '--out', '{}/my.yaml'], 'my.yaml'),
     ],
 )
@@ -164,15 +164,11 @@ def test_no_command_writes_over_what_it_did_not_write(tmp_path, capsys, words, n
     assert content(tmp_path) == before
 
 
-def test_what_is_read_is_not_replaced_even_where_ident_wrote_it(tmp_path, capsys):
-    words = ['export', str(BAG), '--to', 'csv', '--out', str(tmp_path)]
-    assert main(words) == main(words) == 0  # its own tables it does replace
-    before = content(tmp_path)
-    words[1] = str(tmp_path / 'axis_reversals.csv')
-    assert main(words) == 2
-    said = 'axis_reversals.csv: is what is read and will not be replaced'
-    assert said in capsys.readouterr().err
-    assert content(tmp_path) == before
+def test_what_is_read_is_not_replaced_even_where_ident_wrote_it(tmp_path):
+    path = files.write_text(tmp_path / 'robot.xml', f'<!-- {files.mark("export")} -->')
+    files.require_ours([path])
+    with pytest.raises(IdentError, match=r'robot.xml: is what is read and will not be replaced'):
+        files.require_ours([path], [path])
 
 
 def test_a_file_takes_the_place_of_its_own_kind_only(tmp_path):
@@ -181,7 +177,7 @@ def test_a_file_takes_the_place_of_its_own_kind_only(tmp_path):
     for text in ('# format=ros2_ident.export\n', '# format=ros2_ident.export 2\n'):
         files.write_text(path, text)
     with pytest.raises(IdentError, match='is a file of another kind .export. and will not be rep'):
-        files.write_table(path, ['a'], [[1]])
+        files.write_text(path, '# format=ros2_ident.table\n')
     with pytest.raises(IdentError, match='is a file of another kind'):
         files.write_text(path, 'without a mark')
     (tmp_path / 'link').symlink_to(tmp_path / 'none')

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
             on_row=done,
         )
     page = page_line(Path(args.out), wanted=True)
-    print(f'written: {args.out}/fleet.json, {args.out}/fleet.csv')
+    print(f'written: {args.out}/fleet.json')
     print(page, end='', flush=True)
     return 0 if len(rows) == len(entries) and all(map(sound, rows)) else 1
 

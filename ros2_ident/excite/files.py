@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A motion in files: a bag of set-points, a trajectory for a controller, its worth."""
+"""A motion in files: a bag of set-points with a trajectory for a controller, its worth."""
 
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ros2_ident.arrays import plain
 from ros2_ident.excite.plan import Excitation
 from ros2_ident.files import (
     make_directory,
-    mark,
     require_ours,
     write_text,
 )
@@ -20,7 +18,7 @@ from ros2_ident.recording import Stream, write_bag
 from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.write import require_room, Topic
 
-BAG, TRAJECTORY, WORTH = 'set_points', 'trajectory.yaml', 'excite.json'
+BAG, WORTH = 'set_points', 'excite.json'
 MARK = 'excitation'
 TOPIC = '/joint_trajectory_controller/joint_trajectory'
 _KIND = 'trajectory_msgs/msg/JointTrajectory'
@@ -48,12 +46,8 @@ def write_excitation(
     require_place(directory)
     folder = make_directory(directory)
     bag = folder / BAG
-    message = _trajectory(found, lead)
-    _write_bag(bag, found, message, asked)
-    text = yaml.safe_dump(message, default_flow_style=None, sort_keys=False, width=1 << 20)
-    files = [write_text(folder / TRAJECTORY, f'# {mark("trajectory")}\n{text}')]
-    files.append(write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n'))
-    return [bag, *files]
+    _write_bag(bag, found, _trajectory(found, lead), asked)
+    return [bag, write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n')]
 
 
 def require_place(directory: str | Path) -> None:
@@ -64,15 +58,15 @@ def require_place(directory: str | Path) -> None:
     """
     folder = Path(directory)
     require_room(folder / BAG, MARK)
-    require_ours(folder / name for name in (TRAJECTORY, WORTH))
+    require_ours([folder / WORTH])
 
 
-def _write_bag(path: Path, found: Excitation, message: dict[str, Any], asked: str) -> None:
+def _write_bag(path: Path, found: Excitation, message: bytes, asked: str) -> None:
     position, velocity = found.planned.position.T, found.planned.velocity.T
     cycle = found.courses.series.cycle
     stamp = _START + np.round(1e9 * cycle * np.arange(len(position))).astype(np.int64)
     stream = Stream(found.courses.machine.drives, stamp, position=position, velocity=velocity)
-    trajectory = Topic(TOPIC, _KIND, [(_START, _serialised(message))])
+    trajectory = Topic(TOPIC, _KIND, [(_START, message)])
     write_bag(
         path,
         {'/joint_command': stream},
@@ -82,44 +76,27 @@ def _write_bag(path: Path, found: Excitation, message: dict[str, Any], asked: st
     )
 
 
-def _trajectory(found: Excitation, lead: float) -> dict[str, Any]:
-    """Return a JointTrajectory as plain data."""
-    series = found.courses.series
+def _trajectory(found: Excitation, lead: float) -> bytes:
+    """Return a serialised JointTrajectory."""
+    store, series = typestore(), found.courses.series
+    types = store.types
     every = max(1, int(1.0 / (_POINTS * series.highest * series.cycle)))
     last = found.planned.position.shape[1] - 1
     points = []
     for k in sorted({*range(0, last, every), last}):
         seconds, fraction = divmod(round(1e9 * (lead + k * series.cycle)), 1_000_000_000)
         rows = (found.planned.position, found.planned.velocity, found.planned.acceleration)
-        position, velocity, acceleration = ([round(float(x), 9) for x in r[:, k]] for r in rows)
         points.append(
-            {
-                'positions': position,
-                'velocities': velocity,
-                'accelerations': acceleration,
-                'time_from_start': {'sec': seconds, 'nanosec': fraction},
-            }
+            types['trajectory_msgs/msg/JointTrajectoryPoint'](
+                *(np.round(row[:, k], 9) for row in rows),
+                effort=np.empty(0),
+                time_from_start=types['builtin_interfaces/msg/Duration'](seconds, fraction),
+            )
         )
-    return {'joint_names': list(found.courses.machine.drives), 'points': points}
-
-
-def _serialised(message: dict[str, Any]) -> bytes:
-    store = typestore()
-    types = store.types
-    duration = types['builtin_interfaces/msg/Duration']
-    points = [
-        types['trajectory_msgs/msg/JointTrajectoryPoint'](
-            positions=np.array(p['positions']),
-            velocities=np.array(p['velocities']),
-            accelerations=np.array(p['accelerations']),
-            effort=np.empty(0),
-            time_from_start=duration(**p['time_from_start']),
-        )
-        for p in message['points']
-    ]
     stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=0)
     header = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
-    whole = types[_KIND](header=header, joint_names=message['joint_names'], points=points)
+    names = list(found.courses.machine.drives)
+    whole = types[_KIND](header=header, joint_names=names, points=points)
     return bytes(store.serialize_cdr(whole, _KIND))
 
 

@@ -27,7 +27,6 @@ from ros2_ident.fleet.summary import (
     Row,
     sound,
     SUMMARY,
-    TABLE,
     write_summary,
 )
 from ros2_ident.search.evaluators import Cancel
@@ -143,7 +142,7 @@ def run_fleet(
 
     Args:
         entries: From `read_fleet`.
-        out: Output directory; holds a file for each row, `fleet.json` and `fleet.csv`.
+        out: Output directory; holds a file for each row, and `fleet.json`.
         scheduler: Address of a Dask scheduler whose workers see the same files; a bag is one task.
         cancel: Looked at between bags; rows that are done stay.
         on_start: Called before a bag is begun in this process.
@@ -158,7 +157,7 @@ def run_fleet(
     """
     cancel = cancel or Event()
     files = {x['name']: make_directory(Path(out) / 'rows') / f'{x["name"]}.json' for x in entries}
-    require_ours([*(Path(out) / name for name in (SUMMARY, TABLE, PAGE)), *files.values()])
+    require_ours([*(Path(out) / name for name in (SUMMARY, PAGE)), *files.values()])
     rows: dict[str, Row] = {}
 
     def work(tasks: Tasks) -> None:

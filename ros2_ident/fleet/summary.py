@@ -11,14 +11,14 @@ import numpy as np
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
-from ros2_ident.files import write_table, write_text
+from ros2_ident.files import write_text
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 
 # What was found in a bag, as its file holds it.
 Row = dict[str, Any]
 # Its files; the page is made of the first.
-SUMMARY, TABLE, PAGE = 'fleet.json', 'fleet.csv', 'report.html'
+SUMMARY, PAGE = 'fleet.json', 'report.html'
 # Probability that a drift is said where there is none, over all comparisons of a fleet.
 LEVEL = 0.05
 # Differences below this share are not said: friction moves by more than that with a few kelvin, so
@@ -148,14 +148,6 @@ def _told(differences: list[Row]) -> list[Row]:
 
 
 def write_summary(out: Path, rows: Sequence[Row]) -> None:
-    """Write `fleet.json` and `fleet.csv`, one line for each bag and parameter or failure."""
+    """Write `fleet.json`."""
     content = {'schema': 'ros2_ident.fleet', 'version': 1, 'rows': rows, **summarise(rows)}
     write_text(out / SUMMARY, json.dumps(content, indent=1, allow_nan=False) + '\n')
-    head = ('bag', 'machine', 'date', 'state', 'code', 'message', 'effect', 'where')
-    table: list[tuple[object, ...]] = []
-    for row in rows:
-        same = row['name'], *(row.get(k, '') for k in head[1:-1]), ','.join(row.get('where', ()))
-        for name, p in row.get('parameters', {'': {}}).items():
-            values = (p.get(k, '') for k in ('value', 'low', 'high', 'unit'))
-            table.append((*same, name, *values))
-    write_table(out / TABLE, (*head, 'parameter', 'value', 'low', 'high', 'unit'), table)

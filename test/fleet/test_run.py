@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many bags as one job: resumed, compared, and one bad bag among them."""
 
-import csv
 import json
 from pathlib import Path
 import shutil
@@ -63,8 +62,6 @@ def test_bad_bag_costs_its_row_only_and_the_rest_is_not_done_twice(
     assert 'emps_axis.viscous_friction' not in good['parameters']
     mass = good['parameters']['emps_axis.moving_mass']
     assert mass['low'] < 95.1 < mass['high']
-    table = list(csv.DictReader((out / 'fleet.csv').open()))
-    assert {x['bag'] for x in table} == {'good', 'bad.mcap'}
     assert 'DAMAGED_BAG' in capsys.readouterr().out
 
     begun: list[str] = []
