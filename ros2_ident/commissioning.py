@@ -25,6 +25,8 @@ _KEY_OF = {
 }
 # Gates on the streams, of which the check of the recordings has more to say.
 _STREAMS = {'missing', 'command'}
+# No carriage goes further, m.
+_LONG = 30.0
 # Efforts at rest so many times off the machine's weight are worth a warning, and no torques.
 # Static friction alone may take or give a good part of the weight.
 _WEIGHT_WARN, _WEIGHT_ERROR = 1.6, 3.0
@@ -69,6 +71,14 @@ def check_both(
     scaled = [scale_effort(recording, machine.effort_scales) for recording in recordings]
     report = check(scaled, machine.drives, need, machine.number('gravity'))
     found = [x for x in report.findings if not (aside and x.code == 'no_command')]
+    found += [
+        Finding(
+            'warn', 'units', x.drive,
+            f'{x.drive}: moves by {x.stroke:.4g} m; record positions of the carriage in m, not mm '
+            'or the angle of the motor',
+        )
+        for x in report.drives if x.stroke > _LONG and machine.travel_unit == 'm'
+    ]  # fmt: skip
     for number in range(len(recordings)) if 'effort' in need else ():
         found += _weight([x for x in report.drives if x.recording == number], machine)
     data: Data | None = None

@@ -149,6 +149,15 @@ def test_an_effort_is_held_against_the_machine(factor, code, text):
     assert re.search(text, finding.sentence)
 
 
+def test_a_carriage_in_millimetres_is_held_against_the_machine():
+    (read,) = read_bag(REPO / 'bags' / 'axis_reversals')
+    state = replace(read.state, position=1e3 * read.state.position, velocity=None)
+    log = Recording(state, effort=read.effort)
+    report = check_both([log], read_machine_file(REPO / 'config' / 'emps.yaml'))
+    (finding,) = report.of('units')
+    assert 'record positions of the carriage in m, not mm' in finding.sentence
+
+
 def test_joints_of_the_bag_are_held_against_the_machine():
     file = read_machine_file(REPO / 'config' / 'tripod.yaml')
     (finding,) = check_both([recording()], file).of('missing_stream')
