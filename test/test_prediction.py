@@ -172,6 +172,7 @@ def test_the_command_says_what_the_result_says(tmp_path: Path, capsys) -> None:
     out = tmp_path / 'out'
     words = ['predict', str(tmp_path / 'a'), 'bags/axis_reversals', '--out', str(out)]
     assert main([*words, '--beside', str(tmp_path / 'a' / 'result.json')]) == 0
+    assert (out / 'prediction.png').read_bytes().startswith(b'\x89PNG')
     found = read(Prediction, json.loads((out / 'prediction.json').read_text(encoding='utf-8')))
     first, second = found.stages
     assert first.errors == second.errors == result.prediction.stages[0].errors

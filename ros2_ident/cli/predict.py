@@ -10,10 +10,14 @@ from ros2_ident.cli.arguments import topics_of
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
-    from ros2_ident.export.estimate import Estimate
-    from ros2_ident.prediction import Run
+    from collections.abc import Sequence
 
-JSON, FORMAT = 'prediction.json', 'ros2_ident.prediction'
+    from matplotlib.figure import Figure
+
+    from ros2_ident.export.estimate import Estimate
+    from ros2_ident.prediction import Prediction, Run
+
+JSON, PICTURE, FORMAT = 'prediction.json', 'prediction.png', 'ros2_ident.prediction'
 # Of a log that is only simulated no windows are chosen.
 _ALL = 10**12
 
@@ -26,12 +30,12 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.table import columns
     from ros2_ident.effects import add_effect_files
     from ros2_ident.export.estimate import read_estimate
-    from ros2_ident.files import make_directory, require_ours, write_text
+    from ros2_ident.files import make_directory, replacing, require_ours, write_text
     from ros2_ident.prediction import of_description, predicted
 
     add_effect_files(args.effect)
     folder = make_directory(args.out) if args.out else None
-    require_ours([folder / JSON] if folder else [])
+    require_ours([folder / name for name in (JSON, PICTURE)] if folder else [])
     runs = {path: _runs(args, read_estimate(path)) for path in (args.results, *args.beside)}
     stages = [*of_description(runs[args.results]), *runs.items()]
     found = predicted(', '.join(args.bag), stages, args.warm_up)
@@ -47,8 +51,36 @@ def run(args: argparse.Namespace) -> int:
     if folder is not None:
         content = {'format': FORMAT, 'warm_up': args.warm_up, **plain(asdict(found))}
         write_text(folder / JSON, json.dumps(content, indent=1) + '\n')
-        print(f'written: {folder / JSON}')
+        with replacing(folder / PICTURE) as file:
+            _picture(found, stages).savefig(file, format='png', metadata={'format': FORMAT})
+        print(f'written: {folder / JSON}, {folder / PICTURE}')
     return 0
+
+
+def _picture(found: 'Prediction', stages: 'Sequence[tuple[str, Sequence[Run]]]') -> 'Figure':
+    """Draw the quantity that shows most on the first recording, measured and simulated."""
+    from matplotlib.figure import Figure
+
+    drives = [row[0].drive for row in found.first]
+    figure = Figure((8.0, 1.0 + 2.2 * len(drives)), dpi=110, layout='constrained')
+    axes = figure.subplots(len(drives), 1, sharex=True, squeeze=False)[:, 0]
+    for number, (label, runs) in enumerate(stages):
+        model, theta = runs[0]
+        free = model.free_run()
+        assert free is not None
+        simulated, time = free.simulate(theta[None])[0], free.data.time
+        for k, output in enumerate(free.outputs):
+            if output.quantity == found.quantity:
+                place = axes[drives.index(output.place or output.name)]
+                if not number:
+                    place.plot(time, free.measured[k], '.', ms=2, c='#666666', label='measured')
+                place.plot(time, simulated[k], lw=1.0, label=label)
+    for place, row in zip(axes, found.first, strict=True):
+        place.set_ylabel(f'{row[0].drive}\n{row[0].quantity} [{row[0].unit}]')
+        place.grid(lw=0.5)
+    axes[0].legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3)
+    axes[-1].set_xlabel('time [s]')
+    return figure
 
 
 def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
