@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A URDF under P and D on position: MuJoCo's numbers, and the way from a log to a result."""
 
+from dataclasses import replace
 from pathlib import Path
 import sys
 
@@ -125,6 +126,18 @@ def test_inverse_dynamics_suggest_where_to_begin(folder, logged) -> None:
     for name in TRUE if logged else ('kp', 'armature', 'frictionloss'):
         values = [found[f'{drive}.{name}'] for drive in DRIVES]
         assert values == pytest.approx(TRUE[name], rel=0.2), name  # a search goes on from here
+
+
+def test_a_log_at_rest_or_without_positions_suggests_little(folder) -> None:
+    machine = machine_of(folder, {}, tuple(TRUE))
+    rest = np.zeros((2, 400))
+    data = Dataset(DRIVES, CYCLE, 0, rest, None, rest, None, None)
+    model = make_model(machine, data, quantities=('position',))
+    assert np.isfinite(model.suggested()).all()
+    seen = np.full_like(rest, np.nan)
+    seen[:, :2] = 0.0
+    few = make_model(machine, replace(data, position=seen), quantities=('position',))
+    assert few.suggested() is None
 
 
 def test_without_gains_it_says_what_to_state(folder) -> None:

@@ -39,10 +39,13 @@ def by_inverse_dynamics(
         late: (D,) how late the set-points arrive, s.
         known: (D,) values by name, NaN where they are to be found; also `joint_zero` and
             `velocity_feedforward`.
+
+    Raises:
+        IdentError: BAD_VALUES where a joint has fewer than four positions.
     """
     assert data.position is not None and data.command_position is not None
     sense = np.array([[at.sense] for at in plant.places])
-    raw = sense * (np.stack([fill_gaps(data.position[d]) for d in order]) - known['joint_zero'])
+    raw = sense * (data.position[order] - known['joint_zero'])
     cutoff = allowed_cutoff(data.position[order], data.cycle, CUTOFF)
     # A set-point holds for a cycle, in whose middle the law is at its mean.
     q, v, a = smooth_motion(raw, data.cycle, cutoff, ahead=0.5)
@@ -60,7 +63,7 @@ def by_inverse_dynamics(
     found = {name: np.array(known[name], dtype=float) for name in NAMES}
     for d in range(len(order)):
         resists = np.stack([a[d], np.sign(v[d]), v[d]])
-        moves = np.abs(v[d]) > _SLOW * np.abs(v[d]).max()
+        moves = np.abs(v[d]) >= _SLOW * np.abs(v[d]).max()
         # The law moves links, armature and friction ...
         rows, left = [np.concatenate([in_cycle[:, d], -resists])[:, moves]], [links[d, moves]]
         if data.effort is not None and np.isfinite(data.effort[order[d]]).any():

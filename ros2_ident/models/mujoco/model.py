@@ -156,7 +156,10 @@ class Mujoco(MachineModel):
         known['joint_zero'] = zero[:, None]
         known['velocity_feedforward'] = self.machine.numbers('velocity_feedforward')[:, None]
         order = [self.data.names.index(name) for name in drives]
-        found = by_inverse_dynamics(self.plant, self.data, order, late, known)
+        try:
+            found = by_inverse_dynamics(self.plant, self.data, order, late, known)
+        except IdentError:  # a joint has hardly a position
+            return None
         for n, p in enumerate(self.parameters):
             drive, _, name = p.name.rpartition('.')
             if name in found and drive in drives:
