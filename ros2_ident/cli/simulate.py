@@ -49,7 +49,6 @@ def run(args: argparse.Namespace) -> int:
     units = {key.name: key.unit for key in kind_of(machine).keys}
     units |= {name: unit for name, (_, _, unit) in machine.bounds.items()}
     rows = [(name, f'{value:.6g}', _unit(units, name)) for name, value in truth.items()]
-    # Sizes are shares of this motion's efforts: for another one they are given as values.
     rows += [(name, f'{value:.6g}', '') for name, value in bag.log.effects.items()]
     columns(rows, '<><')
     print(f'written: {path}, {motion.seconds:.4g} s of the motion {args.motion}')

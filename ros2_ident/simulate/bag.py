@@ -13,12 +13,12 @@ import sys
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import Effect, EffectParameter, get_effect, SOURCES
+from ros2_ident.effects import Effect, get_effect, SOURCES
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.protocol import EffectAt, effort_range, FullModel
+from ros2_ident.models.protocol import EffectAt, FullModel
 from ros2_ident.models.registry import drives_moved, planned_model
-from ros2_ident.recording import Dataset, Stream
+from ros2_ident.recording import Stream
 from ros2_ident.simulate.motions import Motion
 
 START = 1_700_000_000_000_000_000  # ns, stamp of the first sample
@@ -34,7 +34,7 @@ class Log:
         effort: (D, K) logged effort, late by the measurement delay [N m, or N].
         position: (D, K) position of the drives [m, or rad].
         velocity: (D, K) its derivative.
-        effects: Values of the effects' parameters by their full names, as they were drawn.
+        effects: Values of the effects' parameters by their full names.
     """
 
     names: tuple[str, ...]
@@ -52,8 +52,7 @@ class Added:
     Attributes:
         effect: The effect.
         where: Drives that it sits on; all where empty.
-        values: Its parameters by their short names, physical units; or `size` alone, the share of
-            the largest that a search looks for, the rest to be drawn.
+        values: Its parameters by their short names, physical units.
     """
 
     effect: Effect
@@ -66,51 +65,19 @@ class Added:
             return [EffectAt(self.effect.id, 'all')]
         return [EffectAt(self.effect.id, drive) for drive in self.where or machine.drives]
 
-    def values_at(
-        self,
-        at: EffectAt,
-        parameters: Sequence[EffectParameter],
-        motion: Motion,
-        machine: Machine,
-        rng: np.random.Generator,
-    ) -> dict[str, float]:
-        """Return its values by the full names of a model's parameters.
-
-        Args:
-            at: One of its places.
-            parameters: Its parameters as they are there.
-            motion: Set-points, within which places and instants are drawn.
-            machine: The machine.
-            rng: Source of chance.
-        """
+    def values_at(self, at: EffectAt) -> dict[str, float]:
+        """Return its values by the full names of a model's parameters at one of its places."""
         prefix = at.effect if at.where == 'all' else f'{at.where}.{at.effect}'
-        drawn = set(self.values) == {'size'} != {p.name for p in parameters}
-        out = {}
-        for p in parameters:
-            if not drawn:
-                out[f'{prefix}.{p.name}'] = self.values[p.name]
-                continue
-            if p.role == 'size':
-                end = rng.choice([end for end in (p.low, p.high) if end != p.neutral])
-                value = p.neutral + self.values['size'] * (end - p.neutral)
-            elif p.role == 'position' and at.where != 'all':
-                row = motion.position[machine.drives.index(at.where)]
-                value = rng.uniform(row.min(), row.max())
-            elif p.role == 'time':
-                value = rng.uniform(0.0, motion.seconds)
-            else:
-                value = rng.choice(p.starts) if p.starts else rng.uniform(p.low, p.high)
-            out[f'{prefix}.{p.name}'] = float(value)
-        return out
+        return {f'{prefix}.{name}': value for name, value in self.values.items()}
 
 
 def read_effect(text: str) -> Added:
     """Read an effect from a command line.
 
     Args:
-        text: `stribeck@drive_2:torque=0.05,velocity=0.03`, or `stribeck@drive_2:size=0.5`; without
-            `@` it sits on all drives, with `@drive_1+drive_2` on these. In place of its id, the
-            file of an effect of your own that `add_effect_files` has read.
+        text: `stribeck@drive_2:torque=0.05,velocity=0.03`; without `@` it sits on all drives, with
+            `@drive_1+drive_2` on these. In place of its id, the file of an effect of your own that
+            `add_effect_files` has read.
 
     Raises:
         IdentError: INVALID_GOAL where the text cannot be read, UNKNOWN_PARAMETER for an effect
@@ -132,10 +99,10 @@ def read_effect(text: str) -> Added:
     else:
         effect = get_effect(name)
     known = [p.name for p in effect.parameters]
-    if set(values) not in ({'size'}, set(known)):
+    if set(values) != set(known):
         raise IdentError(
             ErrorCode.UNKNOWN_PARAMETER,
-            f'effect {effect.id} needs the values {", ".join(known)}, or size alone; '
+            f'effect {effect.id} needs the values {", ".join(known)}; '
             f'found {", ".join(values) or "none"}',
         )
     return Added(effect, tuple(place.split('+')) if place not in ('', 'all') else (), values)
@@ -146,7 +113,6 @@ def simulate(
     parameters: Mapping[str, float],
     motion: Motion,
     effects: Sequence[Added] = (),
-    rng: np.random.Generator | None = None,
 ) -> Log:
     """Simulate a log.
 
@@ -156,7 +122,6 @@ def simulate(
             description holds is as described where not given.
         motion: Set-points of the drives.
         effects: What the machine has beside the nominal physics.
-        rng: Source of chance of effects that are given by their size.
 
     Returns:
         The log; what the kind does not simulate is as planned.
@@ -170,10 +135,9 @@ def simulate(
         machine = machine.with_constants(bandwidth=math.inf)
     model = planned_model(machine, motion.position, motion.velocity)
     values = {**parameters, **model.as_described(parameters)}
-    log = _log(machine, motion, model, values)
     if not effects:
-        return log
-    there = [at for added in effects for at in added.places(machine)]
+        return _log(machine, motion, model, values)
+    there = [at for effect in effects for at in effect.places(machine)]
     offered = model.extensions()
     for at in there:
         if at not in offered:
@@ -182,18 +146,12 @@ def simulate(
                 f'{at.effect} has no place on {at.where} of this machine; choose from '
                 f'{", ".join(dict.fromkeys(x.effect for x in offered)) or "none"}',
             )
-    # Sizes of effects are shares of the efforts that the machine has without them.
-    data = Dataset(machine.drives, log.cycle, 0, None, None, None, None, log.effort)
-    efforts = effort_range(machine, [data])
-    model = planned_model(
-        machine, motion.position, motion.velocity, effects=there, efforts=efforts
-    )
-    rng = rng or np.random.default_rng(0)
-    drawn: dict[str, float] = {}
-    for added in effects:
-        for at in added.places(machine):
-            drawn |= added.values_at(at, model.scaled(at), motion, machine, rng)
-    return replace(_log(machine, motion, model, values | drawn), effects=drawn)
+    model = planned_model(machine, motion.position, motion.velocity, effects=there)
+    added: dict[str, float] = {}
+    for effect in effects:
+        for at in effect.places(machine):
+            added |= effect.values_at(at)
+    return replace(_log(machine, motion, model, values | added), effects=added)
 
 
 def _log(
@@ -332,14 +290,14 @@ def simulate_bag(
         machine: The machine.
         parameters: Parameters by name, see `simulate`.
         motion: Set-points, from `draw_motion`.
-        seed: Seed of noise, jitter and losses, and of what is drawn of effects.
+        seed: Seed of noise, jitter and losses.
         nuisance: What lies between machine and log; by the machine file's noise where not given.
         effects: What the machine has beside the nominal physics.
 
     Raises:
         IdentError: As `simulate`.
     """
-    log = simulate(machine, parameters, motion, effects, np.random.default_rng([seed, 1]))
+    log = simulate(machine, parameters, motion, effects)
     rng = np.random.default_rng(seed)
     streams = make_streams(log, motion, nuisance or nuisance_of(machine), rng)
     return SimulatedBag(streams, log, motion)

@@ -130,10 +130,10 @@ def test_simulate_makes_a_bag_that_says_how_it_was_made(tmp_path, capsys):
     [
         (['--set', 'mass=1'], "'mass' cannot be set: no such parameter; choose from measurement_"),
         (['--set', 'drive_1.tool_mass=1'], "'drive_1.tool_mass' cannot be set"),
-        (['--effect', 'magic@drive_1:size=1'], "no effect is called 'magic'"),
+        (['--effect', 'magic@drive_1:mass=1'], "no effect is called 'magic'"),
         (['--effect', 'stribeck:torque=1'], 'effect stribeck needs the values torque, velocity'),
         (['--effect', 'stribeck@elbow:torque=1,velocity=1'], 'stribeck has no place on elbow'),
-        (['--effect', 'payload_turns:size=1'], 'payload_turns has no place on all'),
+        (['--effect', 'payload_turns:mass=1'], 'payload_turns has no place on all'),
         (['--seconds', '0.5'], 'a motion of 0.5 s is too short'),
     ],
 )

@@ -179,7 +179,7 @@ def test_a_log_of_a_description_is_simulated_with_an_effect(folder) -> None:
         assert log.position[:, k] == pytest.approx(data.qpos, abs=1e-9)
         data.ctrl[:] = motion.position[:, k]
         mujoco.mj_step(model, data, nstep=4)
-    rubbed = simulate(machine, values, motion, [read_effect('command_delay@two:size=0.5')])
+    rubbed = simulate(machine, values, motion, [read_effect('command_delay@two:delay=0.015')])
     assert np.abs(rubbed.position - log.position)[1].max() > 1e-3
 
 

@@ -9,7 +9,7 @@ import pytest
 from ros2_ident.models import load_machine
 from ros2_ident.models.registry import space_of
 from ros2_ident.recording import read_bag
-from ros2_ident.simulate.bag import nuisance_of, read_effect, simulate, simulate_bag, START
+from ros2_ident.simulate.bag import nuisance_of, simulate_bag, START
 from ros2_ident.simulate.motions import draw_motion, KINDS
 
 ROOT = Path(__file__).parents[2]
@@ -65,16 +65,6 @@ def test_streams_are_a_log(bag):
     residual = effort.effort - bag.log.effort[:, cycle].T
     assert np.std(residual) == pytest.approx(0.01, rel=0.05)
     assert np.abs(np.mean(residual)) < 5e-4
-
-
-def test_a_drawn_effect_is_that_of_the_values_it_is_logged_with():
-    truth = {name: 0.75 * low + 0.25 * high for name, (low, high, _) in EMPS.bounds.items()}
-    motion = draw_motion('mixed', EMPS, 2.0, 3)
-    drawn = simulate(EMPS, truth, motion, [read_effect('stribeck@emps_axis:size=0.3')])
-    values = ','.join(f'{name.rpartition(".")[2]}={x!r}' for name, x in drawn.effects.items())
-    again = simulate(EMPS, truth, motion, [read_effect(f'stribeck@emps_axis:{values}')])
-    np.testing.assert_array_equal(again.effort, drawn.effort)
-    assert not np.array_equal(simulate(EMPS, truth, motion).effort, drawn.effort)
 
 
 def test_same_seed_same_bag(bag):
