@@ -186,7 +186,7 @@ def sources_digest():
         *(package / 'effects').glob('*.py'),
         *(package / 'kernel').glob('*.py'),
         *(package / 'models').rglob('kernel*.py'),
-        package / 'models' / 'tripod' / 'linkage.py',
+        *(package / 'models').rglob('linkage.py'),
     ]
     digest = hashlib.sha256()
     for path in sorted(files):
