@@ -415,7 +415,7 @@ def test_mistakes_are_told_with_the_remedy(tmp_path: Path, monkeypatch) -> None:
         ('<link name="world"/>', '<link name="world"/><link name="w"/>', 'has 2 links that no'),
         ('link="world"', 'link="tool"', 'in a circle of joints'),
         ('<link name="world"/>', '<link name="world"/>' * 2000, 'has 2006 elements link'),
-        ('<link name="world"/>', '<link>' * 400 + '</link>' * 400, 'more than 250 inside each'),
+        ('<link name="world"/>', '<link>' * 400 + '</link>' * 400, 'has elements 250 deep'),
     ],
 )
 def test_a_description_that_lost_something_is_refused_in_a_sentence(

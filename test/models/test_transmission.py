@@ -254,6 +254,7 @@ def test_a_simulated_arm_takes_links_as_set_and_no_effects(tmp_path: Path, capsy
         assert np.quantile(off, 0.95) < 1e-3 * np.abs(slow.effort).max()
     words = ['simulate', str(tmp_path / 'bag'), '--machine', str(tmp_path / 'arm.yaml')]
     words += ['--seconds', '1.5', '--clean']
-    assert main([*words, '--set', 'wrist.link_mass=9', '--effect', 'stribeck@wrist:size=0.5']) == 0
+    effect = ['--effect', 'stribeck@wrist:torque=5,velocity=0.5']
+    assert main([*words, '--set', 'wrist.link_mass=9', *effect]) == 0
     assert 'wrist.link_mass 9 kg' in ' '.join(capsys.readouterr().out.split())
     assert main([*words, '--set', 'wrist.weight=9']) == 2
