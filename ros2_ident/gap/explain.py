@@ -268,6 +268,12 @@ class Explainer(Attribution):
             best = self.best(round_)
             if best is None or not self.counts(chain[-1], best):
                 break
+            further = self.refit(chain[-1].effects, best.theta[: len(chain[-1].theta)])
+            if further.cost < chain[-1].cost - TIE:
+                # It had not come to its end: what that closes is no merit of the effect.
+                chain = [*chain[:-1], further]
+                if not self.counts(further, best):
+                    continue
             if self.beside(chain[-1], best) and self.closes(chain, best) < self.rules.alike:
                 break
             before, chain = chain, self.pruned(chain, best)
