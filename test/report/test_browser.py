@@ -141,6 +141,9 @@ def test_it_is_accessible(page: Any, scheme: str) -> None:
         pytest.skip('axe-core is missing; `npm install --prefix build/axe axe-core` brings it')
     wanted = {'features': [{'name': 'prefers-color-scheme', 'value': scheme}]}
     page.execute_cdp_cmd('Emulation.setEmulatedMedia', wanted)
+    # Without the hint that Bokeh shows for a while where the wheel was turned.
+    page.refresh()
+    until(page, 'return document.documentElement.dataset.ready')
     page.execute_script(AXE.read_text(encoding='utf-8'))
     assert page.execute_async_script(JUDGE) == []
 
