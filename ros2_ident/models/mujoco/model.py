@@ -321,7 +321,7 @@ class Mujoco(MachineModel):
     def _forces(
         self, values: Sequence[dict[str, dict[int, float]]], block: Array, zero: Array
     ) -> Felt | None:
-        """Return what effects put on joints in candidates' attributes; None for none."""
+        """Return the effects' forces on joints of candidates with attributes; None for none."""
         if not self._candidates.on.any():
             return None
         block = block.copy()

@@ -446,8 +446,7 @@ class Plant:
         """Return what a rollout returns, the last state alone, its forces renewed every step."""
         mj = _mujoco()
         spec = int(mj.mjtState.mjSTATE_CTRL | mj.mjtState.mjSTATE_QFRC_APPLIED)
-        count, steps, nu = control.shape
-        count = len(models)
+        count, (steps, nu) = len(models), control.shape[1:]
         told = np.empty((count, steps, self.model.nsensordata))
         now, seen = np.empty((count, 1, self._state)), np.empty((count, 1, told.shape[2]))
         given = np.zeros((count, 1, nu + self.model.nv))
