@@ -24,7 +24,7 @@ checks: setup ## kept blind checks against their seals, then 8 new cases and the
 lint: setup ## ruff, mypy, imports, licence headers
 	@. ./env.sh; tools/lint.sh
 
-bench: setup ## figures of docs/figures.md again, 15 minutes; ARGS=latency for some
+bench: setup ## figures of docs/figures.md again, 6 minutes; ARGS=latency for some
 	@. ./env.sh; tools/bench.sh $(ARGS)
 
 docs: setup ## the documentation as a site, build/docs/index.html

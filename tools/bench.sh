@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Measure the figures of docs/figures.md again, into build/figures.md with commit, date and load: a
-# quarter of an hour on two idle cores. Fails if a benchmark did, after the last. With names as
+# Measure the figures of docs/figures.md again, into build/figures.md with commit, date and load: six
+# minutes on two idle cores. Fails if a benchmark did, after the last. With names as
 # arguments, only those: tools/bench.sh peers. peers installs other programs into build/peers, and
 # writes build/benchmarks.md, too.
 #
