@@ -221,15 +221,19 @@ class Explainer(Attribution):
             if all(at not in alone or self.material(alone[at], e) for at in e.effects[first:])
             or len(e.effects) == first + 1
         ]
-        if not fitted:
-            return None
+        return self.plainest(round_.base, fitted) if fitted else None
+
+    def plainest(self, base: Explanation, fitted: Sequence[Explanation]) -> Explanation:
+        """Return the fit of the fewest numbers among those that close as much of a gap as the best.
+
+        No law of the catalogue is exactly the machine's: one more number closes a little more.
+        """
         best = min(fitted, key=self.score)
-        # No law of the catalogue is exactly the machine's: one more number closes a little more.
-        share = self.share(round_.base, best) - self.rules.alike
+        share = self.share(base, best) - self.rules.alike
         alike = [
             e
             for e in fitted
-            if self.share(round_.base, e) >= share and self.reduced(e, best) < self.rules.step
+            if self.share(base, e) >= share and self.reduced(e, best) < self.rules.step
         ]
         return min([best, *alike], key=lambda e: (len(e.theta), self.score(e)))
 
@@ -287,6 +291,7 @@ class Explainer(Attribution):
             chain = self.on_like_drives(chain, candidates)
         rests = self.rests(chain)
         if not self.stopped():
+            chain, rests = self.with_plainer_laws(chain, rests, rounds)
             chain, rests = self.ordered(chain, rests)
         rivals = self.rivals(chain, rounds)
         return Explained(
@@ -405,6 +410,58 @@ class Explainer(Attribution):
             for index in range(len(final.effects))
         )
 
+    def with_plainer_laws(
+        self,
+        chain: list[Explanation],
+        rests: tuple[Explanation, ...],
+        rounds: Sequence[Round],
+    ) -> tuple[list[Explanation], tuple[Explanation, ...]]:
+        """Put laws of fewer numbers in the place of those that now need no more.
+
+        While another cause was missing, the numbers of a law took up part of it.
+        """
+        if len(chain[-1].effects) < 2:
+            return chain, rests
+        for at in chain[-1].effects:
+            final = chain[-1]
+            rest = rests[final.effects.index(at)]
+            numbers = len(get_effect(at.effect).parameters)
+            plainer = [
+                (other, e)
+                for other, e in self.instead_of(at, final, rounds)
+                if other.where == at.where and len(get_effect(other.effect).parameters) < numbers
+            ]
+            tried = [self.swapped(final, at, *x) for x in plainer if not self.stopped()]
+            best = self.plainest(rest, [final, *tried])
+            if best is not final:
+                chain = self.steps_to(best, chain[:1])
+                rests = self.rests(chain)
+        return chain, rests
+
+    @staticmethod
+    def instead_of(
+        at: EffectAt, final: Explanation, rounds: Sequence[Round]
+    ) -> list[tuple[EffectAt, Explanation]]:
+        """Return effects, not in the final model, that closed over half as much when one led."""
+        source = next((r for r in rounds if at in r.alone), None)
+        if source is None:
+            return []
+        closes = source.base.loss - source.alone[at].loss
+        return [
+            (other, e)
+            for other, e in source.alone.items()
+            if other not in final.effects and source.base.loss - e.loss > 0.5 * closes
+        ]
+
+    def swapped(
+        self, final: Explanation, at: EffectAt, other: EffectAt, e: Explanation
+    ) -> Explanation:
+        """Refit a model with another effect in the place of one, from a fit that ends with it."""
+        index, count = final.effects.index(at), len(get_effect(other.effect).parameters)
+        theta = np.delete(final.theta, self.columns(final, index))
+        effects = (*final.effects[:index], *final.effects[index + 1 :], other)
+        return self.refit(effects, np.concatenate([theta, e.theta[-count:]]))
+
     def ordered(
         self, chain: list[Explanation], rests: tuple[Explanation, ...]
     ) -> tuple[list[Explanation], tuple[Explanation, ...]]:
@@ -467,23 +524,10 @@ class Explainer(Attribution):
         if not final.effects:
             return ()
         first = final.effects[0]
-        source = next((r for r in rounds if first in r.alone), None)
-        if source is None:
-            return (final,)
         if len(final.effects) == 1:
-            return tuple(e for e in source.fitted if e in source.alone.values())
-        closes = source.base.loss - source.alone[first].loss
-        near = [
-            (at, e)
-            for at, e in source.alone.items()
-            if at not in final.effects and source.base.loss - e.loss > 0.5 * closes
-        ][:4]
-        models = [final]
-        for at, e in near:
-            if self.stopped():
-                break
-            count = len(get_effect(at.effect).parameters)
-            rest = np.delete(final.theta, self.columns(final, 0))
-            theta = np.concatenate([rest, e.theta[-count:]])
-            models.append(self.refit((*final.effects[1:], at), theta))
+            source = next((r for r in rounds if first in r.alone), None)
+            if source is not None:
+                return tuple(e for e in source.fitted if e in source.alone.values())
+        near = self.instead_of(first, final, rounds)[:4]
+        models = [final, *(self.swapped(final, first, *x) for x in near if not self.stopped())]
         return tuple(sorted((e for e in models if e.loss < np.inf), key=lambda e: e.loss))

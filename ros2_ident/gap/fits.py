@@ -268,6 +268,8 @@ class Trials:
         theta, residual, count = base.theta, base.residual, len(base.theta)
         low, high = joint.low[:count], joint.high[:count]
         groups = trials(candidate, model, self._orders_of(candidate, joint))
+        if not groups:
+            return []
         parameters = model.scaled(candidate)
         neutral = np.array([p.neutral for p in parameters])
         size = np.array([p.role == 'size' for p in parameters])

@@ -3,6 +3,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from scipy.special import expit
@@ -273,14 +274,18 @@ def _weigh(
         # What came first may have been dropped since: the one left is fitted better than it was.
         best[final.effects[0]] = final
     weights = {}
-    leads = 1.0 - explainer.share(base, best.get(final.effects[0], base)) if final.effects else 1.0
+    alike = explainer.rules.alike
+    lead = best.get(final.effects[0], base) if final.effects else base
+    leads = 1.0 - explainer.share(base, lead)
     for at, e in best.items():
-        left = 1.0 - explainer.share(base, e)
-        if leads - explainer.rules.alike <= left < leads:
+        left, more = 1.0 - explainer.share(base, e), 0.0
+        if abs(left - leads) <= alike and len(e.theta) > len(lead.theta) and final.effects:
+            # Numbers that bring nothing speak against a law (Schwarz 1978, Ann. Statist. 6).
+            more = max(0.0, explainer.score(e) - explainer.score(lead))
+        if leads - alike <= left < leads:
             # One more number closes a little more, and is no evidence.
             left = leads
-        left = max(left, 0.0) + explainer.rules.alike
-        weights[at] = left**-t.power
+        weights[at] = (max(left, 0.0) + alike) ** -t.power * math.exp(-0.5 * more)
     # Twins are one answer under two names: both stand, with half the weight each.
     for at in list(weights):
         for twin in twins(at):

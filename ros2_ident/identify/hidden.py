@@ -181,7 +181,7 @@ def weigh_fit(
             return np.hstack(out) - residual
 
         points, most = _tried(model, at, orders_shown(model, at, changed, free, basis, clear=True))
-        out = changed(points)
+        out = changed(points) if len(points) else np.empty((0, residual.size))
         out = out[np.isfinite(out).all(axis=1)]
         return out, np.full(len(out), most)
 

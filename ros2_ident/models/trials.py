@@ -37,7 +37,9 @@ def shape_values(
 ) -> tuple[float, ...]:
     """Return the values of a shape parameter to start from, in its own unit."""
     if parameter.role == 'order':
-        return (*parameter.starts, *orders)
+        # With fewer periods it is a spring or a constant force.
+        turns = (model.motor_turn(where) or 1.0) * _stroke(model, where) / (2.0 * np.pi)
+        return (*(n for n in parameter.starts if n * turns >= _PERIODS), *orders)
     if parameter.role == 'position':
         data = model.data
         position = data.command_position if data.command_position is not None else data.position
@@ -64,7 +66,7 @@ def trials(
         orders: Orders of the drive's turn that the residual shows, see `orders_shown`.
 
     Returns:
-        Groups of (P,) vectors in physical units.
+        Groups of (P,) vectors in physical units; none where the motion is too short for the effect.
     """
     parameters = model.scaled(candidate)
     neutral = np.array([p.neutral for p in parameters])
@@ -146,12 +148,17 @@ def orders_shown(
 
 def _grid(model: FullModel, place: str) -> Array:
     """Return orders so dense that none lies unseen between two."""
-    source = model.data.position
-    source = model.data.command_position if source is None else source
-    if source is None or place not in model.data.names:
-        return np.empty(0)
-    row = source[model.data.names.index(place)]
-    turns = model.motor_turn(place) * float(np.ptp(row[np.isfinite(row)])) / (2.0 * np.pi)
+    turns = model.motor_turn(place) * _stroke(model, place) / (2.0 * np.pi)
     if not turns > 0.0:
         return np.empty(0)
     return np.arange(max(_LOWEST, _PERIODS / turns), _HIGHEST, _DENSE / turns)
+
+
+def _stroke(model: FullModel, place: str) -> float:
+    """Return how far a place moves, its unit; 0 where that is not known."""
+    source = model.data.position
+    source = model.data.command_position if source is None else source
+    if source is None or place not in model.data.names:
+        return 0.0
+    row = source[model.data.names.index(place)]
+    return float(np.ptp(row[np.isfinite(row)]))

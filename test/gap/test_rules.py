@@ -137,6 +137,45 @@ def test_twins_are_one_answer_under_two_names(explainer):
     assert said.confusable[1].probability == said.confusable[0].probability
 
 
+def test_numbers_that_bring_nothing_speak_against_a_law(explainer):
+    force, spring = EffectAt('constant_force', 'one'), EffectAt('cable_spring', 'one')
+    base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[force])
+    weights = []
+    for left in (0.0, -0.01):
+        other = made((left, 0.0), effects=[spring])
+        said = answered(explainer, [base, one], [one, other])
+        weights.append({w.at: w.probability for w in said.ranking})
+    assert weights[0][spring] == pytest.approx(weights[0][force] / math.sqrt(4 * SAMPLES))
+    # Twenty units of the loss are worth a number.
+    assert weights[1][spring] == pytest.approx(weights[1][force])
+
+
+def test_what_the_fit_before_closes_on_its_way_is_no_merit_of_an_effect(explainer):
+    base, best = made((2.0, 0.0)), made((0.2, 0.0), effects=[STRIBECK])
+    explainer.round = lambda before, candidates: Round(before, {}, (best,))
+    explainer.with_new_floor = lambda chain, rounds: (chain, rounds)
+    for left, names in ((0.3, ()), (1.9, (STRIBECK,))):
+        explainer.refit = lambda effects, theta, left=left: made((left, 0.0), effects)
+        said = explainer.explain(base, [STRIBECK], lambda e: None)
+        assert (said.chain[-1].effects, float(said.chain[0].fit[0])) == (
+            names, SAMPLES * (1.0 + left),
+        )  # fmt: skip
+
+
+def test_a_law_whose_numbers_another_cause_took_up_is_put_in_plainer_words(explainer):
+    force, spring = EffectAt('constant_force', 'one'), EffectAt('cable_spring', 'one')
+    base, both = made((4.0, 2.0)), [DRAG, spring]
+    first = Round(base, {}, (made((0.5, 2.0), [spring]), made((1.0, 2.0), [force])))
+    left = {(DRAG,): 4.0, (force,): 1.0}
+    explainer.refit = lambda effects, theta: made((left[tuple(effects)], 0.0), effects)
+    chain = [base, made((4.0, 0.0), [DRAG]), made((0.0, 0.0), both)]
+    for gap, named in ((0.03, force), (0.2, spring)):
+        left[DRAG, force] = gap
+        ended, rests = explainer.with_plainer_laws(chain, (base, chain[1]), [first])
+        assert ended[-1].effects == (DRAG, named)
+        assert len(rests) == 2
+
+
 # ---------------------------------------------------------------------- steps of encoders
 
 
