@@ -224,7 +224,7 @@ class Explainer(Attribution):
         return self.plainest(round_.base, fitted) if fitted else None
 
     def plainest(self, base: Explanation, fitted: Sequence[Explanation]) -> Explanation:
-        """Return the fit of the fewest numbers among those that close as much of a gap as the best.
+        """Return the fit of the fewest numbers among those that close as much as the best.
 
         No law of the catalogue is exactly the machine's: one more number closes a little more.
         """

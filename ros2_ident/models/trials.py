@@ -66,7 +66,7 @@ def trials(
         orders: Orders of the drive's turn that the residual shows, see `orders_shown`.
 
     Returns:
-        Groups of (P,) vectors in physical units; none where the motion is too short for the effect.
+        Groups of (P,) vectors in physical units; none where the motion is too short for any.
     """
     parameters = model.scaled(candidate)
     neutral = np.array([p.neutral for p in parameters])
