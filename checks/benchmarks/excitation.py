@@ -25,7 +25,7 @@ from ros2_ident.excite.course import courses_for, derived
 from ros2_ident.excite.files import write_excitation
 from ros2_ident.excite.information import Sensitivity
 from ros2_ident.excite.limits import KEYS, limits_of
-from ros2_ident.excite.plan import excite, largest, SEARCH, Wish
+from ros2_ident.excite.plan import excite, largest, SEARCH
 from ros2_ident.machine.kind import Space
 from ros2_ident.models import load_machine
 from ros2_ident.models.registry import kind_of, set_points_of, space_of
@@ -127,8 +127,8 @@ def main():
     courses = courses_for(machine, limits, args.seconds)
     shrink = SEARCH.range_reduction ** (SEARCH.generations / args.generations)
     settings = replace(SEARCH, generations=args.generations, range_reduction=shrink)
-    wish = Wish(criterion=args.criterion, settings=settings, threads=args.threads)
-    found = excite(courses, sensitivity, wish)
+    search = {'criterion': args.criterion, 'settings': settings, 'threads': args.threads}
+    found = excite(courses, sensitivity, **search)
     folder = Path(args.out)
     write_excitation(folder, found, 3.0)
     by_drive = {

@@ -8,19 +8,23 @@ from typing import TYPE_CHECKING
 from ros2_ident.cli.arguments import once
 
 if TYPE_CHECKING:
-    from ros2_ident.excite.plan import Excitation, Wish
+    from ros2_ident.excite.plan import Excitation
 
 
 def run(args: argparse.Namespace) -> int:
     """Plan, write, say what it is worth."""
+    from contextlib import ExitStack
+    from dataclasses import replace
+
     from ros2_ident.cli.progress import Meter
-    from ros2_ident.cli.runs import answered
     from ros2_ident.excite.course import courses_for
     from ros2_ident.excite.files import require_place, write_excitation
     from ros2_ident.excite.information import Sensitivity
     from ros2_ident.excite.limits import limits_of
-    from ros2_ident.excite.plan import excite
+    from ros2_ident.excite.plan import excite, SEARCH
     from ros2_ident.models import load_machine
+    from ros2_ident.search import Budget
+    from ros2_ident.threads import processors
 
     require_place(args.out)
     machine = load_machine(args.machine)
@@ -33,17 +37,25 @@ def run(args: argparse.Namespace) -> int:
         fixed=once(args.fix, '--fix'),
         rate=args.rate,
     )
-    with answered(_say) as answer:
+    generations = max(1, args.generations)
+    # Fewer generations shrink their steps as far.
+    shrink = SEARCH.range_reduction ** (SEARCH.generations / generations)
+    with ExitStack() as end:
         with Meter(quiet=args.quiet) as meter:
             found = excite(
                 courses,
                 sensitivity,
-                _wish(args),
+                args.parameters,
+                criterion=args.criterion,
+                seed=args.seed,
+                settings=replace(SEARCH, generations=generations, range_reduction=shrink),
+                budget=Budget(seconds=args.max_seconds),
+                threads=args.threads or processors(),
                 on_progress=lambda p: meter(
                     min(1.0, p.evaluations / p.budget), f'{p.evaluations} motions tried'
                 ),
             )
-        answer(found)
+        end.callback(_say, found)
         asked = shlex.join(['ident', *args.words])
         files = write_excitation(args.out, found, args.lead, asked)
     print(f'written: {", ".join(str(path) for path in files)}')
@@ -58,28 +70,6 @@ def _expected(args: argparse.Namespace) -> dict[str, float]:
     from ros2_ident.export.estimate import read_estimate
 
     return {**read_estimate(args.results).values, **given}
-
-
-def _wish(args: argparse.Namespace) -> 'Wish':
-    """Return what is to be determined, and how to search."""
-    from dataclasses import replace
-
-    from ros2_ident.excite.plan import SEARCH, Wish
-    from ros2_ident.search import Budget
-    from ros2_ident.threads import processors
-
-    generations = max(1, args.generations)
-    # Fewer generations shrink their steps as far.
-    shrink = SEARCH.range_reduction ** (SEARCH.generations / generations)
-    settings = replace(SEARCH, generations=generations, range_reduction=shrink)
-    return Wish(
-        names=args.parameters,
-        criterion=args.criterion,
-        seed=args.seed,
-        settings=settings,
-        budget=Budget(seconds=args.max_seconds),
-        threads=args.threads or processors(),
-    )
 
 
 def _say(found: 'Excitation') -> None:

@@ -13,14 +13,12 @@ if TYPE_CHECKING:
     from ros2_ident.export.estimate import Estimate
     from ros2_ident.identify.problem import Problem
 
-TARGETS = ('urdf', 'mjcf', 'isaac', 'ros2_control')
-
 
 def run(args: argparse.Namespace) -> int:
     """Write the files, say what they lack."""
     from ros2_ident.export.content import content_of
     from ros2_ident.export.estimate import read_estimate
-    from ros2_ident.export.targets import fitting, write
+    from ros2_ident.export.targets import fitting, TARGETS, write
 
     wrong = [name for name in args.to or () if name not in TARGETS]
     if wrong:

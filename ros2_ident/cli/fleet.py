@@ -2,7 +2,7 @@
 """`ident fleet`: many bags of many machines, identified, diagnosed and compared."""
 
 import argparse
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> int:
     """Run the fleet and print how its machines compare."""
     from ros2_ident.cli.progress import Meter
-    from ros2_ident.cli.runs import answered, interrupts, page_line
+    from ros2_ident.cli.runs import interrupts, page_line
     from ros2_ident.fleet.run import read_fleet, run_fleet
     from ros2_ident.fleet.summary import sound
     from ros2_ident.identify.settings import IdentifySettings
@@ -37,12 +37,8 @@ def run(args: argparse.Namespace) -> int:
         rows[:] = [kept[x['name']] for x in entries if x['name'] in kept]
         meter.note(f'{row["name"]} {row["state"]} {_said(row)}')
 
-    with (
-        answered(_print) as answer,
-        interrupts() as cancel,
-        Meter(quiet=args.quiet) as meter,
-    ):
-        answer(rows)
+    with ExitStack() as end, interrupts() as cancel, Meter(quiet=args.quiet) as meter:
+        end.callback(_print, rows)
         run_fleet(
             entries,
             args.out,

@@ -29,14 +29,10 @@ WIDTH = 24
 WAIT = 'preparing; the first run on a kind of machine compiles its simulation, for up to a minute'
 
 
-def fancy(stream: TextIO) -> bool:
-    """Say whether a stream is a terminal that can be drawn on, and its user wants that."""
-    return (
-        stream.isatty()
-        and not os.environ.get('NO_COLOR')
-        and os.environ.get('TERM', '') not in ('', 'dumb', 'unknown')
-        and (stream.encoding or '').lower().replace('-', '') == 'utf8'
-    )
+def coloured(stream: TextIO) -> bool:
+    """Return whether a stream is a terminal that shows colours, and its user wants that."""
+    plain = os.environ.get('NO_COLOR') or os.environ.get('TERM', '') in ('', 'dumb', 'unknown')
+    return stream.isatty() and not plain
 
 
 class Meter:
@@ -53,7 +49,8 @@ class Meter:
         self._bar: Any = None
         self._waiting = threading.Timer(PATIENCE, lambda: self.note(WAIT))
         self._waiting.daemon = True
-        if fancy(self._stream):
+        encoding = (self._stream.encoding or '').lower().replace('-', '')
+        if coloured(self._stream) and encoding == 'utf8':
             from rich.console import Console
             from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
             from rich.table import Column

@@ -6,7 +6,7 @@ Ctrl-C ends a run and keeps what it found; a second one ends the process.
 
 import argparse
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, ExitStack, nullcontext
 from dataclasses import replace
 import os
 from pathlib import Path
@@ -47,17 +47,6 @@ def interrupts() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-@contextmanager
-def answered(show: Callable[[Any], None]) -> Iterator[Callable[[Any], None]]:
-    """Take an answer and show it at the end, whatever becomes of the files."""
-    found: list[Any] = []
-    try:
-        yield found.append
-    finally:
-        for answer in found:
-            show(answer)
-
-
 def carry_out(
     args: argparse.Namespace,
     request: 'Request',
@@ -85,8 +74,8 @@ def carry_out(
     checkpoint = files.CHECKPOINT if identifying else files.DIAGNOSIS_CHECKPOINT
     names = files.OF_RESULT if identifying else files.OF_DIAGNOSIS
     place = sole_writer(args.out, names) if args.out else nullcontext()
-    # last: the reader of the output may leave early, as `head` does
-    with answered(show) as answer, place as out:
+    # shown last, whatever becomes of the files: its reader may leave early, as `head` does
+    with ExitStack() as end, place as out:
         if out is not None and not args.no_overlay:
             # before any work: bags that are not ours to replace
             overlay.require_place(
@@ -109,7 +98,7 @@ def carry_out(
                     live.show(progress)
 
             done = find(request, logs, cancel=cancel, on_progress=tell, checkpoint=kept)
-            answer(done.result)
+            end.callback(show, done.result)
             if out is not None:
                 written = jobs.save(done, out, overlay=not args.no_overlay, live=args.live)
                 page = page_line(out, wanted=not args.no_report)

@@ -3,9 +3,9 @@
 
 from collections.abc import Sequence
 import math
-import os
 import sys
 
+from ros2_ident.cli.progress import coloured
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.prediction import Prediction
 from ros2_ident.words.figures import duration, figure
@@ -19,8 +19,7 @@ WIDER = 1.1
 
 def alarming(text: str) -> str:
     """Return a text in red where standard output is a terminal that shows it and is to."""
-    plain = os.environ.get('NO_COLOR') or os.environ.get('TERM', '') in ('', 'dumb', 'unknown')
-    return text if plain or not sys.stdout.isatty() else f'\033[1;31m{text}\033[0m'
+    return f'\033[1;31m{text}\033[0m' if coloured(sys.stdout) else text
 
 
 def columns(rows: Sequence[Sequence[str]], sides: str) -> None:

@@ -9,11 +9,7 @@ import numpy as np
 
 from ros2_ident.arrays import plain
 from ros2_ident.excite.plan import Excitation
-from ros2_ident.files import (
-    make_directory,
-    require_ours,
-    write_text,
-)
+from ros2_ident.files import make_directory, require_ours, write_text
 from ros2_ident.recording import Stream, write_bag
 from ros2_ident.recording.cdr import typestore
 from ros2_ident.recording.write import require_room, Topic
@@ -45,8 +41,17 @@ def write_excitation(
     """
     require_place(directory)
     folder = make_directory(directory)
-    bag = folder / BAG
-    _write_bag(bag, found, _trajectory(found, lead), asked)
+    position, velocity = found.planned.position.T, found.planned.velocity.T
+    cycle = found.courses.series.cycle
+    stamp = _START + np.round(1e9 * cycle * np.arange(len(position))).astype(np.int64)
+    stream = Stream(found.courses.machine.drives, stamp, position=position, velocity=velocity)
+    bag = write_bag(
+        folder / BAG,
+        {'/joint_command': stream},
+        mark=MARK,
+        custom={'command': asked},
+        others=[Topic(TOPIC, _KIND, [(_START, _trajectory(found, lead))])],
+    )
     return [bag, write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n')]
 
 
@@ -59,21 +64,6 @@ def require_place(directory: str | Path) -> None:
     folder = Path(directory)
     require_room(folder / BAG, MARK)
     require_ours([folder / WORTH])
-
-
-def _write_bag(path: Path, found: Excitation, message: bytes, asked: str) -> None:
-    position, velocity = found.planned.position.T, found.planned.velocity.T
-    cycle = found.courses.series.cycle
-    stamp = _START + np.round(1e9 * cycle * np.arange(len(position))).astype(np.int64)
-    stream = Stream(found.courses.machine.drives, stamp, position=position, velocity=velocity)
-    trajectory = Topic(TOPIC, _KIND, [(_START, message)])
-    write_bag(
-        path,
-        {'/joint_command': stream},
-        mark=MARK,
-        custom={'command': asked},
-        others=[trajectory],
-    )
 
 
 def _trajectory(found: Excitation, lead: float) -> bytes:

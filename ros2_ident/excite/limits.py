@@ -63,11 +63,10 @@ class Limits:
 
         A position's share is that of the way from the middle of its range to the nearer end.
         """
-        bounded = np.isfinite(self.high - self.low)
-        ends = np.where(bounded, self.low, -math.inf), np.where(bounded, self.high, math.inf)
-        middle = np.where(bounded, self.low, 0.0) + np.where(bounded, self.high, 0.0)
+        half = 0.5 * (self.high - self.low)
+        middle = np.add(self.low, self.high, out=np.zeros_like(half), where=np.isfinite(half))
         away = np.abs(motion.position - 0.5 * middle[:, None]).max(axis=1)
-        out = {'position': away / (0.5 * (ends[1] - ends[0]))}
+        out = {'position': away / half}
         for name in ('velocity', 'acceleration', 'jerk', 'effort'):
             rows = getattr(motion, name)
             if rows is not None:

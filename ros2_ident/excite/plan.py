@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search for the motion that determines parameters best."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import math
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -35,37 +36,14 @@ SEARCH = GeneticSettings(
 )
 
 
-@dataclass(frozen=True)
-class Wish:
-    """Purpose of a motion: the parameters to determine.
-
-    Attributes:
-        names: Parameters, `gear_stiffness` meaning that of every drive; all where empty.
-        criterion: `d` for the smallest volume of their joint confidence region (D-optimality), the
-            others unknown as well; `worst` for the smallest of the largest intervals, in widths of
-            the boxes.
-        seed: Of the search.
-        settings: Of the search.
-        budget: What the search may cost.
-        threads: Motions that are simulated at a time.
-    """
-
-    names: tuple[str, ...] = ()
-    criterion: str = 'd'
-    seed: int = 0
-    settings: GeneticSettings = SEARCH
-    budget: Budget = field(default_factory=Budget)
-    threads: int = 1
-
-
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """A motion and what it will tell.
 
     Attributes:
         planned: Its set-points.
-        shown: What the machine does, and the information in its log.
-        others: What it does with parameters a quarter lower and higher than expected.
+        loads: The largest share of a limit that set-points or machine take, by quantity; the
+            machine with the parameters that are expected, and a quarter lower and higher.
         courses: What it was chosen from, with machine and limits.
         parameters: The N parameters.
         values: (N,) at which the information was worked out.
@@ -78,8 +56,7 @@ class Excitation:
     """
 
     planned: Moved
-    shown: Shown
-    others: tuple[Moved, ...]
+    loads: Mapping[str, float]
     courses: Courses
     parameters: tuple[Parameter, ...]
     values: Array
@@ -88,11 +65,6 @@ class Excitation:
     chance: Array
     evaluations: int
     stop: str
-
-    @property
-    def loads(self) -> dict[str, float]:
-        """The largest share of a limit that set-points or simulated machine take, by quantity."""
-        return largest(self.courses.limits, self.planned, self.shown.moved, *self.others)
 
 
 def largest(limits: Limits, *motions: Moved) -> dict[str, float]:
@@ -107,8 +79,13 @@ def largest(limits: Limits, *motions: Moved) -> dict[str, float]:
 def excite(
     courses: Courses,
     sensitivity: Sensitivity,
-    wish: Wish | None = None,
+    names: Sequence[str] = (),
     *,
+    criterion: Literal['d', 'worst'] = 'd',
+    seed: int = 0,
+    settings: GeneticSettings = SEARCH,
+    budget: Budget | None = None,
+    threads: int = 1,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Excitation:
     """Return the motion that determines parameters best, within the limits of its courses.
@@ -116,31 +93,53 @@ def excite(
     Args:
         courses: The motions to choose from.
         sensitivity: The machine at the parameters that are expected.
-        wish: What is to be determined, and how to search.
+        names: Parameters to determine, `gear_stiffness` meaning that of every drive; all where
+            empty.
+        criterion: `d` for the smallest volume of their joint confidence region (D-optimality), the
+            others unknown as well; `worst` for the smallest of the largest intervals, in widths of
+            the boxes.
+        seed: Of the search.
+        settings: Of the search.
+        budget: What the search may cost.
+        threads: Motions that are simulated at a time.
         on_progress: Called now and then from this thread.
 
     Raises:
-        IdentError: UNKNOWN_PARAMETER or INVALID_GOAL for a wish that cannot be met, DIVERGED where
-            the machine runs away whatever it is asked to do.
+        IdentError: UNKNOWN_PARAMETER for a strange name, DIVERGED where the machine runs away
+            whatever it is asked to do.
     """
-    wish = wish or Wish()
-    wanted = _wanted(wish, sensitivity.parameters)
-    one = replace(courses.series, periods=1, rest=_SHORT_REST)
-    cost = _Cost(replace(courses, series=one), sensitivity, wanted, wish)
-    dimension = cost.courses.dimension
+    wanted = _wanted(names, sensitivity.parameters)
+    short = replace(courses, series=replace(courses.series, periods=1, rest=_SHORT_REST))
+    dimension = short.dimension
     first: list[tuple[Array, Array]] = []
 
     def note(points: Array, costs: Array, _: npt.NDArray[np.bool_]) -> None:
         if not first:
             first.append((points.copy(), costs.copy()))
 
-    with ThreadPoolExecutor(wish.threads) as pool:
+    def cost(point: Array) -> float:
+        """Return how badly a motion determines the parameters: the logarithm of a variance."""
+        try:
+            planned = short.motion(point)
+            shown = sensitivity.of(planned)
+        except IdentError:
+            return math.inf
+        covariance = shown.covariance[np.ix_(wanted, wanted)]
+        if criterion == 'd':
+            told = float(np.linalg.slogdet(covariance)[1]) / len(covariance)
+        else:
+            told = math.log(float(np.diag(covariance).max()))
+        # Scaling the motion down to its limits would cost as much information.
+        over = max(largest(courses.limits, planned, shown.moved).values())
+        return told + 2.0 * math.log(max(over, 1.0))
+
+    with ThreadPoolExecutor(threads) as pool:
         found = minimise(
             lambda points: np.array(list(pool.map(cost, points))),
-            GeneticSearch(dimension, wish.settings, wish.seed),
+            GeneticSearch(dimension, settings, seed),
             low=np.zeros(dimension),
             high=np.ones(dimension),
-            budget=wish.budget,
+            budget=budget or Budget(),
             on_progress=on_progress,
             on_generation=note,
         )
@@ -152,11 +151,10 @@ def excite(
         )
     points, costs = first[0]
     middling = points[np.argsort(costs)[len(costs) // 2]]
-    planned, shown, others = scaled(courses, sensitivity, found.theta)
+    planned, shown, loads = scaled(courses, sensitivity, found.theta)
     return Excitation(
         planned=planned,
-        shown=shown,
-        others=others,
+        loads=loads,
         courses=courses,
         parameters=sensitivity.parameters,
         values=sensitivity.values,
@@ -170,65 +168,36 @@ def excite(
 
 def scaled(
     courses: Courses, sensitivity: Sensitivity, point: Array
-) -> tuple[Moved, Shown, tuple[Moved, ...]]:
+) -> tuple[Moved, Shown, dict[str, float]]:
     """Return the largest motion of a point that keeps to the limits when it is simulated, too.
 
     Returns:
-        The set-points, what they show, and what the machine makes of them where its parameters are
-        other ones (`Sensitivity.elsewhere`).
+        The set-points, what they show, and the largest shares of the limits that they and the
+        machine take, also where its parameters are other ones (`Sensitivity.elsewhere`).
     """
     share = 1.0
     for _ in range(_ROUNDS):
         planned = courses.motion(point, share)
         shown, others = sensitivity.of(planned), sensitivity.elsewhere(planned)
-        load = max(largest(courses.limits, planned, shown.moved, *others).values())
-        if load <= 1.0:
+        loads = largest(courses.limits, planned, shown.moved, *others)
+        if max(loads.values()) <= 1.0:
             break
-        share *= _BELOW / load
-    return planned, shown, others
+        share *= _BELOW / max(loads.values())
+    return planned, shown, loads
 
 
-@dataclass(frozen=True, eq=False)
-class _Cost:
-    """How badly a motion determines the parameters: the logarithm of a variance."""
-
-    courses: Courses
-    sensitivity: Sensitivity
-    wanted: npt.NDArray[np.bool_]
-    wish: Wish
-
-    def __call__(self, point: Array) -> float:
-        try:
-            planned = self.courses.motion(point)
-            shown = self.sensitivity.of(planned)
-        except IdentError:
-            return math.inf
-        covariance = shown.covariance[np.ix_(self.wanted, self.wanted)]
-        if self.wish.criterion == 'd':
-            told = float(np.linalg.slogdet(covariance)[1]) / len(covariance)
-        else:
-            told = math.log(float(np.diag(covariance).max()))
-        # Scaling the motion down to its limits would cost as much information.
-        over = max(largest(self.courses.limits, planned, shown.moved).values())
-        return told + 2.0 * math.log(max(over, 1.0))
-
-
-def _wanted(wish: Wish, parameters: Sequence[Parameter]) -> npt.NDArray[np.bool_]:
+def _wanted(names: Sequence[str], parameters: Sequence[Parameter]) -> npt.NDArray[np.bool_]:
     """Return (N,) which parameters are meant.
 
     Raises:
-        IdentError: INVALID_GOAL for an unknown criterion, UNKNOWN_PARAMETER for a strange name.
+        IdentError: UNKNOWN_PARAMETER for a strange name.
     """
-    if wish.criterion not in ('d', 'worst'):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'no criterion is called {wish.criterion}; use d or worst'
-        )
-    names = [{p.name, p.name.rpartition('.')[2]} for p in parameters]
-    for name in wish.names:
-        if not any(name in both for both in names):
+    known = [{p.name, p.name.rpartition('.')[2]} for p in parameters]
+    for name in names:
+        if not any(name in both for both in known):
             raise IdentError(
                 ErrorCode.UNKNOWN_PARAMETER,
                 f'{name!r} is no parameter that is looked for; choose from '
                 f'{", ".join(p.name for p in parameters)}',
             )
-    return np.array([not wish.names or not both.isdisjoint(wish.names) for both in names])
+    return np.array([not names or not both.isdisjoint(names) for both in known])

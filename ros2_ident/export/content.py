@@ -6,6 +6,7 @@ Full inertials of an arm's links come from base parameters and from what was bel
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,34 +25,6 @@ from ros2_ident.models.serial.model import Serial
 # Step of a derivative and least share of the box that counts, in box widths; also the least share
 # of the effort that is ever missed.
 _STEP = 1e-4
-
-
-@dataclass(frozen=True)
-class Missed:
-    """RMS of measured less simulated effort of one joint, N m or N.
-
-    Attributes:
-        joint: Its name.
-        unit: N m or N.
-        identified: With all that was identified.
-        consistent: The same with links that bodies can be.
-        exported: With what a target can say.
-        described: With the links as the description has them and no friction.
-    """
-
-    joint: str
-    unit: str
-    identified: float
-    consistent: float
-    exported: float
-    described: float
-
-    @property
-    def closed(self) -> float:
-        """Share of what was identified beyond the description that a target brings, 0 to 1."""
-        before = self.described**2 - self.identified**2
-        after = self.described**2 - self.exported**2
-        return float(np.clip(after / before, 0.0, 1.0)) if before > 0.0 else float('nan')
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +66,19 @@ class Content:
             if own[0] > 0.0:
                 yield body.name, *body.inertial(own)
 
-    def missed(self, *, armature: bool) -> tuple[Missed, ...]:
-        """Return what each joint of an arm misses; none where there are no links.
+    def missed(self, *, armature: bool) -> dict[str, dict[str, Any]]:
+        """Return RMS of measured less simulated effort of each joint of an arm.
 
         Args:
             armature: Whether the target has a place for it.
+
+        Returns:
+            By joint its `unit`, N m or N; with links as the description has them and no friction;
+            with what the target can say; with links that bodies can be; with all that was
+            identified. Nothing where there are no links.
         """
         if self.links is None or not isinstance(self.model, Serial):
-            return ()
+            return {}
         whole, fitted = (self._at_joints(x) for x in (self.measured, self.fitted))
         asked = effort_of(self.model, self.links)
         described = self.model.links_effort(np.zeros((len(asked), 10)))
@@ -112,14 +90,16 @@ class Content:
             for joint, d in zip(self.joints, rows, strict=True)
         ]
         exported, described = (self.model.in_band(x) for x in (exported, described[rows]))
-        return tuple(
-            Missed(
-                joint.name,
-                'N m' if joint.travel == 'rad' else 'N',
-                *(_rms(whole[o] - x[o]) for x in (fitted, simulated, exported, described)),
-            )
+        return {
+            joint.name: {
+                'unit': 'N m' if joint.travel == 'rad' else 'N',
+                'missed_as_described': _rms(whole[o] - described[o]),
+                'missed_as_exported': _rms(whole[o] - exported[o]),
+                'missed_with_consistent_links': _rms(whole[o] - simulated[o]),
+                'missed_as_identified': _rms(whole[o] - fitted[o]),
+            }
             for o, joint in enumerate(self.joints)
-        )
+        }
 
     def _at_joints(self, effort: Array) -> Array:
         return at_joints(self.model, self.theta, effort)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kinds of files: their texts, what each cannot say, and how much of the gap that leaves."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 import json
 import math
@@ -287,7 +287,7 @@ def write(
             name: {
                 'file': TARGETS[name].file,
                 'left_out': told[name],
-                'joints': _missed(content, name),
+                'joints': content.missed(armature=TARGETS[name].armature),
             }
             for name in names
         },
@@ -297,19 +297,6 @@ def write(
     return {name: (files[name], told[name]) for name in names}
 
 
-def _missed(content: Content, name: str) -> dict[str, dict[str, float | str]]:
-    return {
-        m.joint: {
-            'unit': m.unit,
-            'missed_as_described': m.described,
-            'missed_as_exported': m.exported,
-            'missed_with_consistent_links': m.consistent,
-            'missed_as_identified': m.identified,
-        }
-        for m in content.missed(armature=TARGETS[name].armature)
-    }
-
-
 def sentences(content: Content, target: Target) -> Iterator[str]:
     """Yield what a target cannot say of this machine, and how much that leaves."""
     lacking = list(_lacking(content, target))
@@ -317,11 +304,14 @@ def sentences(content: Content, target: Target) -> Iterator[str]:
     if lacking:
         yield f'{target.title} has no place for {joined(lacking)}'
     if rows and target.described:
-        least = min(rows, key=lambda m: m.closed if np.isfinite(m.closed) else 1.0)
+        kept = {joint: _kept(row) for joint, row in rows.items()}
+        least = min(kept, key=lambda joint: kept[joint] if np.isfinite(kept[joint]) else 1.0)
+        row = rows[least]
         yield (
-            f'it keeps {100 * least.closed:.1f} % or more of the improvement on each joint; '
-            f'least on {least.joint}, RMS in {least.unit}: {least.described:.3g} as described, '
-            f'{least.exported:.3g} exported, {least.identified:.3g} identified'
+            f'it keeps {100 * kept[least]:.1f} % or more of the improvement on each joint; '
+            f'least on {least}, RMS in {row["unit"]}: {row["missed_as_described"]:.3g} as '
+            f'described, {row["missed_as_exported"]:.3g} exported, '
+            f'{row["missed_as_identified"]:.3g} identified'
         )
     if content.logged:
         names = joined(sorted({at.effect for at in content.logged}))
@@ -331,6 +321,13 @@ def sentences(content: Content, target: Target) -> Iterator[str]:
             'friction of joints with effects is the best approximation of friction and effects '
             'together along this log'
         )
+
+
+def _kept(row: Mapping[str, Any]) -> float:
+    """Return the share of what was identified beyond the description that a target keeps."""
+    before = row['missed_as_described'] ** 2 - row['missed_as_identified'] ** 2
+    after = row['missed_as_described'] ** 2 - row['missed_as_exported'] ** 2
+    return float(np.clip(after / before, 0.0, 1.0)) if before > 0.0 else float('nan')
 
 
 def _lacking(content: Content, target: Target) -> Iterator[str]:

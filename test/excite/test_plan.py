@@ -16,7 +16,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.excite.course import Courses, courses_for
 from ros2_ident.excite.information import Sensitivity
 from ros2_ident.excite.limits import Limits, limits_of, Moved
-from ros2_ident.excite.plan import Excitation, excite, largest, SEARCH, Wish
+from ros2_ident.excite.plan import Excitation, excite, largest, SEARCH
 from ros2_ident.models import load_machine, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset, read_bag, Topics
 
@@ -169,7 +169,7 @@ def data_of(machine, planned: Moved) -> Dataset:
 
 def planned(machine, **wish: object) -> Excitation:
     courses = courses_for(machine, limits_of(machine), 4.0)
-    return excite(courses, Sensitivity(machine), Wish(settings=FEW, **wish))
+    return excite(courses, Sensitivity(machine), settings=FEW, **wish)
 
 
 @pytest.fixture(scope='module')
@@ -279,7 +279,7 @@ def test_an_arm_by_its_description(tmp_path) -> None:
     limits = by_file(tmp_path, machine, joint_limits={'shoulder': own, 'elbow': own})
     np.testing.assert_allclose([limits.low, limits.high], [[-1.0, -2.0], [1.0, 2.0]])
     np.testing.assert_allclose(limits.effort, [14.0, 20.0])
-    found = excite(courses_for(machine, limits, 8.0), Sensitivity(machine), Wish(settings=FEW))
+    found = excite(courses_for(machine, limits, 8.0), Sensitivity(machine), settings=FEW)
     assert max(found.loads.values()) == pytest.approx(1.0, abs=0.01)
     # The shoulder has hardly the torque to hold both links.
     assert found.loads['effort'] > 0.5

@@ -200,7 +200,7 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
 
 def screen(said):
     """What a reader finds on the first screen, line by line."""
-    steps = [f'{s.text} {[law.anchor for law in s.laws]} {s.code}' for s in said.steps]
+    steps = [f'{s.text} {[law.effect.id for law in s.laws]} {s.code}' for s in said.steps]
     gaps = [f'{gap.drive} {gap.note}' for gap in said.gaps]
     parts = (said.first, [said.headline], said.sure, gaps, said.closes, steps)
     return '\n'.join([said.state, *(line for part in parts for line in part), *said.careful])

@@ -7,7 +7,7 @@ import math
 import shlex
 from typing import Any
 
-from ros2_ident.effects import CATALOGUE
+from ros2_ident.effects import CATALOGUE, Effect
 from ros2_ident.gap.diagnosis import Cause, Diagnosis, Value
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import Identification, Outcome
@@ -29,18 +29,16 @@ LOOSE = 'not determined'
 
 @dataclass(frozen=True)
 class Law:
-    """An effect that was found, as an equation with its numbers.
+    """An effect that was found, with its numbers.
 
     Attributes:
-        anchor: Where the page says more of it.
+        effect: The effect, with its equation.
         title: Its name with its place.
-        equation: The equation.
         numbers: Symbol, name, and value with its interval.
     """
 
-    anchor: str
+    effect: Effect
     title: str
-    equation: str
     numbers: tuple[tuple[str, str, str], ...]
 
 
@@ -64,18 +62,16 @@ class Step:
         return any(LOOSE in value for law in self.laws for *_, value in law.numbers)
 
 
-def law_of(at: EffectAt, parameters: Mapping[str, Value]) -> Law | None:
-    """Return an effect as an equation with its numbers; None where no catalogue has it."""
-    effect = CATALOGUE.get(at.effect)
-    if effect is None:
-        return None
+def _law(at: EffectAt, parameters: Mapping[str, Value]) -> Law:
+    """Return an effect of the catalogue as an equation with its numbers."""
+    effect = CATALOGUE[at.effect]
     place = '' if at.where == 'all' else f'{at.where}.'
     rows = []
     for p in effect.parameters:
         v = parameters.get(f'{place}{effect.id}.{p.name}')
         if v is not None:
             rows.append((p.symbol, p.meaning or p.name.replace('_', ' '), _value(v)))
-    return Law(effect.id, at.title, effect.equation, tuple(rows))
+    return Law(effect, at.title, tuple(rows))
 
 
 def _value(v: Value) -> str:
@@ -128,8 +124,8 @@ def of_diagnosis(w: Written, out: str) -> Iterator[Step]:
 
 def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
     d = w.found
-    laws = [law for at in words.named(d) if (law := law_of(at, d.parameters)) is not None]
-    of_log = [law for law in laws if CATALOGUE[law.anchor].group == 'measurement']
+    laws = [_law(at, d.parameters) for at in words.named(d) if at.effect in CATALOGUE]
+    of_log = [law for law in laws if law.effect.group == 'measurement']
     missing = [law for law in laws if law not in of_log]
     effects: list[Step] = []
     if missing:
