@@ -112,10 +112,6 @@ class Courses:
         """Numbers of a motion: its coefficients, and where it is in the room that it leaves."""
         return self.series.dimension + len(self.limits.way_low)
 
-    @functools.cached_property
-    def _carried(self) -> bool:
-        return carries(self.machine)
-
     def motion(self, point: Array, share: float = 1.0) -> Moved:
         """Return the set-points of a point (N,) of the unit cube, scaled to their limits.
 
@@ -135,7 +131,7 @@ class Courses:
             return self._moved(begin[:, None] + size[:, None] * value, size[:, None] * rate)
 
         room = (self.limits.way_high - self.limits.way_low) / np.maximum(span, _STILL)
-        if not self._carried:
+        if not carries(self.machine):
             return at(room / np.maximum(1.0, self._rates(at(room))), share)
         most = room.min()
         size = np.full(len(room), most)
@@ -155,7 +151,7 @@ class Courses:
 
     def _moved(self, points: Array, speeds: Array) -> Moved:
         """Return the drives' motion on a way (M, K) through the room."""
-        if not self._carried:
+        if not carries(self.machine):
             return derived(points, speeds, self.series.cycle)
         at = set_points_of(self.machine, points, speeds)
         return replace(derived(*at, self.series.cycle), tool=points)

@@ -37,20 +37,13 @@ class Shown:
     """Information of a motion.
 
     Attributes:
-        matrix: (N, N) Fisher information of the parameters, in widths of their boxes.
+        covariance: (N, N) that an estimate of the parameters will have at best, in widths of their
+            boxes.
         moved: What the drives do, efforts included; set-points where nothing follows them.
     """
 
-    matrix: Array
+    covariance: Array
     moved: Moved
-
-    @functools.cached_property
-    def covariance(self) -> Array:
-        """(N, N) covariance that an estimate will have at best, in widths of the boxes."""
-        # Without any log an even distribution over the box is known.
-        known = self.matrix + np.eye(len(self.matrix)) / BOX_DEVIATION**2
-        scale = 1.0 / np.sqrt(np.diag(known))
-        return np.asarray(np.linalg.inv(known * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
 class Sensitivity:
@@ -148,7 +141,11 @@ class Sensitivity:
         )
         noise = self._noise(model)[compared]
         slopes /= np.repeat(noise, there[compared].sum(axis=1))[:, None]
-        return Shown(slopes.T @ slopes, moved)
+        # Fisher information; without any log an even distribution over the box is known.
+        known = slopes.T @ slopes + np.eye(len(self.values)) / BOX_DEVIATION**2
+        scale = 1.0 / np.sqrt(np.diag(known))
+        inverse = np.linalg.inv(known * np.outer(scale, scale)) * np.outer(scale, scale)
+        return Shown(np.asarray(inverse), moved)
 
     def elsewhere(self, planned: Moved) -> tuple[Moved, ...]:
         """Return what the drives do where all parameters are a quarter lower, and higher."""

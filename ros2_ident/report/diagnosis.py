@@ -47,7 +47,10 @@ class Written:
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:
         """The diagnosis' parameters as plain data."""
-        return _parameters(self.found)
+        values: dict[str, dict[str, Any]] = plain(
+            {name: asdict(v) for name, v in self.found.parameters.items()}
+        )
+        return values
 
 
 def effects_in(names: Iterable[str], nominal: Collection[str]) -> tuple[EffectAt, ...]:
@@ -62,11 +65,6 @@ def _at(at: EffectAt) -> dict[str, Any]:
 
 def _ranked(r: Ranked) -> dict[str, Any]:
     return {**_at(r.at), **but(asdict(r), 'at')}
-
-
-def _parameters(d: Diagnosis) -> dict[str, dict[str, Any]]:
-    values: dict[str, dict[str, Any]] = plain({n: asdict(v) for n, v in d.parameters.items()})
-    return values
 
 
 def to_mapping(d: Diagnosis) -> dict[str, Any]:
@@ -120,13 +118,13 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             for f in d.localisation
         ],
         'maps': [asdict(m) for m in maps_of(d)],
-        'parameters': _parameters(d),
+        'parameters': {name: asdict(v) for name, v in d.parameters.items()},
         'nominal': d.nominal,
         'moved': d.moved,
         'prediction': None if d.prediction is None else asdict(d.prediction),
         'gates': [asdict(gate) for gate in d.gates],
         'not_testable': [_at(a) for a in d.not_testable],
-        'advice': advice(d),
+        'advice': list(advice(d)),
         'complete': d.complete,
         'seconds': d.seconds,
         'seed': d.seed,

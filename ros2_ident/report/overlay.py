@@ -172,35 +172,28 @@ def _source(recording: Recording, drive: str) -> tuple[Stream, FloatArray]:
     raise ValueError(f'the recording holds no effort of {drive}')
 
 
-class Preview:
-    """Simulated and residual effort of the best candidate so far, now and then during a run.
+def preview(
+    problem: Problem, show: Callable[[Series, Series], None], period: float
+) -> Callable[[IdentifyProgress], None]:
+    """Return what simulates and shows the best candidate so far, if it is due and a better one.
 
     Args:
         show: Gets the simulated and the residual effort, one stream a segment, thinned out.
         period: Least time from one to the next, s.
     """
+    due, shown = -np.inf, np.inf
 
-    def __init__(
-        self, problem: Problem, show: Callable[[Series, Series], None], period: float
-    ) -> None:
-        self._problem = problem
-        self._show = show
-        self._period = period
-        self._next = -np.inf
-        self._shown = np.inf
-
-    def __call__(self, progress: IdentifyProgress) -> None:
-        """Simulate and show the best candidate if it is due and better than the last one."""
+    def look(progress: IdentifyProgress) -> None:
+        nonlocal due, shown
         begin = time.monotonic()
-        if begin < self._next or not progress.best_cost < self._shown:
+        if begin < due or not progress.best_cost < shown:
             return
-        self._shown = progress.best_cost
-        pairs = overlay_streams(self._problem, progress.best_theta)
-        self._show(
-            *([_thinned(pair[name]) for pair in pairs] for name in ('simulated', 'residual'))
-        )
-        took = time.monotonic() - begin
-        self._next = begin + max(self._period, took / SHARE)
+        shown = progress.best_cost
+        pairs = overlay_streams(problem, progress.best_theta)
+        show(*([_thinned(pair[name]) for pair in pairs] for name in ('simulated', 'residual')))
+        due = begin + max(period, (time.monotonic() - begin) / SHARE)
+
+    return look
 
 
 def _thinned(stream: Stream) -> Stream:

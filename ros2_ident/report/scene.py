@@ -101,19 +101,16 @@ def scene_messages(scene: Scene) -> list[tuple[int, bytes]]:
 
     The first message holds everything; later ones what moves, and from time to time all of it.
     """
-    messages = []
-    for k, stamp in enumerate(scene.stamp.tolist()):
-        still = _still(scene, stamp) if k % REPEAT == 0 else []
-        messages.append((stamp, _serialised([*still, *_moving(scene, k, stamp)])))
-    return messages
+    return [
+        (stamp, _serialised(_whole(scene, k) if k % REPEAT == 0 else _moving(scene, k)))
+        for k, stamp in enumerate(scene.stamp.tolist())
+    ]
 
 
 def largest_gap(scene: Scene) -> bytes:
     """Return one serialised MarkerArray: all of the scene at the instant of the largest gap."""
     known = np.isfinite(scene.gap)
-    k = int(np.argmax(np.where(known, scene.gap, -1.0)))
-    stamp = int(scene.stamp[k])
-    return _serialised([*_still(scene, stamp), *_moving(scene, k, stamp)])
+    return _serialised(_whole(scene, int(np.argmax(np.where(known, scene.gap, -1.0)))))
 
 
 def _serialised(markers: list[Msg]) -> bytes:
@@ -130,23 +127,25 @@ def colours(scene: Scene) -> FloatArray:
     return np.column_stack([rgb, known])
 
 
-def _still(scene: Scene, stamp: int) -> list[Msg]:
+def _whole(scene: Scene, k: int) -> list[Msg]:
+    """Return what stands still and what moves, at an instant."""
     figure = scene.figure
     known = scene.gap[np.isfinite(scene.gap)]
     largest = float(np.percentile(known, TOP)) if known.size else math.nan
     text = f'path: residual effort 0 (dark) to {largest:.2g} {scene.unit} and more (yellow)'
     above = np.array([0.0, 0.0, figure.frame[..., 2].max() + 0.2 * figure.size])
-    draw = functools.partial(_marker, scene.machine, stamp)
+    draw = functools.partial(_marker, scene, k)
     return [
         draw('frame', 0, _LINES, 0.02, GREY, figure.frame.reshape(-1, 3)),
         draw('frame', 1, _TEXT, 0.08, BLACK, above[None], text=text),
         draw('gap', 0, _STRIP, 0.006, BLACK, figure.tool, colours(scene)),
+        *_moving(scene, k),
     ]
 
 
-def _moving(scene: Scene, k: int, stamp: int) -> list[Msg]:
+def _moving(scene: Scene, k: int) -> list[Msg]:
     figure = scene.figure
-    draw = functools.partial(_marker, scene.machine, stamp)
+    draw = functools.partial(_marker, scene, k)
     body = (figure.tool[k] + figure.body).reshape(-1, 3)
     markers = [
         draw('measured', 0, _CUBES, 0.05, BLUE, figure.blocks[k]),
@@ -158,8 +157,8 @@ def _moving(scene: Scene, k: int, stamp: int) -> list[Msg]:
 
 
 def _marker(
-    frame: str,
-    stamp: int,
+    scene: Scene,
+    k: int,
     name: str,
     number: int,
     kind: int,
@@ -170,12 +169,12 @@ def _marker(
     text: str = '',
 ) -> Msg:
     """Return a visualization_msgs/Marker with points (P, 3), m, in the machine's frame."""
-    types = _STORE.types
+    types, stamp = _STORE.types, int(scene.stamp[k])
     time, header = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
     point, rgba = types['geometry_msgs/msg/Point'], types['std_msgs/msg/ColorRGBA']
     here = point(*points[0].tolist()) if kind == _TEXT else point(0.0, 0.0, 0.0)
     return types['visualization_msgs/msg/Marker'](
-        header=header(time(stamp // 10**9, stamp % 10**9), frame),
+        header=header(time(stamp // 10**9, stamp % 10**9), scene.machine),
         ns=name,
         id=number,
         type=kind,

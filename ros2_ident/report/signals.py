@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured effort beside what models make of it, as a file: `signals.npz`, `diagnosis.npz`."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -163,18 +163,16 @@ def load_signals(path: Path) -> Signals:
     with intact(path):
         written = str(arrays['schema']), int(arrays['version'])
         if written == (SCHEMA, VERSION):
-            return _signals(arrays)
+            recordings = (
+                Curves(str(title), *(arrays[f'{name}_{number}'] for name in _OF_RECORDING))
+                for number, title in enumerate(arrays['titles'])
+            )
+            unit, travel, judged, drives, models = (arrays[name].tolist() for name in _OF_RUN)
+            return Signals(
+                unit, tuple(drives), tuple(models), tuple(recordings), travel, judged
+            )
     raise IdentError(
         ErrorCode.BAD_VALUES,
         f'{path}: holds {written[0]} of version {written[1]} and this package reads '
         f'{SCHEMA} of version {VERSION}; delete it, or run again',
     )
-
-
-def _signals(arrays: Mapping[str, Any]) -> Signals:
-    recordings = (
-        Curves(str(title), *(arrays[f'{name}_{number}'] for name in _OF_RECORDING))
-        for number, title in enumerate(arrays['titles'])
-    )
-    unit, travel, judged, drives, models = (arrays[name].tolist() for name in _OF_RUN)
-    return Signals(unit, tuple(drives), tuple(models), tuple(recordings), travel, judged)

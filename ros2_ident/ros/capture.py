@@ -234,14 +234,7 @@ class Capture:
         """Hold what was heard before a restart, as a stream that has ended."""
         for recording in recordings:
             for role, stream in recording.streams.items():
-                self._builder.add_block(
-                    role,
-                    stream.stamp,
-                    stream.names,
-                    stream.position,
-                    stream.velocity,
-                    stream.effort,
-                )
+                self._builder.add_block(role, stream.stamp, stream.names, **stream.fields)
                 self._inbox[role].meter.add(stream.stamp)
         self._arrived = self._clock()
         self.ended = True

@@ -27,7 +27,7 @@ from ros2_ident.recording import cdr, RecordingBuilder
 from ros2_ident.report.overlay import (
     OVERLAY,
     overlay_streams,
-    Preview,
+    preview,
     Series,
     write_overlay,
 )
@@ -91,7 +91,7 @@ def carry_out(
         cancel: The best so far is kept.
         on_progress: Called from this thread.
         on_preview: Gets simulated and residual effort of better and better candidates of an
-            identification, from this thread; see `Preview`.
+            identification, from this thread; see `preview`.
 
     Returns:
         What `jobs` returns, also where the run was cancelled.
@@ -105,7 +105,7 @@ def carry_out(
     logs, rate = jobs.read(wanted, received), wanted.preview_rate
     listeners = [on_progress]
     if identifying and on_preview is not None and rate:
-        listeners.append(Preview(wanted.problem(logs.fit), on_preview, 1.0 / rate))
+        listeners.append(preview(wanted.problem(logs.fit), on_preview, 1.0 / rate))
 
     def report(progress: Any) -> None:
         for listener in listeners:

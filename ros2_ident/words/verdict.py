@@ -296,12 +296,8 @@ def _stated(c: WrongConstant) -> str:
     return f'{c.key} is {quantity(c.stated, c.unit)} in the machine file, and {found}'
 
 
-def advice(d: Diagnosis) -> tuple[str, ...]:
-    """Return the next steps: motions that tell effects apart, and limits of this motion."""
-    return tuple(_advice(d))
-
-
-def _advice(d: Diagnosis) -> Iterator[str]:
+def advice(d: Diagnosis) -> Iterator[str]:
+    """Yield the next steps: motions that tell effects apart, and limits of this motion."""
     facts = d.facts
     ends = [name for name, v in d.parameters.items() if v.at_bound]
     if ends:

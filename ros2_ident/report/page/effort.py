@@ -242,17 +242,16 @@ def _notes(
     return out
 
 
-def extremes(rows: npt.NDArray[Any], stretches: int) -> npt.NDArray[np.int64]:
-    """Return which columns hold the least and the largest of each row in each stretch, in order.
+def _kept(recording: Curves, most: int) -> npt.NDArray[np.int64]:
+    """Return the samples (of T) that the page keeps.
 
-    Args:
-        rows: (R, T) values, NaN for none.
-        stretches: Into how many stretches of equal length T is cut, about; all columns where that
-            leaves one column each.
+    All, or of each of many stretches of equal length those that are the least and the largest of a
+    curve.
     """
+    rows = np.concatenate([recording.measured, *recording.simulated, recording.tracking])
     count = rows.shape[1]
-    length = max(1, math.ceil(count / max(1, stretches)))
-    if length == 1:
+    length = math.ceil(count / max(1, most // (2 * len(rows))))
+    if count <= most or length <= 1:
         return np.arange(count)
     padded = np.full((len(rows), math.ceil(count / length) * length), np.nan)
     padded[:, :count] = rows
@@ -260,15 +259,8 @@ def extremes(rows: npt.NDArray[Any], stretches: int) -> npt.NDArray[np.int64]:
     first = np.arange(parts.shape[1]) * length
     nothing = np.isnan(parts)
     least = np.where(nothing, np.inf, parts).argmin(axis=2) + first
-    most = np.where(nothing, -np.inf, parts).argmax(axis=2) + first
-    return np.unique(np.concatenate([least.ravel(), most.ravel()]))
-
-
-def _kept(recording: Curves, most: int) -> npt.NDArray[np.int64]:
-    """Return the samples (of T) that the page keeps: all, or the extremes of each stretch."""
-    rows = np.concatenate([recording.measured, *recording.simulated, recording.tracking])
-    count = rows.shape[1]
-    return np.arange(count) if count <= most else extremes(rows, most // (2 * len(rows)))
+    largest = np.where(nothing, -np.inf, parts).argmax(axis=2) + first
+    return np.unique(np.concatenate([least.ravel(), largest.ravel()]))
 
 
 def _scale(first: npt.NDArray[Any], *others: npt.NDArray[Any]) -> tuple[float, float]:

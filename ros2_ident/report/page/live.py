@@ -6,7 +6,6 @@ from contextlib import suppress
 import math
 from pathlib import Path
 import time
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -18,7 +17,7 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import PAGE
-from ros2_ident.report.overlay import Preview
+from ros2_ident.report.overlay import preview
 from ros2_ident.report.page.effort import effort_plot
 from ros2_ident.report.page.numbers import quantity
 from ros2_ident.report.page.render import Picture, render
@@ -52,19 +51,14 @@ class LivePage:
         self._signals: Signals | None = None
         self._notes: dict[str, float] = {}
         compared = problem is not None and problem.models[0].outputs[0].quantity == 'effort'
-        self._preview = Preview(problem, self._compare, EVERY) if problem and compared else None
+        self._preview = preview(problem, self._compare, EVERY) if problem and compared else None
 
     def __enter__(self) -> Self:
         """Write the first page."""
         self._write()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *rest: object) -> None:
         """Leave the report; after an error, the reason of the end."""
         if error is None and self._page.exists():
             return
