@@ -64,9 +64,7 @@ def _build(digest):
             for d in range(drives):
                 start = spread(motion[d * count])
                 still = spread(0.0)
-                dk.begin(
-                    mem, d * MEMORY_COUNT, law[d], start, still, cycle, spread(hold[d])
-                )
+                dk.begin(mem, d * MEMORY_COUNT, law[d], start, still, cycle, spread(hold[d]))
             for k in range(count):
                 piece = k % measurement.PIECE
                 for d in range(drives):

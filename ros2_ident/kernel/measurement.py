@@ -44,7 +44,8 @@ ROOM = PIECE + 1
 
 
 @inlined
-def _any_nonzero(par, row):
+def any_nonzero(par, row):
+    """Return whether any lane's number of a row is not zero."""
     found = False
     for lane in range(W):
         found |= par[row * W + lane] != 0.0
@@ -59,9 +60,9 @@ def _log(par, torque, d, drives, first, count, cycle, kept, late):
     bias = load(par, (row + DRIVE.log_bias) * W)
     cross = load(par, (row + DRIVE.log_crosstalk) * W)
     lag = load(par, (row + DRIVE.log_lag) * W)
-    crossed = _any_nonzero(par, row + DRIVE.log_crosstalk)
+    crossed = any_nonzero(par, row + DRIVE.log_crosstalk)
     filtered = lag > spread(0.0)
-    lagged = _any_nonzero(par, row + DRIVE.log_lag)
+    lagged = any_nonzero(par, row + DRIVE.log_lag)
     keep = exp(spread(-cycle) / where(filtered, lag, spread(1.0)))
     delay = load(par, (row + DRIVE.log_delay) * W) / spread(cycle)
     part = delay - floor(delay)
@@ -127,16 +128,6 @@ def _square(late, whole, first, count, measured, squares):
     store(squares, 0, total)
 
 
-@inlined
-def _book(seen, whole, first, count, task, q, d, rows, kept):
-    """Write what the log holds of quantity `q` of drive `d`, or add it to the costs."""
-    if task.measured.size:
-        row = (d * KEPT + SQUARES + q) * W
-        _square(seen, whole, first, count, task.measured[q, d], kept[row : row + W])
-    else:
-        _write(seen, whole, first, count, task.wanted[q, d], rows, task.out)
-
-
 @called
 def hand_on(par, torque, moves, first, count, cycle, task, rows, kept, room):
     """Write a piece of a block's log where it is wanted, or add it to the costs.
@@ -174,7 +165,11 @@ def hand_on(par, torque, moves, first, count, cycle, task, rows, kept, room):
                 at = ((q - 1) * drives + d) * PIECE * W
                 seen = moves[at : at + PIECE * W]
                 store(whole, 0, spread(0.0))
-            _book(seen, whole, first, count, task, q, d, rows, kept)
+            if task.measured.size:
+                row = (d * KEPT + SQUARES + q) * W
+                _square(seen, whole, first, count, task.measured[q, d], kept[row : row + W])
+            else:
+                _write(seen, whole, first, count, task.wanted[q, d], rows, task.out)
 
 
 @inlined

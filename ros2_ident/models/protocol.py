@@ -368,7 +368,6 @@ class _Restricted(_Completed):
     def measured(self) -> Array:
         return self._measured
 
-
     def suggested(self) -> Array | None:
         return self._whole.suggested()
 

@@ -117,9 +117,7 @@ def _rows(problem: Solvable, middle: Array) -> tuple[Array, Array]:
     return left, slopes
 
 
-def _decimated(
-    rows: Array, series: tuple[int, ...], factor: int
-) -> tuple[Array, tuple[int, ...]]:
+def _decimated(rows: Array, series: tuple[int, ...], factor: int) -> tuple[Array, tuple[int, ...]]:
     """Return rows (R, C) through a low-pass without phase, one of `factor` kept, and lengths."""
     parts = []
     for part in np.split(rows, np.cumsum(series)[:-1]):

@@ -146,8 +146,7 @@ def weigh(
     ridge = 1e-6 * len(residual) * np.eye(columns.shape[1])
     found = data.weighed(
         data.noise(
-            residual
-            - columns @ np.linalg.solve(columns.T @ columns + ridge, columns.T @ residual)
+            residual - columns @ np.linalg.solve(columns.T @ columns + ridge, columns.T @ residual)
         ),
         blocks,
     )
@@ -205,9 +204,7 @@ class _Rows:
     limit: Array
     scale: float
 
-    def weighed(
-        self, noise: tuple[NoiseModel, ...], blocks: npt.NDArray[np.int64]
-    ) -> _Found:
+    def weighed(self, noise: tuple[NoiseModel, ...], blocks: npt.NDArray[np.int64]) -> _Found:
         """Estimate noise and coefficients in turn, from a noise to start with."""
         columns, count = self.columns, self.columns.shape[1]
         drawn = np.random.default_rng(0).standard_normal((count, _DRAWS))

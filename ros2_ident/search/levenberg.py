@@ -54,9 +54,7 @@ def difference_jacobian(
     return values[0], (changes / step[:, None]).T
 
 
-def fit_at(
-    evaluate: Callable[[Array], Array], unit: Array, low: Array, high: Array
-) -> LocalFit:
+def fit_at(evaluate: Callable[[Array], Array], unit: Array, low: Array, high: Array) -> LocalFit:
     """Return the fit that ends at (N,) shares of the box."""
     span = high - low
     residual, jacobian = difference_jacobian(evaluate, unit, low, span)

@@ -11,7 +11,6 @@ axis; nothing of a servo is compiled then.
 """
 # mypy: ignore-errors
 
-
 from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel import runge_kutta as rk
@@ -46,19 +45,11 @@ MOTOR, CARRIAGE = 0, 1
 COORDINATES = 2
 
 
-def state_for(drives: int) -> int:
-    """Return how many numbers of each block go on from a part of the log to the next."""
-    return W * drives * (2 * COORDINATES + MEMORY_COUNT + measurement.KEPT)
-
-
-def room_for(drives: int) -> int:
-    """Return how many numbers of room the kernel needs for so many drives."""
-    own = (
-        drives * (1 + measurement.MOTIONS) * measurement.PIECE
-        + rk.STAGES * COORDINATES
-        + measurement.ROOM
-    )
-    return state_for(drives) + W * own
+def sizes(drives: int) -> tuple[int, int]:
+    """Return how many numbers of a block go on from a part of the log to the next, and of room."""
+    state = drives * (2 * COORDINATES + MEMORY_COUNT + measurement.KEPT)
+    own = drives * (1 + measurement.MOTIONS) * measurement.PIECE + rk.STAGES * COORDINATES
+    return W * state, W * (state + own + measurement.ROOM)
 
 
 @inlined
@@ -76,20 +67,6 @@ def _rigid_force(par, first, mem, own, on, supply, z, v, time):
     """Return the force [N] on motor and carriage as one mass, without the motor's own torque."""
     weight = _weight(par, first, supply, z)
     return weight - dk.carriage_force(par, first, mem, own, on, z, v, z, time)
-
-
-@inlined
-def _fall(par, first, supply, s, rail):
-    """Return the acceleration [m/s^2] with which gravity pulls back a carriage that hangs free."""
-    if supply is not None:
-        return _weight(par, first, supply, s) / rail
-    return load(par, MACHINE.gravity * W)
-
-
-@inlined
-def _far(supply):
-    """Return how far ahead of its load a motor's place is looked for at first [m]."""
-    return 0.0 if supply is None else 1.0
 
 
 @inlined
@@ -141,7 +118,11 @@ def _step(
             force, back = dk.gear_force(par, first, mem, 0, on, z, v, s, w, now)
             rail = load(par, (first + DRIVE.rail_mass) * W)
             push = force + dk.carriage_force(par, first, mem, 0, on, z, v, s, now)
-            store(bend, (at + CARRIAGE) * W, push / rail - _fall(par, first, supply, s, rail))
+            if supply is not None:
+                fall = _weight(par, first, supply, s) / rail
+            else:
+                fall = load(par, MACHINE.gravity * W)
+            store(bend, (at + CARRIAGE) * W, push / rail - fall)
         if mode == dk.CLOSED_LOOP:
             torque = dk.motor_torque(par, first, mem, 0, on, z, v, s, force, now, elapsed, held)
             if supply is not None:
@@ -174,8 +155,7 @@ def _build(digest):
         """Simulate blocks of candidates; arguments as in the tripod's kernel, but for these.
 
         Args:
-            group: A `Group`, its state (G, state_for(D)).
-            room: (room_for(D),) to work in.
+            group: A `Group`, its state and `room` as large as `sizes` has it.
             command: (2 * D * K,) set-point positions of the drives, then their rates.
             motion: (3 * D * K,) recorded position, velocity and acceleration of prescribed motors,
                 else empty.
@@ -225,10 +205,8 @@ def _build(digest):
                         at = at - dk.sag(par, first, law[d], hold)
                     stretch = zero
                     if not rigid[d]:
-                        mem = all_mem[d * mine : (d + 1) * mine]
-                        flags = on[d]
-                        far = _far(supply)
-                        stretch = dk.stand(par, first, mem, 0, flags, at, hold, far) - at
+                        far = 0.0 if supply is None else 1.0
+                        stretch = dk.stand(par, first, mem, 0, on[d], at, hold, far) - at
                     z = at + stretch if mode[d] == dk.CLOSED_LOOP else at
                     store(place, MOTOR * W, z)
                     store(rate, MOTOR * W, v)
@@ -276,9 +254,7 @@ def _build(digest):
                             mass = load(par, (first + DRIVE.motor_mass) * W)
                             if one:
                                 s = z
-                                force = _rigid_force(
-                                    par, first, mem, 0, flags, supply, z, v, time
-                                )
+                                force = _rigid_force(par, first, mem, 0, flags, supply, z, v, time)
                                 back = force
                                 mass = mass + load(par, (first + DRIVE.rail_mass) * W)
                             else:

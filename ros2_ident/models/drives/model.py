@@ -552,12 +552,11 @@ class DriveModel(MachineModel):
 
     @property
     @abstractmethod
-    def _state(self) -> int:
-        """Numbers of each block that go on from a part of the log to the next."""
+    def _kernel(self) -> tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]:
+        """The compiled simulation, the sizes of its state and room, its arguments but the task.
 
-    @abstractmethod
-    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
-        """Run the compiled simulation over a part of the log; see `tripod.kernel.simulate`."""
+        See `tripod.kernel.simulate`; these arguments come behind the part of the log.
+        """
 
     def _simulated(
         self, theta: Array, task: Task, stop: Callable[[], bool] | None = None
@@ -567,7 +566,11 @@ class DriveModel(MachineModel):
         steps = np.stack([self._steps(block, fast=True), self._steps(block)], axis=1)
         order = np.lexsort(steps.T)
         places, blocks, substeps = _in_lanes(order, block, steps.astype(float))
-        group = Group(blocks, places, substeps, np.empty((len(places), self._state)))
+        run, (state, room), given = self._kernel
+        group, space = (
+            Group(blocks, places, substeps, np.empty((len(places), state))),
+            lanes.room(room),
+        )
         cycles = task.wanted.shape[2]
         whole = stop is None and not np.isfinite(task.limits).any()
         part = cycles if whole else PART
@@ -575,7 +578,7 @@ class DriveModel(MachineModel):
             if stop is not None and stop():
                 task.out.fill(math.inf)
                 break
-            self._run(group, begin, min(begin + part, cycles), task)
+            run(group, space, begin, min(begin + part, cycles), *given, task)
             group = group.moved_together()
             if not len(group.rows):
                 break

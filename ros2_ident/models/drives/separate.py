@@ -7,11 +7,12 @@ k_d (k_ff q_ref' - q'), clipped; its arm's inertia is J + (m + m_a / 3) l^2, its
 Extended Friction Models for the Physics Simulation of Servo Actuators, ICRA 2025.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import copy
 from dataclasses import replace
 import functools
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +20,8 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
-from ros2_ident.kernel.group import Group, Task
-from ros2_ident.lanes import room
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.drives.kernel import room_for, simulate, state_for
+from ros2_ident.models.drives.kernel import simulate, sizes
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.kinds import CURRENT, DUTY, VOLTAGE
 from ros2_ident.models.protocol import Output
@@ -101,27 +100,11 @@ class SeparateDrives(DriveModel):
         return None
 
     @property
-    def _state(self) -> int:
-        return state_for(len(self.machine.drives))
-
-    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
-        simulate(
-            group,
-            room(room_for(len(self.machine.drives))),
-            begin,
-            end,
-            self._command,
-            self._motion,
-            self._begin,
-            self._mode,
-            self.candidates.on,
-            self._supply,
-            self.candidates.delayed,
-            self.stiff,
-            self.cycle,
-            self.law,
-            task,
-        )
+    def _kernel(self) -> tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]:
+        effects = self.candidates
+        inputs = self._command, self._motion, self._begin, self._mode, effects.on, self._supply
+        given = *inputs, effects.delayed, self.stiff, self.cycle, self.law
+        return simulate, sizes(len(self.machine.drives)), given
 
 
 def _beginning(time: Array, seen: Array) -> tuple[float, float]:

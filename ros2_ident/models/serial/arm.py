@@ -369,9 +369,7 @@ def space(machine: Machine) -> Space:
     arm = arm_of(machine)
     low, high = np.clip([arm.limits['low'], arm.limits['high']], -np.pi, np.pi)
     most = np.where(arm.prismatic, _SLIDE, _TURN)
-    return Space(
-        0.5 * (low + high), np.minimum(0.45 * (high - low), most), _SPEED, _ACCELERATION
-    )
+    return Space(0.5 * (low + high), np.minimum(0.45 * (high - low), most), _SPEED, _ACCELERATION)
 
 
 def ends(machine: Machine) -> tuple[Array, Array]:

@@ -18,14 +18,10 @@ W = WIDTH
 SIDE_BY_SIDE = 4
 
 
-def state_for(drives: int) -> int:
-    """Return how many numbers of each block go on from a part of the log to the next."""
-    return W * drives * (MEMORY_COUNT + measurement.KEPT)
-
-
-def room_for(drives: int) -> int:
-    """Return how many numbers of room the kernel needs for so many drives."""
-    return state_for(drives) + W * (drives * measurement.PIECE + 1 + measurement.ROOM)
+def sizes(drives: int) -> tuple[int, int]:
+    """Return how many numbers of a block go on from a part of the log to the next, and of room."""
+    state = drives * (MEMORY_COUNT + measurement.KEPT)
+    return W * state, W * (state + drives * measurement.PIECE + 1 + measurement.ROOM)
 
 
 @inlined
@@ -105,8 +101,7 @@ def _build(digest):
 
         Args:
             group: A `Group`, its blocks (G, (R + B) * W), coefficients behind the rows; its state
-                (G, state_for(D)).
-            room: (room_for(D),) to work in.
+                and `room` as large as `sizes` has it.
             terms: (D, K, B) what a coefficient of 1 asks of each joint, N m or N.
             firsts: (D,) first of the terms that is not zero for a joint.
             motion: (3 * D * K,) position, velocity and acceleration of the joints.

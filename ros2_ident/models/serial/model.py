@@ -1,23 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """An arm of links and joints that a recorded motion drives."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import functools
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import Context
-from ros2_ident.kernel import rows
-from ros2_ident.kernel.group import Group, Task
-from ros2_ident.lanes import room
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.serial.arm import Arm, arm_of
-from ros2_ident.models.serial.kernel import room_for, simulate, state_for
+from ros2_ident.models.serial.kernel import simulate, sizes
 from ros2_ident.models.serial.parameters import Inertials, Transmission
 
 # What a model and all that extend it have in common, made once: for 20 s of seven joints it takes
@@ -160,8 +158,7 @@ class Serial(DriveModel):
     def rows(self, theta: Array) -> Array:
         """Return (S, R + B) kernel rows of (S, N) candidates, coefficients of the links behind."""
         block = self.candidates.rows(theta)
-        for d in range(len(self.machine.drives)):
-            block[:, rows.row_of('log_delay', d)] += self._lead
+        self.candidates.of(block, 'log_delay')[:] += self._lead
         own, count = self.candidates.own_values(theta), len(block)
         balance = np.reshape(self.transmission.coefficients(own, count), (-1, count)).T
         return np.concatenate([block, self.inertials.coefficients(own, count), balance], axis=1)
@@ -170,19 +167,6 @@ class Serial(DriveModel):
         return np.ones(len(block), dtype=np.int64)
 
     @property
-    def _state(self) -> int:
-        return state_for(len(self.machine.drives))
-
-    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
-        simulate(
-            group,
-            room(room_for(len(self.machine.drives))),
-            begin,
-            end,
-            self._terms,
-            self._firsts,
-            self._driven,
-            self.candidates.on,
-            self.cycle,
-            task,
-        )
+    def _kernel(self) -> tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]:
+        given = self._terms, self._firsts, self._driven, self.candidates.on, self.cycle
+        return simulate, sizes(len(self.machine.drives)), given

@@ -9,7 +9,6 @@ many as a candidate's stiffness asks for.
 """
 # mypy: ignore-errors
 
-
 from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel import runge_kutta as rk
@@ -220,7 +219,8 @@ def _build(digest):
             quick = cycle / load(substeps[g], 0)
             slow = cycle / load(substeps[g], W)
             tool = load(par, MACHINE.tool_mass * W)
-            loaded = payload_on(par)
+            loaded = measurement.any_nonzero(par, MACHINE.payload_step)
+            loaded |= measurement.any_nonzero(par, MACHINE.payload_turned)
             if begin > 0:
                 copied(state[g], going)
             else:
@@ -337,16 +337,6 @@ def _build(digest):
                 measurement.conclude(par, going[: 2 * COORDINATES * W], task, rows[g], kept)
 
     return simulate
-
-
-@inlined
-def payload_on(par):
-    """Return whether any lane's tool changes its mass."""
-    found = False
-    for lane in range(W):
-        found |= par[MACHINE.payload_step * W + lane] != 0.0
-        found |= par[MACHINE.payload_turned * W + lane] != 0.0
-    return found
 
 
 simulate = _build(sources_digest())

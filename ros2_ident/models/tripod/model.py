@@ -1,22 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tripod of Ludwig and Gerstmayr 2011, section 4, and the delta: three drives, all coupled."""
 
-from functools import cached_property
-from typing import ClassVar
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.drive import CLOSED_LOOP
-from ros2_ident.kernel.group import Group, Task
-from ros2_ident.lanes import room
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.tripod.kernel import ROOM, simulate, STATE
 from ros2_ident.models.tripod.reach import sense
 
-_INVERSE_RADIUS = rows.row_of('rail_inverse_radius')
-_AZIMUTHS = [rows.row_of('rail_azimuth', d) for d in range(3)]
 _DIRECTIONS = slice(rows.row_of('rail_x'), rows.row_of('rail_y_3') + 1)
 
 
@@ -36,8 +33,9 @@ class Tripod(DriveModel):
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
         block = super().rows(theta)
-        block[:, _INVERSE_RADIUS] = 1.0 / block[:, rows.row_of('rail_radius')]
-        azimuth = block[:, _AZIMUTHS]
+        of = partial(self.candidates.of, block)
+        of('rail_inverse_radius')[:] = 1.0 / of('rail_radius')
+        azimuth = of('rail_azimuth')
         directions = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=2)
         others = directions[:, 1:] - directions[:, :1]
         block[:, _DIRECTIONS] = np.concatenate(
@@ -47,30 +45,15 @@ class Tripod(DriveModel):
         return block
 
     @property
-    def _state(self) -> int:
-        return STATE
-
-    def _run(self, group: Group, begin: int, end: int, task: Task) -> None:
+    def _kernel(self) -> tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]:
+        effects = self.candidates
         # Without effects their hooks are not compiled.
-        flags = self.candidates.on if self.candidates.on.any() else None
+        flags = effects.on if effects.on.any() else None
         # The usual case has a kernel of its own, without branches in a step.
         usual = flags is None and (self._mode == CLOSED_LOOP).all()
-        simulate(
-            group,
-            room(ROOM),
-            begin,
-            end,
-            self._told,
-            self._motion,
-            None if usual else self._mode,
-            flags,
-            self.candidates.delayed,
-            self.candidates.frame,
-            self.arms,
-            self.cycle,
-            self.law,
-            task,
-        )
+        inputs = self._told, self._motion, None if usual else self._mode, flags
+        given = *inputs, effects.delayed, effects.frame, self.arms, self.cycle, self.law
+        return simulate, (STATE, ROOM), given
 
 
 class Delta(Tripod):
