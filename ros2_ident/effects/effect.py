@@ -138,7 +138,8 @@ class EffectParameter:
         unit: SI unit as text; one that begins with `effort` (N m or N, whichever the machine logs)
             has numbers as shares of the size of the drive's logged effort (what one sample in a
             thousand exceeds), one with `force` of that effort at the load (N, or N m of a joint),
-            `1/(effort)` as shares of its inverse, and `1/W` as shares of the inverse of its power
+            `effort s^2/m^2` of that effort at the speed that the drive reaches, `1/(effort)` as
+            shares of its inverse, and `1/W` as shares of the inverse of its power
             at 1 m/s. Of a joint that turns, m means 20 rad, see `machine.units`.
         low: Lower bound of the search, physical sign included.
         high: Upper bound of the search.

@@ -20,7 +20,7 @@ EFFECT = Effect(
     source='MuJoCo dcmotor note; nonlinear viscous friction',
     parameters=(
         EffectParameter(
-            'torque', 'effort s^2/m^2', 0.0, 5.0, 0.0, symbol='Q', meaning='coefficient'
+            'torque', 'effort s^2/m^2', 0.0, 0.5, 0.0, symbol='Q', meaning='coefficient'
         ),
     ),
     hook=Hook.FRICTION,

@@ -22,7 +22,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.machine.units import per_metre
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.motion import fill_smoothly
+from ros2_ident.recording.motion import fill_gaps, fill_smoothly
 
 Mask = npt.NDArray[np.bool_]
 Stop = Callable[[], bool]
@@ -30,6 +30,8 @@ Stop = Callable[[], bool]
 _BEGINNING = 0.05
 # What one sample in a thousand exceeds: a push of 10 ms counts in a log of 10 s, a spike does not.
 _QUANTILE = 0.999
+# Time over which a speed is a mean, s.
+_SPAN = 0.05
 
 
 @dataclass(frozen=True)
@@ -447,3 +449,17 @@ def effort_range(machine: Machine, data: Sequence[Dataset]) -> Array:
             largest = max(float(np.quantile(size, _QUANTILE)) for size in seen)
             out[d] = max(largest, machine.effort_noise, 1e-12)
     return out
+
+
+def top_speeds(machine: Machine, data: Dataset) -> Array:
+    """Return (D,) the speeds that drives reach in a log, over 50 ms [m/s or rad/s]; 1 at rest."""
+    moved = data.command_position if data.position is None else data.position
+    out = np.ones(len(machine.drives))
+    span = max(1, round(_SPAN / data.cycle))
+    for d, name in enumerate(machine.drives if moved is not None else ()):
+        assert moved is not None
+        row = moved[data.names.index(name)]
+        if np.isfinite(row).any():
+            way = fill_gaps(row)
+            out[d] = np.abs(way[span:] - way[:-span]).max(initial=0.0) / (span * data.cycle)
+    return np.where(out > 0.0, out, 1.0)

@@ -104,6 +104,7 @@ class Candidates:
         base: (R,) rows of what the machine file knows, the rest neutral.
         rigid: Whether nominally motor and carriage move as one mass.
         efforts: (D,) size of the drives' logged efforts, see `effort_range`.
+        speeds: (D,) speeds that the drives reach, see `top_speeds`.
         travels: (D,) unit of the drives' positions, `m` or `rad`.
         own: Parameters that fill no row here but something of the model's own, by their name in
             the machine file.
@@ -125,6 +126,7 @@ class Candidates:
     base: Array
     rigid: bool
     efforts: Array
+    speeds: Array
     travels: tuple[str, ...]
     own: Mapping[str, Sequence[Parameter]]
 
@@ -240,7 +242,7 @@ class Candidates:
     def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
         """Return an effect's parameters with the numbers they have at a place, in their units."""
         places = self._places(at)
-        effort = float(self.efforts[places].max())
+        effort, speed = float(self.efforts[places].max()), float(self.speeds[places].max())
         force = float((self.efforts * self.machine.numbers('gear_factor'))[places].max())
         travel = self.travels[places[0]]
         turns = travel == 'rad'
@@ -248,7 +250,7 @@ class Candidates:
         for p in get_effect(at.effect).parameters:
             # What belongs to the machine is no angle, however its drives turn.
             own = p.target in rows.MACHINE_ROWS
-            factor = 1.0 if own else self._factor(p.unit, effort, force, travel)
+            factor = 1.0 if own else self._factor(p.unit, effort, force, speed, travel)
             out.append(
                 replace(
                     p,
@@ -262,12 +264,14 @@ class Candidates:
         return tuple(out)
 
     @staticmethod
-    def _factor(unit: str, effort: float, force: float, travel: str) -> float:
+    def _factor(unit: str, effort: float, force: float, speed: float, travel: str) -> float:
         """Return the factor on the numbers of an effect's parameter, see `EffectParameter`."""
         if unit == '1/(effort)':
             return 1.0 / effort
         if unit == '1/W':
             return 1.0 / (force * per_metre(travel))
+        if unit == 'effort s^2/m^2':
+            return effort / speed**2
         factor = angular_factor(unit) if travel == 'rad' else 1.0
         sizes = {'effort': effort, 'force': force}
         return factor * next((v for name, v in sizes.items() if unit.startswith(name)), 1.0)

@@ -31,6 +31,7 @@ from ros2_ident.models.protocol import (
     Output,
     recorded_motion,
     RecordedMotion,
+    top_speeds,
 )
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import (
@@ -132,6 +133,7 @@ class DriveModel(MachineModel):
             self._constants(),
             self.rigid,
             self.efforts,
+            top_speeds(self.machine, self.data),
             self.travels,
             self._own(),
         )

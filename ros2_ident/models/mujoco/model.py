@@ -23,7 +23,7 @@ from ros2_ident.models.kinds import MUJOCO as KIND
 from ros2_ident.models.mujoco.forces import Forces, HOOKS
 from ros2_ident.models.mujoco.guess import by_inverse_dynamics, NAMES
 from ros2_ident.models.mujoco.plant import Felt, OWN, Plant
-from ros2_ident.models.protocol import EffectAt, effort_range, Output
+from ros2_ident.models.protocol import EffectAt, effort_range, Output, top_speeds
 from ros2_ident.recording import Dataset
 
 # Rows of the kernels' whose change MuJoCo can express, and what they are at their neutral value.
@@ -72,6 +72,7 @@ class Mujoco(MachineModel):
         self._parts = self._declared()
         self._candidates = Candidates(
             machine, self.drives, self.effects, self.fixed, self._base, True, self._efforts,
+            top_speeds(machine, data),
             tuple('m' if at.slides else 'rad' for at in self.plant.places), self._parts,
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]
