@@ -40,7 +40,6 @@ EFFECT = Effect(
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='direction',
     confusable=(
         'constant_force',

@@ -27,7 +27,6 @@ EFFECT = Effect(
     ),
     hook=Hook.DEFLECTION,
     kernel=_kernel,
-    place='drive',
     family='gear play',
     confusable=(
         'stribeck',

@@ -24,7 +24,6 @@ EFFECT = Effect(
     ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,
-    place='drive',
     family='position',
     confusable=(
         'position_dependent_friction',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The set-point reaches the controller late."""
 
-from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter
 
 EFFECT = Effect(
     id='command_delay',
@@ -14,9 +14,6 @@ EFFECT = Effect(
             'delay', 's', 0.0, 0.03, 0.0, target='set_point_delay', starts=(3e-3,), symbol='T'
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='loop timing',
     confusable=(
         'current_loop_lag',

@@ -25,7 +25,6 @@ EFFECT = Effect(
     ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,
-    place='drive',
     family='offset',
     confusable=(
         'effort_bias',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coulomb friction, where the nominal model has none."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='coulomb_friction',
@@ -12,9 +12,6 @@ EFFECT = Effect(
     parameters=(
         EffectParameter('torque', 'effort', 0.0, 1.0, 0.0, target='coulomb', symbol='M_C'),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='dry friction',
     confusable=(
         'stribeck',

@@ -33,7 +33,6 @@ EFFECT = Effect(
     hook=Hook.COMMAND,
     kernel=_kernel,
     keeps=_keeps,
-    place='drive',
     family='loop timing',
     confusable=(
         'command_delay',

@@ -42,7 +42,6 @@ EFFECT = Effect(
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='speed-dependent friction',
     confusable=('quadratic_drag', 'viscous_friction', 'stribeck'),
     separated_by='run {drive} at five constant speeds over its whole range, both ways',

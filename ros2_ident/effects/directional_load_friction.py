@@ -22,7 +22,6 @@ EFFECT = Effect(
     parameters=pressing('1', 0.95, 'mu'),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='load friction',
     confusable=('load_dependent_friction', 'coulomb_friction', 'stribeck_load_friction'),
     separated_by='lift and lower a weight slowly with {drive}, then another of half the size',

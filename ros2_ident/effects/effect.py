@@ -207,12 +207,12 @@ class Effect:
         equation: The law, in plain text.
         source: Reference of the law.
         parameters: Its parameters; all at their neutral values switch it off.
-        hook: Where it acts.
-        kernel: The hook's kernel, compiled by numba; None for PARAMETER.
-        place: `drive` where each drive can have its own, `all` where the machine has one.
         family: Structural class: effects of one family look alike on ordinary motions.
         confusable: Ids of effects that one log may not tell apart from this one.
         separated_by: The motion that would, as an instruction with `{drive}` for the place.
+        hook: Where it acts.
+        kernel: The hook's kernel, compiled by numba; None for PARAMETER.
+        place: `drive` where each drive can have its own, `all` where the machine has one.
         keeps: For SIGN, FRICTION and COMMAND effects with a memory of their own: asked as the
             kernel, returns what to remember. COMMAND and FRICTION effects are asked once a cycle,
             SIGN effects after each integration step; `value` is the nominal one as the effects
@@ -230,12 +230,12 @@ class Effect:
     equation: str
     source: str
     parameters: tuple[EffectParameter, ...]
-    hook: Hook
-    kernel: Callable[..., Any] | None
-    place: Literal['drive', 'all']
     family: str
     confusable: tuple[str, ...]
     separated_by: str
+    hook: Hook = Hook.PARAMETER
+    kernel: Callable[..., Any] | None = None
+    place: Literal['drive', 'all'] = 'drive'
     keeps: Callable[..., Any] | None = None
     needs: Callable[[Context], bool] = anywhere
     twins: tuple[str, ...] = ()

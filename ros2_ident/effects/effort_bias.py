@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The logged effort is off by a constant."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='effort_bias',
@@ -10,9 +10,6 @@ EFFECT = Effect(
     equation='logged effort plus b',
     source='offset of a current sensor',
     parameters=(EffectParameter('bias', 'effort', -0.5, 0.5, 0.0, target='log_bias', symbol='b'),),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='offset',
     confusable=(
         'constant_force',

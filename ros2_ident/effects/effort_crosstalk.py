@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The effort of the other drives leaks into the logged one."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='effort_crosstalk',
@@ -12,9 +12,6 @@ EFFECT = Effect(
     parameters=(
         EffectParameter('coefficient', '1', -0.3, 0.3, 0.0, target='log_crosstalk', symbol='c'),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='coupling',
     confusable=(
         'payload_change',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The effort is logged late."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='effort_delay',
@@ -14,9 +14,6 @@ EFFECT = Effect(
             'delay', 's', 0.0, 0.05, 0.0, target='log_delay', starts=(2e-3,), symbol='T'
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='log timing',
     confusable=(
         'effort_filter',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The effort is low-pass filtered before it is logged."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='effort_filter',
@@ -14,9 +14,6 @@ EFFECT = Effect(
             'time_constant', 's', 0.0, 0.02, 0.0, target='log_lag', starts=(2e-3,), symbol='tau'
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='log timing',
     confusable=(
         'effort_delay',

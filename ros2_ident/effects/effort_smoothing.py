@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The efforts were smoothed forwards and backwards before they came into the log."""
 
-from ros2_ident.effects.effect import Context, Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Context, Effect, EffectParameter
 
 
 def _recorded_motion(context: Context) -> bool:
@@ -28,8 +28,6 @@ EFFECT = Effect(
             meaning='period of the cut-off',
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
     place='all',
     family='log timing',
     confusable=(

@@ -26,7 +26,6 @@ EFFECT = Effect(
     ),
     hook=Hook.READING,
     kernel=_kernel,
-    place='drive',
     family='reading',
     confusable=(),
     separated_by='creep with {drive} at less than ten steps a second',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The frame swings on its feet."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
+from ros2_ident.effects.effect import Effect, EffectParameter, platform
 
 EFFECT = Effect(
     id='frame_resonance',
@@ -47,8 +47,6 @@ EFFECT = Effect(
             symbol='zeta',
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
     place='all',
     family='elasticity',
     confusable=('position_dependent_stiffness',),

@@ -63,7 +63,6 @@ EFFECT = Effect(
     hook=Hook.FRICTION,
     kernel=_kernel,
     keeps=_keeps,
-    place='drive',
     family='time',
     confusable=('stribeck',),
     separated_by='repeat one motion of {drive} at the start and after ten minutes',

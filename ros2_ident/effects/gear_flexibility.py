@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A gear, screw or belt that gives, where the nominal model moves motor and load as one mass."""
 
-from ros2_ident.effects.effect import Context, Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Context, Effect, EffectParameter
 
 
 def _rigid_and_level(context: Context) -> bool:
@@ -49,9 +49,6 @@ EFFECT = Effect(
             meaning='damping ratio',
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='elasticity',
     confusable=('current_loop_lag', 'command_delay'),
     separated_by='excite {drive} with a chirp to three times the resonance, with two payloads',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The integral gain differs from the machine file's."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='integral_gain_error',
@@ -14,9 +14,6 @@ EFFECT = Effect(
             'factor', '1', 0.1, 5.0, 1.0, target='integral_gain', how='scale', symbol='g'
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='loop gains',
     confusable=(
         'velocity_gain_error',

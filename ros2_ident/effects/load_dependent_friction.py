@@ -21,7 +21,6 @@ EFFECT = Effect(
     parameters=(EffectParameter('coefficient', '1', 0.0, 0.4, 0.0, symbol='mu'),),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='load friction',
     confusable=(
         'coulomb_friction',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tool that changes its mass during the log."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
+from ros2_ident.effects.effect import Effect, EffectParameter, platform
 
 EFFECT = Effect(
     id='payload_change',
@@ -36,8 +36,6 @@ EFFECT = Effect(
             meaning='how long it is carried',
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
     place='all',
     family='mass',
     confusable=('rod_mass', 'torque_constant_error'),

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A load taken up and put down repeatedly, at instants found in the log."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, turns
+from ros2_ident.effects.effect import Effect, EffectParameter, turns
 
 EFFECT = Effect(
     id='payload_turns',
@@ -12,8 +12,6 @@ EFFECT = Effect(
     parameters=(
         EffectParameter('mass', 'kg', -1.0, 1.0, 0.0, target='payload_turned', symbol='dm'),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
     place='all',
     family='mass',
     confusable=('payload_change', 'rod_mass', 'torque_constant_error'),

@@ -24,7 +24,6 @@ EFFECT = Effect(
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='position',
     confusable=(
         'cable_spring',

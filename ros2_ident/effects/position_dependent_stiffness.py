@@ -24,7 +24,6 @@ EFFECT = Effect(
     ),
     hook=Hook.STIFFNESS,
     kernel=_kernel,
-    place='drive',
     family='elasticity',
     confusable=(
         'payload_change',

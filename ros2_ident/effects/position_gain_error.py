@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The position gain differs from the machine file's."""
 
-from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter
 
 EFFECT = Effect(
     id='position_gain_error',
@@ -14,9 +14,6 @@ EFFECT = Effect(
             'factor', '1', 0.3, 3.0, 1.0, target='position_gain', how='scale', symbol='g'
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='loop gains',
     confusable=(
         'velocity_gain_error',

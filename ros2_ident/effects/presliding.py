@@ -35,7 +35,6 @@ EFFECT = Effect(
     hook=Hook.SIGN,
     kernel=_kernel,
     keeps=_kernel,
-    place='drive',
     family='friction at reversals',
     confusable=('stribeck', 'backlash'),
     separated_by='reverse {drive} over strokes growing from 20 um to 2 mm',

@@ -25,7 +25,6 @@ EFFECT = Effect(
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='speed-dependent friction',
     confusable=(
         'viscous_friction',

@@ -30,7 +30,6 @@ EFFECT = Effect(
     parameters=(*pressing('1/(effort)', 1.0, 'c'), fading()),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='load friction',
     confusable=('stribeck_load_friction', 'directional_load_friction', 'stribeck'),
     separated_by='lift and lower three weights slowly with {drive}, the largest it can hold',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rails' radius differs from the machine file's."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
+from ros2_ident.effects.effect import Effect, EffectParameter, platform
 
 EFFECT = Effect(
     id='rail_radius_error',
@@ -12,8 +12,6 @@ EFFECT = Effect(
     parameters=(
         EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rail_radius', symbol='d'),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
     place='all',
     family='geometry',
     confusable=(

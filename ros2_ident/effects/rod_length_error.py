@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rods' length differs from the machine file's."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
+from ros2_ident.effects.effect import Effect, EffectParameter, platform
 
 EFFECT = Effect(
     id='rod_length_error',
@@ -10,8 +10,6 @@ EFFECT = Effect(
     equation='rod length plus d',
     source='kinematic calibration',
     parameters=(EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rod_length', symbol='d'),),
-    hook=Hook.PARAMETER,
-    kernel=None,
     place='all',
     family='geometry',
     confusable=(

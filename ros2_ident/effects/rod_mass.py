@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rods with a mass of their own."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook, platform
+from ros2_ident.effects.effect import Effect, EffectParameter, platform
 
 EFFECT = Effect(
     id='rod_mass',
@@ -10,8 +10,6 @@ EFFECT = Effect(
     equation='half of each rod at the carriage, half at the platform',
     source='Codourey, IJRR 17(12), 1998',
     parameters=(EffectParameter('mass', 'kg', 0.0, 0.5, 0.0, target='mass_per_rod'),),
-    hook=Hook.PARAMETER,
-    kernel=None,
     place='all',
     family='mass',
     confusable=(

@@ -27,7 +27,6 @@ EFFECT = Effect(
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='friction at reversals',
     confusable=('presliding', 'backlash', 'coulomb_friction'),
     separated_by='creep {drive} both ways at 5 to 30 mm/s, with at least five speeds',

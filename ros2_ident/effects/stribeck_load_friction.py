@@ -23,7 +23,6 @@ EFFECT = Effect(
     parameters=(*pressing('1', 1.0, 'mu'), fading()),
     hook=Hook.FRICTION,
     kernel=_kernel,
-    place='drive',
     family='load friction',
     confusable=('directional_load_friction', 'load_dependent_friction', 'stribeck'),
     separated_by='lift and lower a weight with {drive} at five speeds, the slowest at creep',

@@ -36,7 +36,6 @@ EFFECT = Effect(
     ),
     hook=Hook.COMMAND,
     kernel=_kernel,
-    place='drive',
     family='scale of effort',
     confusable=(
         'velocity_gain_error',

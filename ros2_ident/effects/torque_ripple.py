@@ -36,7 +36,6 @@ EFFECT = Effect(
     ),
     hook=Hook.TORQUE,
     kernel=_kernel,
-    place='drive',
     family='motor angle',
     confusable=('transmission_eccentricity',),
     separated_by='turn {drive} slowly at constant speed over many motor turns',

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The drive cannot make the torque its controller may ask for."""
 
-from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import closed_loop, Effect, EffectParameter
 
 EFFECT = Effect(
     id='torque_saturation',
@@ -22,9 +22,6 @@ EFFECT = Effect(
             meaning='share of the torque limit',
         ),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='saturation',
     confusable=('current_loop_lag',),
     separated_by='accelerate {drive} harder, until the torque has flat tops',

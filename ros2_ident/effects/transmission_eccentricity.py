@@ -26,7 +26,6 @@ EFFECT = Effect(
     ),
     hook=Hook.DEFLECTION,
     kernel=_kernel,
-    place='drive',
     family='motor angle',
     confusable=('torque_ripple',),
     separated_by='turn {drive} at constant speeds that cross the resonance, both ways',

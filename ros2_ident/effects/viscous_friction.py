@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Viscous friction, where the nominal model has none."""
 
-from ros2_ident.effects.effect import Effect, EffectParameter, Hook
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='viscous_friction',
@@ -12,9 +12,6 @@ EFFECT = Effect(
     parameters=(
         EffectParameter('torque', 'effort s/m', 0.0, 10.0, 0.0, target='viscous', symbol='M_V'),
     ),
-    hook=Hook.PARAMETER,
-    kernel=None,
-    place='drive',
     family='speed-dependent friction',
     confusable=(
         'quadratic_drag',
