@@ -53,14 +53,12 @@ class Group(NamedTuple):
     state: Array
 
     def moved_together(self) -> 'Group':
-        """Return the candidates that were not given up, in as few vectors as hold them."""
+        """Return the candidates that were not given up, some, in as few vectors as hold them."""
         width = lanes.WIDTH
         left = np.flatnonzero(self.rows.ravel() >= 0)
         groups = -(-len(left) // width)
         if groups == len(self.rows):
             return self
-        if not groups:
-            return Group(self.blocks[:0], self.rows[:0], self.substeps[:0], self.state[:0])
         # The last vector is filled up with copies.
         lane = np.pad(left, (0, groups * width - len(left)), mode='edge')
         rows = self.rows.ravel()[lane]

@@ -88,7 +88,17 @@ MUJOCO = Kind(
 
 def _judge_platform(draft: Draft, of: str, name: str) -> Iterator[Remark]:
     """Judge three drives that carry a platform from the ends of rails, or of arms on shafts."""
-    yield from _judge_azimuth(draft, f'{of}_azimuth')
+    # Where three drives stand has no number for all of them.
+    azimuth = f'{of}_azimuth'
+    angles, box = (draft.present.get((part, azimuth)) for part in ('geometry', 'parameters'))
+    if angles is not None and not isinstance(angles, list):
+        yield Remark(('geometry', azimuth), f'geometry.{azimuth} needs three angles in rad')
+    if isinstance(box, list) and box and not isinstance(box[0], list):
+        yield Remark(
+            ('parameters', azimuth),
+            f'parameters.{azimuth} needs a list of three boxes, one for each {of}, as '
+            f'`{draft.line("parameters", azimuth)}`',
+        )
     rods, radii, arms = (
         draft.numbers('geometry', key) for key in ('rod_length', f'{of}_radius', 'arm_length')
     )
@@ -254,20 +264,6 @@ def _judge_drives(draft: Draft, elastic: str = '') -> Iterator[Remark]:
                 f'`{draft.line("parameters", name)}`, and hold a known value '
                 f'with --fix {name}=VALUE',
             )
-
-
-def _judge_azimuth(draft: Draft, name: str) -> Iterator[Remark]:
-    """Judge where a platform's three drives stand, which has no number for all of them."""
-    azimuth = draft.present.get(('geometry', name))
-    if azimuth is not None and not isinstance(azimuth, list):
-        yield Remark(('geometry', name), f'geometry.{name} needs three angles in rad')
-    box = draft.present.get(('parameters', name))
-    if isinstance(box, list) and box and not isinstance(box[0], list):
-        yield Remark(
-            ('parameters', name),
-            f'parameters.{name} needs a list of three boxes, one for each '
-            f'{name.partition("_")[0]}, as `{draft.line("parameters", name)}`',
-        )
 
 
 def _units(draft: Draft) -> Iterator[Remark]:

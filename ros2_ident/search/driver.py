@@ -13,7 +13,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.search.evaluators import Cancel, Evaluate
-from ros2_ident.search.genetic import GeneticSearch, StopReason
+from ros2_ident.search.genetic import checked_costs, GeneticSearch, StopReason
 from ros2_ident.search.jacobian import Box
 from ros2_ident.search.operators import Flags, Index
 
@@ -203,13 +203,7 @@ class _Run:
     def costs(self, theta: Array, limit: float = math.inf) -> Array | None:
         """Evaluate candidates (S, N), or lower bounds above a limit; None where cut off."""
         more = (limit, self.stopped) if self.stoppable else ()
-        told = np.asarray(self.evaluate(theta, *more), dtype=np.float64)
-        if told.shape != (len(theta),):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'evaluate returned the shape {told.shape} for {len(theta)} candidates; '
-                'it has to return one cost for each',
-            )
+        told = checked_costs(self.evaluate(theta, *more), len(theta))
         return None if self.said else told
 
     def note(self, points: Array, costs: Array, seconds: float) -> None:
@@ -218,16 +212,8 @@ class _Run:
             self.recent.append((len(points), seconds))
         self.first = False
         best = int(costs.argmin())
-        lowest = float(costs[best])
-        if math.isnan(lowest):  # the least of an array with NaN in it
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                'evaluate returned NaN; a diverged candidate has to cost inf, '
-                'and a NaN in the data has to be left out of the cost',
-            )
-        if lowest < self.best_cost:
-            self.best_cost = lowest
-            self.best_point = points[best].copy()
+        if costs[best] < self.best_cost:
+            self.best_cost, self.best_point = float(costs[best]), points[best].copy()
 
     def report(self, *, last: bool = False) -> None:
         if self.on_progress is None:

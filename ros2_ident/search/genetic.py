@@ -122,6 +122,28 @@ MANY_MINIMA = GeneticSettings(
 )
 
 
+def checked_costs(costs: Any, count: int) -> Array:
+    """Return the costs (S,) of `count` candidates.
+
+    Raises:
+        IdentError: BAD_VALUES where they are not one for each, or hold NaN or -inf.
+    """
+    told = np.asarray(costs, dtype=np.float64)
+    if told.shape != (count,):
+        raise _refuse(
+            f'costs have the shape {told.shape}; give one number for each of the {count} '
+            'candidates'
+        )
+    # The least of an array with NaN in it is NaN.
+    if not told[told.argmin()] > -math.inf:
+        wrong = int(np.flatnonzero(~(told > -math.inf))[0])
+        raise _refuse(
+            f'the cost of candidate {wrong} is {told[wrong]}; give inf for a diverged candidate, '
+            'and leave a NaN in the data out of the cost'
+        )
+    return told
+
+
 class GeneticSearch:
     """Mutation and selection without crossover.
 
@@ -252,17 +274,13 @@ class GeneticSearch:
         drawn: Index = chosen[chosen >= len(self.survivors)] - len(self.survivors)
         return drawn[~exact[drawn]]
 
-    @property
-    def _distance(self) -> float:
-        """Distance that survivors of the present generation keep, eq. 7."""
-        s = self.settings
-        return s.min_distance * s.range_reduction ** (self.generation - 1)
-
     def _selected(self, points: Array, costs: Array) -> tuple[Array, Array, Index]:
         """Return previous survivors and candidates, their costs, and who survives, section 2.2."""
         both = np.concatenate((self.survivors, points))
         pool = np.concatenate((self.survivor_costs, costs))
-        return both, pool, select(both, pool, self.settings.survivors, self._distance)
+        s = self.settings
+        distance = s.min_distance * s.range_reduction ** (self.generation - 1)  # eq. 7
+        return both, pool, select(both, pool, s.survivors, distance)
 
     def tell(self, costs: Any) -> None:
         """Select the survivors of the present generation and go on to the next.
@@ -275,20 +293,8 @@ class GeneticSearch:
         """
         if self._population is None:
             raise _refuse('tell was called before ask; ask for candidates first')
-        told = np.array(costs, dtype=np.float64)
         points = self._population
-        if told.shape != (len(points),):
-            raise _refuse(
-                f'costs have the shape {told.shape}; give one number for each of the '
-                f'{len(points)} candidates'
-            )
-        # The least of an array with NaN in it is NaN.
-        if not told[told.argmin()] > -math.inf:
-            wrong = int(np.flatnonzero(~(told > -math.inf))[0])
-            raise _refuse(
-                f'the cost of candidate {wrong} is {told[wrong]}; '
-                'give inf for a diverged candidate'
-            )
+        told = checked_costs(costs, len(points))
         both, pool, chosen = self._selected(points, told)
         self.survivors, self.survivor_costs = both[chosen], pool[chosen]
         self.evaluations += len(told)

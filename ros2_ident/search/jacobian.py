@@ -58,24 +58,6 @@ class Box:
         return np.clip((theta - self.low) / self.width, 0.0, 1.0)
 
 
-def steps(unit: Array, box: Box, fraction: float) -> Array:
-    """Return finite-difference steps in the cube's coordinates.
-
-    A parameter's scale is its magnitude, at least a thousandth and at most the whole of its box: a
-    stiffness of 1e2 in a box up to 3e5 gets a step that is small for 1e2.
-
-    Args:
-        unit: (N,) point in the unit cube.
-        box: The box.
-        fraction: Step as a fraction of that scale.
-
-    Returns:
-        (N,) positive steps.
-    """
-    magnitude = np.abs(box.physical(unit)) / box.width
-    return fraction * np.clip(magnitude, 1e-3, 1.0)
-
-
 def finite_differences(
     residuals: Residuals,
     unit: Array,
@@ -100,7 +82,10 @@ def finite_differences(
     Returns:
         (R, N) finite.
     """
-    width = steps(unit, box, CENTRAL_STEP if central else FORWARD_STEP)
+    # A parameter's scale is its magnitude, at least a thousandth and at most the whole of its box:
+    # a stiffness of 1e2 in a box up to 3e5 gets a step that is small for 1e2.
+    scales = np.clip(np.abs(box.physical(unit)) / box.width, 1e-3, 1.0)
+    width = (CENTRAL_STEP if central else FORWARD_STEP) * scales
     columns = np.arange(len(unit))
     jacobian = np.zeros((residual.size, len(unit)))
     scale = float(np.abs(residual).max(initial=0.0))

@@ -32,7 +32,8 @@ def gaussian_root(uniform: Array) -> Array:
     Reference:
         Ludwig and Gerstmayr (2011), eq. 5, with the square root that its print lost.
     """
-    return _steps(uniform, True)
+    steps = laplace(uniform)
+    return np.asarray(np.sqrt(np.abs(steps)) * np.sign(steps))
 
 
 def laplace(uniform: Array) -> Array:
@@ -47,7 +48,10 @@ def laplace(uniform: Array) -> Array:
     Reference:
         Ludwig and Gerstmayr (2011), eq. 5, read without a root.
     """
-    return _steps(uniform, False)
+    # At x = 1/2 the pole of the logarithm is multiplied by sgn(0) = 0; a finite stand-in keeps it.
+    away = uniform - 0.5
+    size = np.maximum(-np.log(np.maximum(2.0 * np.abs(away), TINY)), 0.0)
+    return np.asarray(size * np.sign(away))
 
 
 def normal(uniform: Array) -> Array:
@@ -64,14 +68,6 @@ def normal(uniform: Array) -> Array:
         distribution".
     """
     steps: Array = ndtri(np.clip(uniform, TINY, 1.0 - 2.0**-53))
-    return steps
-
-
-def _steps(uniform: Array, root: bool) -> Array:
-    # At x = 1/2 the pole of the logarithm is multiplied by sgn(0) = 0; a finite stand-in keeps it.
-    away = uniform - 0.5
-    size = np.maximum(-np.log(np.maximum(2.0 * np.abs(away), TINY)), 0.0)
-    steps: Array = (np.sqrt(size) if root else size) * np.sign(away)
     return steps
 
 

@@ -67,6 +67,10 @@ _SHORTEST = 0.05
 SEEN = 0.3
 
 
+# A simulation, the sizes of its state and room, and its arguments from the inputs to the law.
+Compiled = tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]
+
+
 class DriveModel(MachineModel):
     """Drives under their controllers, simulated for many candidates at once.
 
@@ -554,11 +558,8 @@ class DriveModel(MachineModel):
 
     @property
     @abstractmethod
-    def _kernel(self) -> tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]:
-        """The compiled simulation, the sizes of its state and room, its arguments but the task.
-
-        See `tripod.kernel.simulate`; these arguments come behind the part of the log.
-        """
+    def _kernel(self) -> Compiled:
+        """The compiled simulation of a part of the log; see `tripod.kernel.simulate`."""
 
     def _simulated(
         self, theta: Array, task: Task, stop: Callable[[], bool] | None = None
@@ -569,10 +570,8 @@ class DriveModel(MachineModel):
         order = np.lexsort(steps.T)
         places, blocks, substeps = _in_lanes(order, block, steps.astype(float))
         run, (state, room), given = self._kernel
-        group, space = (
-            Group(blocks, places, substeps, np.empty((len(places), state))),
-            lanes.room(room),
-        )
+        group = Group(blocks, places, substeps, np.empty((len(places), state)))
+        space = lanes.room(room)
         cycles = task.wanted.shape[2]
         whole = stop is None and not np.isfinite(task.limits).any()
         part = cycles if whole else PART
@@ -581,9 +580,9 @@ class DriveModel(MachineModel):
                 task.out.fill(math.inf)
                 break
             run(group, space, begin, min(begin + part, cycles), *given, task)
-            group = group.moved_together()
-            if not len(group.rows):
+            if (group.rows < 0).all():
                 break
+            group = group.moved_together()
         return task.out
 
     def simulate(self, theta: Array) -> Array:

@@ -241,8 +241,3 @@ class MachineModel(FullModel):
     def cycle(self) -> float:
         """Seconds from one instant to the next."""
         return self.data.cycle
-
-    @property
-    def places(self) -> tuple[str, ...]:
-        """The drives compared."""
-        return self.drives

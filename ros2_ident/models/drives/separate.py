@@ -7,12 +7,11 @@ k_d (k_ff q_ref' - q'), clipped; its arm's inertia is J + (m + m_a / 3) l^2, its
 Extended Friction Models for the Physics Simulation of Servo Actuators, ICRA 2025.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import copy
 from dataclasses import replace
 import functools
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +21,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.kernel import simulate, sizes
-from ros2_ident.models.drives.model import DriveModel
+from ros2_ident.models.drives.model import Compiled, DriveModel
 from ros2_ident.models.kinds import CURRENT, DUTY, VOLTAGE
 from ros2_ident.models.protocol import Output
 
@@ -100,7 +99,7 @@ class SeparateDrives(DriveModel):
         return None
 
     @property
-    def _kernel(self) -> tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]:
+    def _kernel(self) -> Compiled:
         effects = self.candidates
         inputs = self._command, self._motion, self._begin, self._mode, effects.on, self._supply
         given = *inputs, effects.delayed, self.stiff, self.cycle, self.law

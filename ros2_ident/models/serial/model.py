@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """An arm of links and joints that a recorded motion drives."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import functools
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,7 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.effects import Context
 from ros2_ident.machine.machine import Machine, Parameter
-from ros2_ident.models.drives.model import DriveModel
+from ros2_ident.models.drives.model import Compiled, DriveModel
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.serial.arm import Arm, arm_of
 from ros2_ident.models.serial.kernel import simulate, sizes
@@ -167,6 +166,6 @@ class Serial(DriveModel):
         return np.ones(len(block), dtype=np.int64)
 
     @property
-    def _kernel(self) -> tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]:
+    def _kernel(self) -> Compiled:
         given = self._terms, self._firsts, self._driven, self.candidates.on, self.cycle
         return simulate, sizes(len(self.machine.drives)), given

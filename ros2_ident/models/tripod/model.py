@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tripod of Ludwig and Gerstmayr 2011, section 4, and the delta: three drives, all coupled."""
 
-from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.kernel import rows
 from ros2_ident.kernel.drive import CLOSED_LOOP
-from ros2_ident.models.drives.model import DriveModel
+from ros2_ident.models.drives.model import Compiled, DriveModel
 from ros2_ident.models.tripod.kernel import ROOM, simulate, STATE
 from ros2_ident.models.tripod.reach import sense
 
@@ -45,7 +44,7 @@ class Tripod(DriveModel):
         return block
 
     @property
-    def _kernel(self) -> tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]:
+    def _kernel(self) -> Compiled:
         effects = self.candidates
         # Without effects their hooks are not compiled.
         flags = effects.on if effects.on.any() else None

@@ -51,12 +51,10 @@ def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
         machine: A tripod or a delta.
         position: (3, K) of its drives [m or rad], NaN where there is no sample.
     """
-    corner, rod = feet(machine, position), machine.number('rod_length')
+    rod = machine.number('rod_length')
     # The rods meet where the circle through their upper ends is smaller than they are long.
-    side = [np.linalg.norm(corner[i] - corner[i - 1], axis=-1) for i in range(3)]
-    area = np.linalg.norm(np.cross(corner[1] - corner[0], corner[2] - corner[0]), axis=-1)
-    circle: Array = side[0] * side[1] * side[2] / (2.0 * area)
-    share = float(np.mean(circle[np.isfinite(circle)] >= rod)) if circle.size else 0.0
+    radius = _circle(feet(machine, position))[1]
+    share = float(np.mean(radius[np.isfinite(radius)] >= rod)) if radius.size else 0.0
     if share > 0.0:
         remedy = (
             'the lengths, arm_zero, positive, or the unit of the positions (rad)'
@@ -70,30 +68,15 @@ def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
         )
 
 
-def meeting_point(feet: Array, lengths: Array) -> Array:
-    """Return the lower meeting point of three spheres (3,) [m].
-
-    Args:
-        feet: (3, 3) their middles [m].
-        lengths: (3,) their radii [m].
-
-    Raises:
-        IdentError: BAD_VALUES where they do not meet.
-    """
-    across = feet[1:] - feet[0]
-    level = 0.5 * (
-        np.sum(feet[1:] ** 2, axis=1) - feet[0] @ feet[0] - lengths[1:] ** 2 + lengths[0] ** 2
-    )
-    normal = np.cross(across[0], across[1])
-    normal *= np.sign(normal[2]) / np.linalg.norm(normal)
-    base = np.linalg.solve(np.vstack([across, normal]), np.append(level, normal @ feet[0]))
-    depth = lengths[0] ** 2 - np.sum((base - feet[0]) ** 2)
-    if not depth > 0.0:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'the rods do not reach from joints at {feet.tolist()}; keep closer set-points',
-        )
-    return np.asarray(base - np.sqrt(depth) * normal, dtype=float)
+def _circle(feet: Array) -> tuple[Array, Array, Array]:
+    """Return middle (K, 3), radius (K,) and axis (K, 3), upwards, of circles through (3, K, 3)."""
+    one, other = feet[1] - feet[0], feet[2] - feet[0]
+    normal = np.cross(one, other)
+    size = np.linalg.norm(normal, axis=-1, keepdims=True)
+    far = np.sum(one**2, axis=-1, keepdims=True), np.sum(other**2, axis=-1, keepdims=True)
+    out = (far[1] * np.cross(normal, one) - far[0] * np.cross(normal, other)) / (2.0 * size**2)
+    upwards = normal * np.sign(normal[..., 2:]) / size
+    return feet[0] + out, np.linalg.norm(out, axis=-1), upwards
 
 
 def space(machine: Machine) -> Space:
@@ -182,13 +165,13 @@ def figure(machine: Machine, position: Array) -> Figure | None:
     radius, azimuth = machine.number(f'{of}_radius'), machine.numbers(f'{of}_azimuth')
     base = radius * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)], axis=1)
     corner = 0.25 * base
-    joints = feet(machine, position).swapaxes(0, 1)
-    rods = np.full(3, machine.number('rod_length'))
-    try:
-        tool = np.array([meeting_point(row, rods) for row in joints])
-    except IdentError:  # as with a wrong zero
+    foot = feet(machine, position)
+    middle, around, upwards = _circle(foot)
+    depth = machine.number('rod_length') ** 2 - around**2
+    if not (depth > 0.0).all():  # as with a wrong zero
         return None
-    base, joints = base + corner, joints + corner
+    tool = middle - np.sqrt(depth)[:, None] * upwards
+    base, joints = base + corner, foot.swapaxes(0, 1) + corner
     links = np.stack([joints, tool[:, None] + corner], axis=2)
     if turns:
         arms = np.stack([np.broadcast_to(base, joints.shape), joints], axis=2)
