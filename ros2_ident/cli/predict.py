@@ -118,4 +118,3 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
         )
     theta = np.array([estimate.values[p.name] for p in models[0].parameters])
     return [(model, theta) for model in models]
-

@@ -244,4 +244,3 @@ def _complete(found: Mapping[str, Array], machine: Machine) -> None:
             ErrorCode.BAD_VALUES,
             f'{KEYS[wrong[0]] if wrong else "max_position"} leaves no room to move; correct it',
         )
-

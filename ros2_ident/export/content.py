@@ -79,11 +79,13 @@ class Content:
         """
         if self.links is None or not isinstance(self.model, Serial):
             return {}
-        whole, fitted = (self._at_joints(x) for x in (self.measured, self.fitted))
+        whole, fitted, simulated = (
+            at_joints(self.model, self.theta, effort)
+            for effort in (self.measured, self.fitted, self.model.simulate(self.theta)[0])
+        )
         asked = effort_of(self.model, self.links)
         described = self.model.links_effort(np.zeros((len(asked), 10)))
         _, speed, accel = self.model.motion
-        simulated = self._at_joints(self.model.simulate(self.theta)[0])
         rows = [self.machine.drives.index(joint.name) for joint in self.joints]
         exported = asked[rows] + [
             joint.effort(speed[d], accel[d], armature=armature)
@@ -100,10 +102,6 @@ class Content:
             }
             for o, joint in enumerate(self.joints)
         }
-
-    def _at_joints(self, effort: Array) -> Array:
-        return at_joints(self.model, self.theta, effort)
-
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2)))

@@ -61,22 +61,18 @@ def missing(error: ModuleNotFoundError) -> str:
 
 
 class Stop:
-    """Event that SIGINT and SIGTERM set; the second one ends the program at once."""
+    """Event that SIGINT and SIGTERM set from now on; the second one ends the program at once."""
 
     def __init__(self) -> None:
         self.signal = 0
+        signal.signal(signal.SIGINT, self)
+        signal.signal(signal.SIGTERM, self)
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Take a signal."""
         if self.signal:
             os._exit(128 + number)  # files are written whole or not at all
         self.signal = number
-
-    def install(self) -> 'Stop':
-        """Take both signals from now on."""
-        signal.signal(signal.SIGINT, self)
-        signal.signal(signal.SIGTERM, self)
-        return self
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -87,7 +83,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     one_thread_for_linear_algebra()
     one_heap()
-    stop = Stop().install()
+    stop = Stop()
     try:
         _own_arguments(sys.argv[1:] if args is None else args)
         return _run(args, stop)

@@ -131,7 +131,7 @@ def _options(words: Sequence[str]) -> argparse.Namespace:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Play a bag."""
-    stop = Stop().install()
+    stop = Stop()
     given = list(sys.argv[1:] if args is None else args)
     at = given.index('--ros-args') if '--ros-args' in given else len(given)
     options = _options(given[:at])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a gap lies."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 import math
 
 from ros2_ident.gap.localise import Finding
@@ -70,7 +70,7 @@ def _along(f: Finding) -> str:
         'offset': f'a constant {figure(f.value, "+")} {f.unit}',
         'frequency': f'a swing at {f.value:.3g} Hz (band {at})',
         'motor angle': f'periodic in the motor angle, {at} per turn',
-        'phase': _while(f.region.labels),
+        'phase': ', '.join(_WHILE.get(phase, phase) for phase in f.region.labels),
         'other drives': f'follows the {at}',
         'torque rate': 'follows the rate of the effort, as with a wrong delay',
         'recent acceleration': 'follows the acceleration of the last 40 ms',
@@ -84,7 +84,3 @@ def _along(f: Finding) -> str:
     elif f.parity == 'even' and f.along != 'offset':
         parts.append('the same in both directions')
     return ', '.join(parts)
-
-
-def _while(phases: Iterable[str]) -> str:
-    return ', '.join(_WHILE.get(phase, phase) for phase in phases)

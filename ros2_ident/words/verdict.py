@@ -33,11 +33,12 @@ def judged_on(held_out: str) -> str:
     return f'Judged on data not used for fitting: {data}.'
 
 
-def events(found: Sequence[Event], unit: str) -> str:
+def events(facts: Facts) -> str:
     """Return effort that was not commanded: by drive, instants and sizes."""
     drives: dict[str, list[Event]] = {}
-    for e in found:
+    for e in facts.events:
         drives.setdefault(e.drive, []).append(e)
+    unit = facts.effort_unit
     made = '; '.join(f'{drive} at {instants(each, unit)}' for drive, each in drives.items())
     return (
         f'{made}. No effect of a machine does that: look for another source of commands, contact '
@@ -45,9 +46,9 @@ def events(found: Sequence[Event], unit: str) -> str:
     )
 
 
-def slow(floors: Iterable[tuple[str, float]], unit: str) -> str:
+def slow(facts: Facts, unit: str) -> str:
     """Return a residual too large and too slow for noise: by drive, RMS [unit]."""
-    left = ', '.join(f'{v:.3g} {unit} on {name}' for name, v in floors)
+    left = ', '.join(f'{v:.3g} {unit} on {name}' for name, v in facts.slow.items())
     return (
         f'{left}, independent of effects, motion, position and time: an external force or an '
         'unmodelled load. Look for a load that swings, a frame that rocks, other axes or contact, '
@@ -55,9 +56,9 @@ def slow(floors: Iterable[tuple[str, float]], unit: str) -> str:
     )
 
 
-def hidden(gaps: Iterable[tuple[str, float]], unit: str) -> Iterator[str]:
-    """Yield the gap that slow noise can hide, by drive, RMS [unit]."""
-    sizes = {name: f'{v:.2g} {unit}'.strip() for name, v in gaps}
+def hidden(d: Diagnosis) -> Iterator[str]:
+    """Yield the gap that slow noise can hide, by drive, RMS."""
+    sizes = {name: f'{v:.2g} {d.unit}'.strip() for name, v in d.facts.hidden.items()}
     if sizes:
         yield (
             f'The residual of {", ".join(sizes)} is so slow that it can be noise or a gap of up '
@@ -65,18 +66,21 @@ def hidden(gaps: Iterable[tuple[str, float]], unit: str) -> Iterator[str]:
         )
 
 
-def at_bounds(names: Sequence[str]) -> str:
-    """Return which sizes of effects ended at a bound of their search."""
-    return (
-        f'{_bound(names)}: the effect is larger than the search allows, or replaces another '
-        'cause. Check the unit of the effort and the constants of the machine file, or exclude '
-        'the effect.'
-    )
+def at_bounds(d: Diagnosis) -> Iterator[str]:
+    """Yield which sizes of effects ended at a bound of their search."""
+    if ends := _at_bounds(d):
+        yield (
+            f'{ends}: the effect is larger than the search allows, or replaces another cause. '
+            'Check the unit of the effort and the constants of the machine file, or exclude the '
+            'effect.'
+        )
 
 
-def _bound(names: Sequence[str]) -> str:
+def _at_bounds(d: Diagnosis) -> str:
+    """Return which parameters ended at a bound of their search; empty for none."""
+    names = [name for name, v in d.parameters.items() if v.at_bound]
     ends = 'ends at a bound' if len(names) == 1 else 'end at bounds'
-    return f'{", ".join(names)} {ends} of the search'
+    return f'{", ".join(names)} {ends} of the search' if names else ''
 
 
 def unseen(effects: Iterable[EffectAt], drives: int) -> dict[str, str]:
@@ -152,8 +156,8 @@ def headline(d: Diagnosis) -> str:
 def sentence(d: Diagnosis) -> str:
     """Return the verdict with its evidence."""
     facts = d.facts
-    ends = [name for name, v in d.parameters.items() if v.at_bound]
-    bound = f' {_bound(ends)}.' if ends else ''
+    ends = _at_bounds(d)
+    bound = f' {ends}.' if ends else ''
     if facts.cause in (Cause.LOG, Cause.CONSTANT, Cause.MODEL):
         return f'{_contradiction(d)} No effect is named.{bound}'
     text = ''.join(_answer(d))
@@ -197,11 +201,10 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
             'enough of it to count.',
         )
     if cause == Cause.EVENTS:
-        said = events(facts.events, facts.effort_unit)
-        return f'{where} produced effort that was not commanded', f': {said}'
+        return f'{where} produced effort that was not commanded', f': {events(facts)}'
     if cause == Cause.SLOW:
-        said = slow(facts.slow.items(), unit)
-        return f'The residual of {where} is too large and too slow for noise', f': {said}'
+        what = f'The residual of {where} is too large and too slow for noise'
+        return what, f': {slow(facts, unit)}'
     if cause == Cause.CUT_SHORT:
         what = f'The run was cut short: the cause of the gap on {where} is not found yet'
         return what, f'; it is {gap} {level}.'
@@ -299,10 +302,8 @@ def _stated(c: WrongConstant) -> str:
 def advice(d: Diagnosis) -> Iterator[str]:
     """Yield the next steps: motions that tell effects apart, and limits of this motion."""
     facts = d.facts
-    ends = [name for name, v in d.parameters.items() if v.at_bound]
-    if ends:
-        yield at_bounds(ends)
-    yield from hidden(facts.hidden.items(), d.unit)
+    yield from at_bounds(d)
+    yield from hidden(d)
     for other in d.confusable[1:]:
         one, two = (get_effect(x.at.effect).title for x in (d.confusable[0], other))
         motion = separating(other.at.effect, other.at.where, facts.travel)

@@ -86,7 +86,7 @@ def test_a_second_signal_ends_at_once() -> None:
     code = (
         'import threading\n'
         'from ros2_ident.ros.identifier import Stop\n'
-        'stop = Stop().install()\n'
+        'stop = Stop()\n'
         'print("ready", flush=True)\n'
         'try:\n'
         '    while not stop.signal: threading.Event().wait(0.01)\n'

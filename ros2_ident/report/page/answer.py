@@ -206,7 +206,7 @@ def _warned(text: str) -> str:
 def _careful(d: Diagnosis) -> Iterator[str]:
     if not d.complete:
         yield 'The run was cut short: effects not tried by then may close more of the gap.'
-    yield from words.hidden(d.facts.hidden.items(), d.unit)
+    yield from words.hidden(d)
     told = ('not_asked',) if d.facts.events else ()
     odd = [
         g
@@ -214,9 +214,7 @@ def _careful(d: Diagnosis) -> Iterator[str]:
         if k != d.facts.leads and g.level == 'warn' and g.gate not in told
     ]
     yield from map(_warned, sentences_of(odd))
-    ends = [name for name, v in d.parameters.items() if v.at_bound]
-    if ends:
-        yield words.at_bounds(ends)
+    yield from words.at_bounds(d)
 
 
 # ---------------------------------------------------------------------- an identification
