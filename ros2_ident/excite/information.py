@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Information of a planned motion about a machine's parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 import functools
 
 import numpy as np
+import numpy.typing as npt
 from scipy.stats import norm
 
 from ros2_ident.arrays import Array
@@ -84,26 +85,35 @@ class Sensitivity:
         """(M, D) speeds of the tool by those of the drives, in the middle of the room."""
         return np.asarray(np.linalg.inv(transmission(self.machine)).astype(np.float64))
 
+    def meant(self, names: Collection[str]) -> npt.NDArray[np.bool_]:
+        """Return (N,) which parameters are meant; `gear_stiffness` is that of every drive.
+
+        Raises:
+            IdentError: UNKNOWN_PARAMETER for a strange name.
+        """
+        known = [{p.name, p.name.rpartition('.')[2]} for p in self.parameters]
+        for name in names:
+            if not any(name in both for both in known):
+                raise IdentError(
+                    ErrorCode.UNKNOWN_PARAMETER,
+                    f'{name!r} is no parameter that is looked for; choose from '
+                    f'{", ".join(p.name for p in self.parameters)}',
+                )
+        return np.array([not both.isdisjoint(names) for both in known])
+
     def _expected(self, given: Mapping[str, float]) -> Array:
         """Return (N,) the values at which the information is worked out."""
-        left = set(given)
+        self.meant(given)
         out = np.empty(len(self.parameters))
         for n, p in enumerate(self.parameters):
             drive, _, base = p.name.rpartition('.')
             named = next((name for name in (p.name, base) if name in given), None)
-            left -= {p.name, base}
             if named is not None:
                 out[n] = given[named]
             elif base in self.machine.constants and self.machine.stated(base):
                 out[n] = self.machine.number(base, drive or None)
             else:
                 out[n] = 0.5 * (p.low + p.high)
-        if left:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
-                f'{min(left)!r} is no parameter that is looked for; choose from '
-                f'{", ".join(p.name for p in self.parameters)}',
-            )
         return out
 
     def _model(self, planned: Moved, quantities: Sequence[str] | None = None) -> FullModel:

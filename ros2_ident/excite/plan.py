@@ -108,7 +108,7 @@ def excite(
         IdentError: UNKNOWN_PARAMETER for a strange name, DIVERGED where the machine runs away
             whatever it is asked to do.
     """
-    wanted = _wanted(names, sensitivity.parameters)
+    wanted = sensitivity.meant(names or [p.name for p in sensitivity.parameters])
     short = replace(courses, series=replace(courses.series, periods=1, rest=_SHORT_REST))
     dimension = short.dimension
     first: list[tuple[Array, Array]] = []
@@ -184,20 +184,3 @@ def scaled(
             break
         share *= _BELOW / max(loads.values())
     return planned, shown, loads
-
-
-def _wanted(names: Sequence[str], parameters: Sequence[Parameter]) -> npt.NDArray[np.bool_]:
-    """Return (N,) which parameters are meant.
-
-    Raises:
-        IdentError: UNKNOWN_PARAMETER for a strange name.
-    """
-    known = [{p.name, p.name.rpartition('.')[2]} for p in parameters]
-    for name in names:
-        if not any(name in both for both in known):
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
-                f'{name!r} is no parameter that is looked for; choose from '
-                f'{", ".join(p.name for p in parameters)}',
-            )
-    return np.array([not names or not both.isdisjoint(names) for both in known])

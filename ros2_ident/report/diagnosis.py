@@ -44,14 +44,6 @@ class Written:
     check_source: str = ''
     check_sha256: str = ''
 
-    @property
-    def parameters(self) -> dict[str, dict[str, Any]]:
-        """The diagnosis' parameters as plain data."""
-        values: dict[str, dict[str, Any]] = plain(
-            {name: asdict(v) for name, v in self.found.parameters.items()}
-        )
-        return values
-
 
 def effects_in(names: Iterable[str], nominal: Collection[str]) -> tuple[EffectAt, ...]:
     """Return the effects whose parameters are among names beside the nominal ones."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import plain
 from ros2_ident.effects import CATALOGUE, title_at
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, write_text
@@ -18,7 +19,6 @@ from ros2_ident.report.files import content, FLEET, load, PAGE
 from ros2_ident.report.page import answer, steps
 from ros2_ident.report.page.numbers import change, percent, quantity, some
 from ros2_ident.report.page.render import render
-from ros2_ident.report.schema import to_mapping
 from ros2_ident.words.figures import capital
 from ros2_ident.words.verdict import named
 
@@ -158,11 +158,12 @@ def _run(folder: Path) -> _Run:
     label, (result, diagnosis) = str(folder), load(folder)
     if diagnosis is None:
         assert result is not None
-        found = to_mapping(result)['parameters']
-        return _Run(label, answer.of_identification(result, label), found)
-    effects = frozenset(named(diagnosis.found))
+        said = answer.of_identification(result, label)
+        values: dict[str, Any] = {p.name: vars(p) for p in result.parameters}
+        return _Run(label, said, plain(values))
     said = answer.of_diagnosis(diagnosis, label)
-    return _Run(label, said, diagnosis.parameters, effects)
+    values = {name: vars(v) for name, v in diagnosis.found.parameters.items()}
+    return _Run(label, said, plain(values), frozenset(named(diagnosis.found)))
 
 
 def write_comparison(directories: Sequence[str | Path], page: str | Path | None = None) -> Path:
