@@ -80,9 +80,8 @@ def print_diagnosis(d: 'Diagnosis') -> None:
         s = d.share_closed
         print(f'share of the explainable gap closed: {s.value:.3f} [{s.low:.3f}, {s.high:.3f}]')
     print(free_run(d.prediction), end='')
-    nominal = set(d.moved)
     for name, v in d.parameters.items():
-        moves = name in nominal and abs(d.moved[name]) >= 0.01
+        moves = abs(d.moved.get(name, 0.0)) >= 0.01
         before = f'  {d.nominal[name]:.5g} before' if moves else ''
         end = '  at its bound' if v.at_bound else ''
         print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{before}{end}')

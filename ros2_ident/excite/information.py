@@ -149,8 +149,9 @@ class Sensitivity:
             told[there],
             self.box,
         )
-        noise = self._noise(model)[compared]
-        slopes /= np.repeat(noise, there[compared].sum(axis=1))[:, None]
+        efforts = self.machine.effort_noise or _NOISE
+        noise = np.array([efforts if o.quantity == 'effort' else _NOISE for o in model.outputs])
+        slopes /= np.repeat(noise[compared], there[compared].sum(axis=1))[:, None]
         # Fisher information; without any log an even distribution over the box is known.
         known = slopes.T @ slopes + np.eye(len(self.values)) / BOX_DEVIATION**2
         scale = 1.0 / np.sqrt(np.diag(known))
@@ -164,11 +165,6 @@ class Sensitivity:
         both = [np.clip(x * self.values, low, high) for x in (1.0 - _OFF, 1.0 + _OFF)]
         told = model.simulate(np.array(both))
         return tuple(self._moved(model, planned, one) for one in told if np.isfinite(one).all())
-
-    def _noise(self, model: FullModel) -> Array:
-        """Return (O,) the expected noise of the outputs."""
-        efforts = self.machine.effort_noise or _NOISE
-        return np.array([efforts if o.quantity == 'effort' else _NOISE for o in model.outputs])
 
     def _moved(self, model: FullModel, planned: Moved, told: Array) -> Moved:
         """Return what the drives do: what the model does not tell is as planned."""

@@ -12,7 +12,6 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import yaml
 
-from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.content import Content
 from ros2_ident.files import make_directory, mark, require_ours, write_text
@@ -41,7 +40,13 @@ def urdf(text: str, content: Content) -> str:
     """
     root, remedy = _parsed(text), 'give the one that the machine file names'
     for name, mass, centre, inertia in content.inertials():
-        _urdf_inertial(_named(root.findall('link'), 'link', name, remedy), mass, centre, inertia)
+        new = ET.Element('inertial')
+        ET.SubElement(new, 'origin', xyz=_numbers(centre), rpy='0 0 0')
+        ET.SubElement(new, 'mass', value=_number(mass))
+        upper = [(i, j) for i in range(3) for j in range(i, 3)]
+        values = {f'i{"xyz"[i]}{"xyz"[j]}': _number(inertia[i, j]) for i, j in upper}
+        ET.SubElement(new, 'inertia', values)
+        _put_inertial(_named(root.findall('link'), 'link', name, remedy), new)
     for joint in content.joints:
         element = _named(root.findall('joint'), 'joint', joint.name, remedy)
         found = element.find('dynamics')
@@ -50,16 +55,6 @@ def urdf(text: str, content: Content) -> str:
         found.set('damping', _number(joint.viscous))
         found.set('friction', _number(joint.coulomb))
     return _written(root)
-
-
-def _urdf_inertial(link: ET.Element, mass: float, centre: Array, inertia: Array) -> None:
-    new = ET.Element('inertial')
-    _put_inertial(link, new)
-    ET.SubElement(new, 'origin', xyz=_numbers(centre), rpy='0 0 0')
-    ET.SubElement(new, 'mass', value=_number(mass))
-    upper = [(i, j) for i in range(3) for j in range(i, 3)]
-    values = {f'i{"xyz"[i]}{"xyz"[j]}': _number(inertia[i, j]) for i, j in upper}
-    ET.SubElement(new, 'inertia', values)
 
 
 def mjcf(text: str, content: Content) -> str:

@@ -16,8 +16,6 @@ from ros2_ident.ros.conversion import gap_sentence
 
 # Fewer reversals than this leave Coulomb friction and constant loads alike.
 _REVERSALS = 4
-
-
 # Level, message and values of a status.
 _Judged = tuple[bytes, str, Mapping[str, object]]
 _OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR

@@ -33,6 +33,9 @@ class Worker:
 
     Args:
         clock: The pace of what jobs tell.
+
+    Attributes:
+        busy: Whether a job runs or its end has not been told yet; chores do not count.
     """
 
     def __init__(self, node: Node, clock: Clock) -> None:
@@ -40,18 +43,13 @@ class Worker:
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._guard = node.create_guard_condition(self._fetch)
         self._cancel = threading.Event()
-        self._busy = False
+        self.busy = False
         self._utter: Callable[[], None] = lambda: None
         self._timer = node.create_timer(1.0, lambda: self._utter(), clock=clock)
         self._timer.cancel()
         # a daemon: a job that does not heed its cancel event cannot keep the process alive
         self._thread = threading.Thread(target=self._live, name='identify', daemon=True)
         self._thread.start()
-
-    @property
-    def busy(self) -> bool:
-        """Whether a job runs or its end has not been told yet; chores do not count."""
-        return self._busy
 
     def start(self, job: Job, on_said: Say, on_done: Done, *, rate: float = 5.0) -> None:
         """Run a job in the thread.
@@ -63,9 +61,9 @@ class Worker:
             on_done: Gets the job's value or its exception, in the executor's thread.
             rate: Most messages per second, Hz.
         """
-        if self._busy:
+        if self.busy:
             raise RuntimeError('the worker is busy')
-        self._busy = True
+        self.busy = True
         self._cancel = cancel = threading.Event()
         unsaid: deque[Any] = deque(maxlen=1)
 
@@ -74,7 +72,7 @@ class Worker:
                 on_said(unsaid.popleft())
 
         def finish(value: Any, error: BaseException | None) -> None:
-            self._busy = False
+            self.busy = False
             self._timer.cancel()
             on_done(value, error)
 

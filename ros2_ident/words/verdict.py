@@ -92,7 +92,7 @@ def unseen(effects: Iterable[EffectAt], drives: int) -> dict[str, str]:
     """
     places: dict[str, list[str]] = {}
     for at in effects:
-        places.setdefault(title_at(at.effect), []).append(_place(at.where))
+        places.setdefault(title_at(at.effect), []).append(place([at.where]))
     return {
         title: 'any drive' if len(where) == drives > 1 else enumerated(where, _LISTED)
         for title, where in places.items()
@@ -110,11 +110,7 @@ def separating(rival: str, where: str, travel: Sequence[Any]) -> str:
     Args:
         travel: Unit of the drives' positions, and how many of them are a metre.
     """
-    return in_travel(get_effect(rival).separated_by.format(drive=_place(where)), *travel)
-
-
-def _place(where: str) -> str:
-    return 'the machine' if where == 'all' else where
+    return in_travel(get_effect(rival).separated_by.format(drive=place([where])), *travel)
 
 
 def place(where: Sequence[str]) -> str:
