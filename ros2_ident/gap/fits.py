@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Case, Joint
@@ -21,6 +22,8 @@ from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, 
 TIE = 20.0
 # What explains less than this share of what the best does is not followed.
 PROMISING = 0.5
+# Shares of the way to a screened start, which lies where straight lines lead.
+_WAY = np.array([1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02])
 
 
 @dataclass(frozen=True)
@@ -241,9 +244,8 @@ class Trials:
 
     def __init__(self, fits: Fits, base: Explanation) -> None:
         self.fits, self.base = fits, base
-        # (R, N) orthonormal basis of the Jacobian, and (N, R) its pseudo-inverse.
-        self.basis, triangle = np.linalg.qr(base.jacobian)
-        self.inverse = np.linalg.pinv(triangle, rcond=1e-9) @ self.basis.T
+        # (R, N) orthonormal basis of the Jacobian, and (N, N) the rest of it.
+        self.basis, self.triangle = np.linalg.qr(base.jacobian)
         # (R', N) basis of the Jacobian's rows that are the outputs'.
         self.outputs, rows = self.basis, len(fits.weight)
         if len(base.residual) > rows:
@@ -307,20 +309,30 @@ class Trials:
             ratio = float(np.min(cuts, where=moved != 0.0, initial=1.0))
             factor = factor * (ratio if np.sign(moved) @ np.sign(kept) > 0 else 0.0)
             gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
-            shift = self.inverse @ (residual - columns @ factor)
+            moved = self._within(basis.T @ (residual - columns @ factor))
             left = columns[: len(outputs)]
             left = left - outputs @ (outputs.T @ left)
             enlarge = 1.0 if nonlinear else LARGE / TRIAL
             starts.append(
                 Start(
                     (candidate,),
-                    np.clip(theta - shift * (high - low), low, high),
+                    low + moved * (high - low),
                     np.where(size, clipped, phi),
                     gain,
                     enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples)),
                 )
             )
         return sorted(starts, key=lambda s: -s.gain)
+
+    def _within(self, left: Array) -> Array:
+        """Return (N,) shares of the box that take a residual away, by its part (N,) in the basis.
+
+        Within it: one that is cut off alone would leave those behind that trade with it.
+        """
+        unit = np.clip(self.base.unit[: len(left)], 0.0, 1.0)
+        bounds = -unit - 1e-12, 1.0 - unit + 1e-12
+        step = lsq_linear(self.triangle, -left, bounds, method='bvls').x
+        return np.asarray(np.clip(unit + step, 0.0, 1.0))
 
     def _orders_of(self, candidate: EffectAt, joint: Joint) -> tuple[float, ...]:
         """Return orders of a drive's turn to try, where something is left there."""
@@ -360,17 +372,14 @@ class Trials:
         return self.fits.refit(effects, start, iterations)
 
     def _better(self, effects: tuple[EffectAt, ...], theta: Array, phi: Array) -> Array:
-        """Return a screened start, or the base with a trace of the effects if that is better."""
-        base = self.base
-        joint = self.fits.case.fit.with_effects(effects)
+        """Return the best point on the way from the base to a screened start."""
+        base, joint = self.base, self.fits.case.fit.with_effects(effects)
         neutral, new = phi.copy(), effects[len(base.effects) :]
         for i, p in enumerate(p for at in new for p in joint.models[0].scaled(at)):
             if p.role == 'size':
-                neutral[i] = p.neutral + 0.02 * (phi[i] - p.neutral)
-        points = np.array(
-            [np.concatenate([theta, phi]), np.concatenate([base.theta, neutral])]
-        )
-        points = np.clip(points, joint.low, joint.high)
+                neutral[i] = p.neutral
+        begin, end = np.concatenate([base.theta, neutral]), np.concatenate([theta, phi])
+        points = np.clip(begin + _WAY[:, None] * (end - begin), joint.low, joint.high)
         losses = np.mean(self.fits.evaluate(joint)(points) ** 2, axis=1)
         best: Array = points[int(np.nanargmin(losses))]
         return best
