@@ -309,14 +309,14 @@ class Trials:
             ratio = float(np.min(cuts, where=moved != 0.0, initial=1.0))
             factor = factor * (ratio if np.sign(moved) @ np.sign(kept) > 0 else 0.0)
             gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
-            moved = self._within(basis.T @ (residual - columns @ factor))
+            there = self._within(basis.T @ (residual - columns @ factor))
             left = columns[: len(outputs)]
             left = left - outputs @ (outputs.T @ left)
             enlarge = 1.0 if nonlinear else LARGE / TRIAL
             starts.append(
                 Start(
                     (candidate,),
-                    low + moved * (high - low),
+                    low + there * (high - low),
                     np.where(size, clipped, phi),
                     gain,
                     enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples)),
