@@ -109,8 +109,8 @@ class DriveState(NamedTuple):
         elapsed: Time since the present torque was commanded [s]; for COMMAND, and where `keeps` of
             FRICTION is asked, the cycle.
         travel: Way gone since SIGN effects with a memory wrote theirs [m].
-        memory: What the effect's own `Effect.keeps` returned last; 0 where it has none.
         torque: Torque the motor makes [N m], but for effects of TORQUE.
+        memory: What the effect's own `Effect.keeps` returned last; 0 where it has none.
     """
 
     position: Any
@@ -125,8 +125,8 @@ class DriveState(NamedTuple):
     time: Any
     elapsed: Any
     travel: Any
-    memory: Any
     torque: Any
+    memory: Any
 
 
 @dataclass(frozen=True)

@@ -85,8 +85,8 @@ def drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed):
         time,
         elapsed,
         z - load(mem, (own + MEMORY.anchor) * W),
-        spread(0.0),
         load(mem, (own + MEMORY.commanded) * W) - load(mem, (own + MEMORY.braking) * W) * v,
+        spread(0.0),
     )
 
 

@@ -38,22 +38,7 @@ _GATHER = {1: _gather1, 2: _gather2, 3: _gather3}
 @inlined
 def _remembering(drive, memory):
     """Return the state with an effect's own memory in it."""
-    return DriveState(
-        drive.position,
-        drive.velocity,
-        drive.carriage,
-        drive.load,
-        drive.direction,
-        drive.coulomb,
-        drive.viscous,
-        drive.gear,
-        drive.turn,
-        drive.time,
-        drive.elapsed,
-        drive.travel,
-        memory,
-        drive.torque,
-    )
+    return DriveState(*(drive[:-1] + (memory,)))
 
 
 @inlined
