@@ -234,7 +234,6 @@ def localise(
     floor: Floor,
     *,
     seed: int = 0,
-    flips: int = _FLIPS,
 ) -> tuple[Finding, ...]:
     """Find the coordinates that explain the gap.
 
@@ -243,7 +242,6 @@ def localise(
         residual: (D, K) measured less simulated effort, NaN where there is no sample.
         floor: Noise floor of the D drives.
         seed: Seed of the coin.
-        flips: How often it is thrown.
 
     Returns:
         The findings: the drive with the largest gap first, then what explains most of it. Where a
@@ -261,7 +259,7 @@ def localise(
         coarse = coarse_of(residual[d], motion.cycle, noise)
         if coarse is None:
             continue
-        found += _drive(motion, d, coarse, noise, flips, generator)
+        found += _drive(motion, d, coarse, noise, generator)
         found += _swing(motion, d, residual[d], noise, coarse)
     # They are fractions of the flips: a tie with the level passes, however it is rounded.
     chance = false_discovery_control([f.p_value for f in found]) if found else ()
@@ -286,7 +284,6 @@ def _drive(
     d: int,
     coarse: Coarse,
     noise: float,
-    flips: int,
     generator: np.random.Generator,
 ) -> list[Finding]:
     root = np.sqrt(coarse.weight)
@@ -298,7 +295,7 @@ def _drive(
     moving = phases(motion.velocity[d], motion.acceleration[d])[coarse.at]
     values = [coarse.value, *([centred] * (len(every) - 1))]
     block, widen = coarse.block, coarse.widen
-    signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
+    signs = generator.choice(np.array([-1.0, 1.0]), (_FLIPS, int(block.max()) + 1))
     fits = [
         max(((float(((g.T @ v) ** 2).sum()), i) for i, g in enumerate(groups)))
         for v, groups in zip(values, bases, strict=True)
@@ -310,7 +307,7 @@ def _drive(
         # effect's, and blocks that long would hide what repeats within them.
         left = values[first] - basis @ (basis.T @ values[first])
         block, widen = blocks_of(left / root, coarse.at, motion.cycle, motion.position.shape[1])
-        signs = generator.choice(np.array([-1.0, 1.0]), (flips, int(block.max()) + 1))
+        signs = generator.choice(np.array([-1.0, 1.0]), (_FLIPS, int(block.max()) + 1))
     found = tested(values, bases, block, widen, signs, coarse.explainable)
     leading = max((f for f in found if f[1] <= LEVEL), default=(0.0, 1.0, one), key=lambda f: f[0])
     out = []
@@ -357,7 +354,9 @@ def region_of(coordinate: Coordinate, fitted: Array, weight: Array, noise: float
         noise: Noise floor.
     """
     if coordinate.pick:
-        order = _order(coordinate, fitted, coordinate.pick)
+        columns = coordinate.columns / np.linalg.norm(coordinate.columns, axis=0)
+        power = ((columns.T @ fitted) ** 2).reshape(-1, coordinate.pick).sum(axis=1)
+        order = float(coordinate.place[coordinate.pick * int(np.argmax(power)), 0])
         return Region(order, order, coordinate.unit)
     if coordinate.name in ('offset', 'recent acceleration'):
         return Region()
@@ -395,14 +394,6 @@ def phase_of(power: Array, time: Array) -> str:
     held, lasts = power / total, time / whole
     top = int(np.argmax(held))
     return PHASES[top] if held[top] >= max(_MAINLY, _DENSER * lasts[top]) else ''
-
-
-def _order(coordinate: Coordinate, fitted: Array, size: int) -> float:
-    """Return the motor order whose lines hold most."""
-    columns = coordinate.columns / np.linalg.norm(coordinate.columns, axis=0)
-    power = (columns.T @ fitted) ** 2
-    groups = power.reshape(-1, size).sum(axis=1)
-    return float(coordinate.place[size * int(np.argmax(groups)), 0])
 
 
 def _narrowest(coordinate: Coordinate, power: Array) -> Region:

@@ -154,7 +154,7 @@ def _outcome(found: Fitted, estimates: tuple[ParameterEstimate, ...], *, rivals:
         return Outcome.CANCELLED
     if not np.isfinite(found.ga.cost):
         return Outcome.DIVERGED
-    if _spent(found):
+    if cut_short(found):
         return Outcome.BUDGET_SPENT
     sure = not rivals and all(e.identifiable for e in estimates)
     return Outcome.IDENTIFIED if sure else Outcome.NOT_IDENTIFIABLE
@@ -162,14 +162,10 @@ def _outcome(found: Fitted, estimates: tuple[ParameterEstimate, ...], *, rivals:
 
 def cut_short(found: Fitted) -> bool:
     """Return whether a cancel or a budget ended the run."""
-    return found.cancelled or _spent(found)
-
-
-def _spent(found: Fitted) -> bool:
-    """Return whether a budget ended the run early."""
     status = found.refined.status if found.refined else None
     return (
-        found.ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS)
+        found.cancelled
+        or found.ga.stop in (StopReason.EVALUATIONS, StopReason.SECONDS)
         or status in (RefineStatus.CANCELLED, RefineStatus.EVALUATIONS)
         or bool(found.left_out)
     )

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates.scale import FEWEST
 from ros2_ident.gates.signals import step_of
@@ -92,10 +91,7 @@ def _noise(quantity: str, datasets: Sequence[Dataset], drives: Sequence[str]) ->
         for name in drives if values is not None else ():
             there = values[data.names.index(name)]
             if np.isfinite(there).sum() >= FEWEST:
-                found.append(noise_of(there))
+                # Where neighbours are equal, the noise is that of the steps.
+                steps = step_of(there) / math.sqrt(12.0)
+                found.append(max(fast_noise(there[np.isfinite(there)]), steps))
     return float(np.median(found)) if found else 0.0
-
-
-def noise_of(values: Array) -> float:
-    """Return the standard deviation of a log's noise; where neighbours are equal, its step's."""
-    return max(fast_noise(values[np.isfinite(values)]), step_of(values) / math.sqrt(12.0))

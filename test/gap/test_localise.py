@@ -63,5 +63,5 @@ def test_coloured_noise_gives_no_more_false_findings_than_stated(phi):
     for seed in range(8):
         row = residual(OF, phi=phi, seed=100 + seed)
         # A floor below the noise: everything counts as explainable, and as material.
-        false += bool(localise(OF, row, floor_of(value=0.004), seed=seed, flips=999))
+        false += bool(localise(OF, row, floor_of(value=0.004), seed=seed))
     assert false <= 2  # at most 5 % expected; 3 or more of 8 has a probability below 0.6 %
