@@ -206,25 +206,19 @@ class RecordingBuilder:
         if not any(pieces.values()):
             text = 'no measured value arrived; check the topic names and that the drives publish'
             raise self._bad(text, ErrorCode.NO_DATA)
-        groups = []
+        found = []
         for group in _match_segments(pieces):
-            parts = _split_pauses(group)
-            groups += [_in_range(part, warnings) for part in parts]
+            whole = Recording(
+                **group, source=self.source, sha256=self.sha256, warnings=(), notes=self.notes
+            )
+            parts = _split_pauses(whole)
+            found += [_in_range(part, warnings) for part in parts]
             if len(parts) > 1:
-                begins, ends = zip(*map(_span, parts), strict=True)
-                longest = max(np.subtract(begins[1:], ends[:-1])) * 1e-9
+                pauses = (b.begin - a.end for a, b in zip(parts, parts[1:], strict=False))
+                longest = max(pauses) * 1e-9
                 said = f'nothing came for up to {longest:.4g} s: the recorder paused or its clock '
                 warnings.append(f'{said}was set; {len(parts)} stretches are taken one by one')
-        return [
-            Recording(
-                **group,
-                source=self.source,
-                sha256=self.sha256,
-                warnings=tuple(warnings),
-                notes=self.notes,
-            )
-            for group in groups
-        ]
+        return [replace(x, warnings=tuple(warnings)) for x in found]
 
     def _bad(self, text: str, code: ErrorCode = ErrorCode.BAD_VALUES) -> IdentError:
         return IdentError(code, f'{self.source}: {text}')
@@ -287,25 +281,20 @@ class RecordingBuilder:
         return streams
 
 
-def _in_range(group: dict[str, Stream], warnings: list[str]) -> dict[str, Stream]:
+def _in_range(recording: Recording, warnings: list[str]) -> Recording:
     """Return a recording whose stamps a bag can hold: from 0 on where they cannot be ROS times.
 
     A scope counts from its trigger on, negative before it, and LabVIEW from 1904.
     """
-    begin, end = _span(group)
-    if begin >= 0 and end < _LAST_ROS_TIME:
-        return group
+    begin = recording.begin
+    if begin >= 0 and recording.end < _LAST_ROS_TIME:
+        return recording
     whole = begin // 1_000_000_000
     said = f'the stamps begin at {begin * 1e-9:.6g} s, which no ROS time can be'
     warnings.append(f'{said}: {whole} s are taken from all of them')
     shift = whole * 1_000_000_000
-    return {role: replace(x, stamp=x.stamp - shift) for role, x in group.items()}
-
-
-def _span(group: Mapping[str, Stream]) -> tuple[int, int]:
-    """Return the first and the last stamp of streams, ns."""
-    stamps = [x.stamp[[0, -1]] for x in group.values()]
-    return int(np.min(stamps)), int(np.max(stamps))
+    streams = {k: replace(x, stamp=x.stamp - shift) for k, x in recording.streams.items()}
+    return replace(recording, **streams)  # type: ignore[arg-type]
 
 
 def _merge(
@@ -454,16 +443,17 @@ def _match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
     return groups
 
 
-def _split_pauses(group: dict[str, Stream]) -> list[dict[str, Stream]]:
+def _split_pauses(recording: Recording) -> list[Recording]:
     """Cut one recording where no stream has a sample for long.
 
     A grid over a clock that was set forward would hold the years between. A command that is only
     sent when it changes is no pause, since the state goes on.
     """
-    periods = [sample_period(x.stamp) for x in group.values()]
+    streams = recording.streams.values()
+    periods = [sample_period(x.stamp) for x in streams]
     pause = round(1e9 * max(_PAUSE, _PAUSE_SAMPLES * min((x for x in periods if x), default=0.0)))
     spans: list[tuple[int, int]] = []
-    for stream in group.values():
+    for stream in streams:
         long = np.flatnonzero(np.diff(stream.stamp) > pause)
         begins = stream.stamp[[0, *(long + 1)]]
         spans += zip(begins.tolist(), stream.stamp[[*long, -1]].tolist(), strict=True)
@@ -476,9 +466,5 @@ def _split_pauses(group: dict[str, Stream]) -> list[dict[str, Stream]]:
         else:
             joined[-1] = first, max(last, end)
     if len(joined) == 1:
-        return [group]
-    parts = []
-    for begin, end in joined:
-        cut = {role: stream.between(begin, end + 1) for role, stream in group.items()}
-        parts.append({role: stream for role, stream in cut.items() if stream is not None})
-    return parts
+        return [recording]
+    return [recording.between(begin, end + 1) for begin, end in joined]

@@ -191,8 +191,7 @@ def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
     power[np.abs(drifts) > _DRIFT_LIMIT] = 0.0
     drift = float(drifts[int(np.argmax(power))])
     # windows cannot tell a drift from none within their resolution; none is likelier
-    mean = np.exp(2j * np.pi * time / step).mean()
-    if np.abs(mean) * time.size > 0.98 * power.max():
+    if np.abs(turned.mean()) * time.size > 0.98 * power.max():
         drift = 0.0
     long = step * (1.0 + drift)
     mean = np.exp(2j * np.pi * time / long).mean()

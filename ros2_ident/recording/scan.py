@@ -286,7 +286,7 @@ class _Walk:
             for number, count in summary.statistics.channel_message_counts.items():
                 if number in self.ways:
                     stated[self.ways[number][0]] += count
-            self.losses.expect(stated, self.found)
+            self.losses.messages = (stated - self.found).total()
         return self.losses
 
 
@@ -428,8 +428,8 @@ def _read(base: sqlite3.Connection, content: Content, losses: Losses) -> None:
     for number, name, kind, form in base.execute(query):
         kind = kind if form in ('cdr', '') else f'{kind} ({form})'
         ways[number] = name, content.open(name, kind)
-    found: Counter[int] = Counter()
-    found.update(dict(base.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id')))
+    counts = base.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id')
+    found: Counter[int] = Counter(dict(counts))
     losses.unknown = sum(count for number, count in found.items() if number not in ways)
     wanted = [number for number, (_, target) in ways.items() if target is not None]
     rows = base.execute(

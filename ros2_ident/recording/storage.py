@@ -2,7 +2,7 @@
 """The files of a bag: found, hashed, unpacked, and what metadata.yaml says of them."""
 
 from bz2 import BZ2File
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import hashlib
@@ -58,10 +58,6 @@ class Losses:
         """Add something found; the same twice is said once, and no more than a few things."""
         if text not in self.said and len(self.said) < 4:
             self.said.append(text)
-
-    def expect(self, counts: Mapping[str, int], found: Mapping[str, int]) -> None:
-        """Compare the messages that a file states with those found, topic by topic."""
-        self.messages = sum(max(0, n - found.get(topic, 0)) for topic, n in counts.items())
 
     @property
     def text(self) -> str:

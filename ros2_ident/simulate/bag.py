@@ -5,7 +5,7 @@ The model that identifies a machine simulates its log.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 from pathlib import Path
 import sys
@@ -135,10 +135,13 @@ def simulate(
         machine = machine.with_constants(bandwidth=math.inf)
     model = planned_model(machine, motion.position, motion.velocity)
     values = {**parameters, **model.as_described(parameters)}
-    if not effects:
-        return _log(machine, motion, model, values)
-    there = [at for effect in effects for at in effect.places(machine)]
-    offered = model.extensions()
+    there: list[EffectAt] = []
+    added: dict[str, float] = {}
+    for effect in effects:
+        for at in effect.places(machine):
+            there.append(at)
+            added |= effect.values_at(at)
+    offered = model.extensions() if there else ()
     for at in there:
         if at not in offered:
             raise IdentError(
@@ -146,18 +149,9 @@ def simulate(
                 f'{at.effect} has no place on {at.where} of this machine; choose from '
                 f'{", ".join(dict.fromkeys(x.effect for x in offered)) or "none"}',
             )
-    model = planned_model(machine, motion.position, motion.velocity, effects=there)
-    added: dict[str, float] = {}
-    for effect in effects:
-        for at in effect.places(machine):
-            added |= effect.values_at(at)
-    return replace(_log(machine, motion, model, values | added), effects=added)
-
-
-def _log(
-    machine: Machine, motion: Motion, model: FullModel, values: Mapping[str, float]
-) -> Log:
-    told = model.simulate(_theta(model, values)[None])[0]
+    if there:
+        model = planned_model(machine, motion.position, motion.velocity, effects=there)
+    told = model.simulate(_theta(model, values | added)[None])[0]
     if not np.isfinite(told).all():
         raise IdentError(
             ErrorCode.DIVERGED, 'the simulation diverged; set milder parameters or effects'
@@ -166,7 +160,8 @@ def _log(
     quantities = {output.quantity for output in model.outputs}
     if 'position' in quantities and 'velocity' not in quantities:
         rows['velocity'] = np.gradient(rows['position'], model.cycle, axis=1)
-    return Log(machine.drives, model.cycle, rows['effort'], rows['position'], rows['velocity'])
+    measured = rows['effort'], rows['position'], rows['velocity']
+    return Log(machine.drives, model.cycle, *measured, effects=added)
 
 
 def _theta(model: FullModel, values: Mapping[str, float]) -> Array:
