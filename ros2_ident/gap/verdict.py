@@ -280,8 +280,10 @@ def _weigh(
     for at, e in best.items():
         left, more = 1.0 - explainer.share(base, e), 0.0
         if abs(left - leads) <= alike and len(e.theta) > len(lead.theta) and final.effects:
-            # Numbers that bring nothing speak against a law (Schwarz 1978, Ann. Statist. 6).
-            more = max(0.0, explainer.score(e) - explainer.score(lead))
+            # Numbers that bring nothing speak against a law by their price in BIC, no more: what
+            # such laws leave differs by their forms (Schwarz 1978, Ann. Statist. 6).
+            dearer = explainer.score(e) - explainer.score(lead)
+            more = min(max(0.0, dearer), dearer - e.loss + lead.loss)
         if leads - alike <= left < leads:
             # One more number closes a little more, and is no evidence.
             left = leads

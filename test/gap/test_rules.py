@@ -141,13 +141,17 @@ def test_numbers_that_bring_nothing_speak_against_a_law(explainer):
     force, spring = EffectAt('constant_force', 'one'), EffectAt('cable_spring', 'one')
     base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[force])
     weights = []
-    for left in (0.0, -0.01):
+    for left in (0.0, -0.01, 0.01):
         other = made((left, 0.0), effects=[spring])
         said = answered(explainer, [base, one], [one, other])
         weights.append({w.at: w.probability for w in said.ranking})
     assert weights[0][spring] == pytest.approx(weights[0][force] / math.sqrt(4 * SAMPLES))
     # Twenty units of the loss are worth a number.
     assert weights[1][spring] == pytest.approx(weights[1][force])
+    # However much more it leaves beside a plainer form, that is what its form is weighed by.
+    assert weights[2][spring] == pytest.approx(
+        weights[2][force] / math.sqrt(4 * SAMPLES) * (0.025 / 0.02) ** -5
+    )
 
 
 def test_what_the_fit_before_closes_on_its_way_is_no_merit_of_an_effect(explainer):
