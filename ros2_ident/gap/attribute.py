@@ -35,7 +35,7 @@ _HEAT = 4
 # Names that are tried on several drives at once, at most.
 _ALIKE = 3
 # What the log itself shows starts far from a fit that it bent, and gets more; so do the best.
-_SHOWN, _WHOLE = 16, 12
+_SHOWN, _WHOLE = 16, 40
 # Samples times parameters that a step is held against noise on, at most.
 _MOST = 4_000_000
 # Samples of a mean that noise hardly lifts.

@@ -186,7 +186,7 @@ class Fits:
         return both if law_weight.size else outputs
 
     def refit(
-        self, effects: Sequence[EffectAt], theta: Array, iterations: int = 12
+        self, effects: Sequence[EffectAt], theta: Array, iterations: int = 40
     ) -> Explanation:
         """Fit a set of effects jointly from a start (N,)."""
         joint = self.case.fit.with_effects(effects)

@@ -42,12 +42,9 @@ class TwoMass(DriveModel):
 
     rigid = False
 
-    _state = 0
+    _kernel = None
     costs, residuals, simulate_at = FullModel.costs, FullModel.residuals, FullModel.simulate_at
     extensions, work = FullModel.extensions, FullModel.work
-
-    def _run(self, group, begin, end, task):
-        raise NotImplementedError
 
     def simulate(self, theta):
         return self.moved(theta)[0]
