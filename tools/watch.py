@@ -19,7 +19,7 @@ _GOOD = ('CONVERGED', 'STAGNATED', 'AT_BOUND', 'NOT_IDENTIFIABLE')
 
 def main(args: Sequence[str] | None = None) -> int:
     """Watch a node until it has a result; return the exit code."""
-    stop = Stop().install()
+    stop = Stop()
     parser = argparse.ArgumentParser(
         prog='watch', description='Show progress and result of an identifier.'
     )
