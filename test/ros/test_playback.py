@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pace of a replay, and what it plays."""
 
+import os
 from pathlib import Path
+import subprocess
+import sys
 import time
 
 import pytest
@@ -11,6 +14,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.ros.replay import opened, paced
 
 STEP = 2_000_000  # ns
+ROOT = Path(__file__).parents[2]
 
 
 def messages(count: int):
@@ -84,3 +88,11 @@ def test_clock_remaps_and_a_paused_start() -> None:
     assert 50 <= len(clocks) <= 110, 'a hundred a second of wall time'
     first = states[0].header.stamp
     assert abs(seconds[0] - first.sec - 1e-9 * first.nanosec) < 0.1
+
+
+@pytest.mark.ros
+def test_what_the_demo_watches_with_ends_in_a_sentence_where_no_result_comes() -> None:
+    words = [sys.executable, ROOT / 'tools/watch.py', '--seconds', '0.3']
+    env = os.environ | {'ROS_DOMAIN_ID': str(new_domain())}
+    done = subprocess.run(words, env=env, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (2, 'watch: no result of /identifier came\n')
