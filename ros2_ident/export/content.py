@@ -103,6 +103,7 @@ class Content:
             for o, joint in enumerate(self.joints)
         }
 
+
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 

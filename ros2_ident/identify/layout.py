@@ -173,7 +173,6 @@ class Layout:
             theta = theta[:, columns]
         return theta if more is None else theta + more
 
-
     @functools.cached_property
     def suggested(self) -> Array | None:
         """(N,) parameters that the recordings suggest, the mean of all; None for none."""

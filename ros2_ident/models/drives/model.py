@@ -128,6 +128,11 @@ class DriveModel(MachineModel):
         """Return (D,) the size of the drives' efforts by this recording alone."""
         return effort_range(self.machine, [self.data])
 
+    @functools.cached_property
+    def _speeds(self) -> Array:
+        """(D,) speeds that the drives reach, see `top_speeds`."""
+        return top_speeds(self.machine, self.data)
+
     def _candidates(self) -> Candidates:
         return Candidates(
             self._boxed,
@@ -137,7 +142,7 @@ class DriveModel(MachineModel):
             self._constants(),
             self.rigid,
             self.efforts,
-            top_speeds(self.machine, self.data),
+            self._speeds,
             self.travels,
             self._own(),
         )
@@ -216,7 +221,8 @@ class DriveModel(MachineModel):
 
     def _take_over(self, like: 'DriveModel') -> None:
         """Take over what effects, steps and payload change nothing of."""
-        self.__dict__.update(_limit=like._limit, _band=like._band, _compare=like._compare)
+        names = '_limit', '_band', '_compare', '_speeds'
+        self.__dict__.update({name: getattr(like, name) for name in names})
 
     def effort_limit(self, place: str) -> float:
         """Return the effort that a share of a drive's limit refers to [`unit`]."""

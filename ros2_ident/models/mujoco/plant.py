@@ -416,7 +416,6 @@ class Plant:
                     force[s, d] = np.clip(asked, -_limit(model, at), _limit(model, at))
         return out
 
-
     def inverse(self, position: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (D, K) what the links ask of the drives' joints, N m or N.
 
