@@ -4,7 +4,6 @@ from pathlib import Path
 import shlex
 import subprocess
 import sys
-import time
 
 from identify_cases import ROOT, tripod, TRIPOD_FILE
 import pytest
@@ -27,15 +26,10 @@ def child(*words, **environment):
     )
 
 
-def test_help_is_quick_and_loads_nothing_slow():
-    times = []
-    for _ in range(3):
-        start = time.monotonic()
-        done = child('--help')
-        times.append(time.monotonic() - start)
+def test_help_loads_nothing_slow():
+    done = child('--help')
     assert done.returncode == 0
     assert all(name in done.stdout for name in COMMANDS)
-    assert min(times) < 0.5
     script = (
         'import sys; from ros2_ident.cli.main import main; main(["identify", "--help"]);'
         'print([m for m in ("numpy", "numba", "scipy", "rclpy", "rich") if m in sys.modules])'

@@ -2,7 +2,6 @@
 from dataclasses import replace
 import math
 import threading
-import time
 
 from identify_cases import (
     axis,
@@ -129,21 +128,19 @@ def test_where_everything_diverges_there_is_no_estimate():
     assert 'narrow the bounds' in message(result)
 
 
-def test_cancel_keeps_the_best_so_far_and_is_quick():
+def test_cancel_keeps_the_best_so_far_and_ends_the_generation():
     cancel = threading.Event()
-    asked = []
 
     def watch(progress: IdentifyProgress) -> None:
         if progress.evaluations >= 100 and not cancel.is_set():
-            asked.append(time.monotonic())
             cancel.set()
 
     settings = replace(QUICK, genetic=GeneticSettings(initial_population=100_000))
     result = identify(
         axis(), axis_data(), settings=settings, cancel=cancel, on_progress=watch, seed=5
     )
-    assert time.monotonic() - asked[0] < 0.5
     assert result.outcome is Outcome.CANCELLED
+    assert result.evaluations < 10_000, 'a tenth of the first generation'
     assert result.outcome.error_code is ErrorCode.CANCELLED
     assert np.isfinite(result.theta).all()
     assert math.isfinite(result.cost.ga)
@@ -164,11 +161,9 @@ def test_the_budget_of_seconds_is_kept():
     settings = replace(
         QUICK, genetic=GeneticSettings(initial_population=100_000), budget=Budget(seconds=1.0)
     )
-    identified()  # compiled beforehand
-    start = time.monotonic()
     result = identify(axis(), axis_data(), settings=settings)
-    assert time.monotonic() - start < 2.0
     assert result.outcome is Outcome.BUDGET_SPENT
+    assert result.evaluations < 100_000
 
 
 def test_without_refinement_there_are_intervals_all_the_same():

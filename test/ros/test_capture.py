@@ -6,12 +6,13 @@ import math
 import numpy as np
 import pytest
 from reader_cases import equal
-from ros_helpers import BAG, ended, MACHINE, new_domain, program, Station
+from ros_helpers import ended, MACHINE, new_domain, program, RELIABLE, short_bag, Station
 
 pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
 
 from builtin_interfaces.msg import Duration  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -22,7 +23,7 @@ from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.recording import read_bag  # noqa: E402
 from ros2_ident.ros.capture import Capture  # noqa: E402
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.ros
 
 
 class Ear(Station):
@@ -35,15 +36,7 @@ class Ear(Station):
             node = Node(
                 'ear',
                 context=context,
-                cli_args=[
-                    x
-                    for topic in ('joint_states', 'effort', 'joint_command')
-                    for x in (
-                        '--ros-args',
-                        '-p',
-                        f'qos_overrides./{topic}.subscription.reliability:=reliable',
-                    )
-                ],
+                parameter_overrides=[Parameter(x, value=y) for x, y in RELIABLE.items()],
             )
             self.capture = Capture(node, **{'limit': 100_000, 'clock': lambda: self.now} | options)
             return node
@@ -96,16 +89,16 @@ def ear():
         one.close()
 
 
-def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly() -> None:
+def test_a_replayed_bag_gives_the_same_data_set_as_the_bag_read_directly(tmp_path) -> None:
+    bag, count = short_bag(tmp_path)
     domain = new_domain()
     ear = Ear(domain)
     try:
         with program(
-            'replay', str(BAG), '--rate', '2', '--wait-for-subscribers', '60', domain=domain
+            'replay', str(bag), '--rate', '2', '--wait-for-subscribers', '60', domain=domain
         ) as replay:
             assert ended(replay)[0] == 0
-        direct = read_bag(BAG)
-        count = sum(len(x.stamp) for x in direct[0].streams.values())
+        direct = read_bag(bag)
         ear.until(lambda: ear.received() == count, f'{count} messages')
         heard = ear.capture.snapshot().build()
     finally:

@@ -23,7 +23,7 @@ from ros2_ident.effects import CATALOGUE  # noqa: E402
 from ros2_ident.errors import ErrorCode  # noqa: E402
 from ros2_ident.recording import write_bag  # noqa: E402
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.ros
 
 BAG = ROOT / 'bags/axis_reversals'
 AXIS = ROOT / 'config/emps.yaml'

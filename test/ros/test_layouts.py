@@ -17,7 +17,7 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from ros2_ident.ros.outlet import LATCHED  # noqa: E402
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.ros
 
 CONFIG = ROOT / 'config'
 
@@ -70,7 +70,7 @@ def running(tmp_path_factory):
                 'simulated': listener.simulated,
                 'residual': listener.residual,
             }
-            listener.until(lambda: all(heard.values()), 'everything that is said', 120.0)
+            listener.until(lambda: all(heard.values()), 'everything that is said')
             types = {
                 topic: message_class(kinds[0])
                 for topic, kinds in listener.node.get_topic_names_and_types()

@@ -6,10 +6,9 @@ import math
 from pathlib import Path
 import signal
 import subprocess
-import time
 
 import pytest
-from ros_helpers import BAG, bag_goal, ended, identifier, Listener, new_domain, program, ROOT
+from ros_helpers import BAG, bag_goal, ended, identifier, Listener, new_domain, program, ROOT, short_bag
 
 pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
 
@@ -26,7 +25,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from ros2_ident.errors import ErrorCode  # noqa: E402
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.ros
 
 AXIS_BAG = ROOT / 'bags/axis_reversals'
 
@@ -71,17 +70,18 @@ def last_series(messages) -> int:
 def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
     domain: int, tmp_path: Path
 ) -> None:
-    with identifier(domain, tmp_path) as node:
+    bag, count = short_bag(tmp_path)
+    with identifier(domain, tmp_path / 'results') as node:
         early = Listener(domain)
         try:
             with program(
-                'replay', str(BAG), '--rate', '3', '--wait-for-subscribers', '60', domain=domain
+                'replay', str(bag), '--rate', '3', '--wait-for-subscribers', '60', domain=domain
             ) as replay:
                 code, text = ended(replay)
                 assert code == 0, text
             early.until(lambda: early.results, 'the result')
+            assert sum(early.statuses[-1].received) == count
             heard = early.statuses[-1].received[1]
-            assert heard > 0.9 * 7000, 'only a machine that is very busy loses more'
             early.until(
                 lambda: min(last_series(early.residual), last_series(early.simulated))
                 >= 0.95 * heard,
@@ -115,7 +115,7 @@ def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
     assert result.cost_refined < 0.011
     assert list(early.simulated[0].name) == ['drive_1']
     folder = Path(result.result_file).parent
-    assert folder.parent == tmp_path
+    assert folder.parent == tmp_path / 'results'
     assert json.loads(Path(result.result_file).read_text(encoding='utf-8'))['parameters']
     assert (folder / 'overlay/metadata.yaml').exists()
 
@@ -144,7 +144,7 @@ def test_a_goal_gives_feedback_and_a_result_and_its_overrides_reach_the_search(s
 def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
     """So are twenty at once; each is answered, as is each cancel, and the run goes on.
 
-    Its own cancel is answered at once and keeps the best.
+    Its own cancel keeps the best.
     """
     # the queue in which answers wait for a client is its own
     qos = dict.fromkeys(('goal_service_qos_profile', 'cancel_service_qos_profile'), deep)
@@ -157,13 +157,13 @@ def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
     )
     first = shared.send(goal, feedback.append)
     result = shared.asked(first.get_result_async)
-    shared.until(lambda: len(feedback) > 2, 'feedback', 120.0)
+    shared.until(lambda: len(feedback) > 2, 'feedback')
     asked = shared.asked(lambda: [client.send_goal_async(goal) for _ in range(20)])
-    others = [shared.wait_future(x, 'an answer to a goal', 10.0) for x in asked]
+    others = [shared.wait_future(x, 'an answer to a goal') for x in asked]
     assert not any(x.accepted for x in others)
     asked = shared.asked(lambda: [x.cancel_goal_async() for x in others])
     for one in asked:
-        assert not shared.wait_future(one, 'an answer to a cancel', 10.0).goals_canceling
+        assert not shared.wait_future(one, 'an answer to a cancel').goals_canceling
     assert not result.done()
     status, found = shared.cancel(first)
     assert status == GoalStatus.STATUS_CANCELED
@@ -246,11 +246,9 @@ def test_a_signal_ends_a_run_answers_its_goal_and_keeps_its_result(
         handle = listener.send(bag_goal(kind), feedback.append)
         listener.until(lambda: len(feedback) > 1, 'feedback')
         done = listener.asked(handle.get_result_async)
-        sent = time.monotonic()
         node.send_signal(signal.SIGINT)
-        answered = listener.wait_future(done, 'the result', 20.0)
-        code, text = ended(node, 10.0)
-        took = time.monotonic() - sent
+        answered = listener.wait_future(done, 'the result')
+        code, text = ended(node)
     assert code == 0 and 'Traceback' not in text, text
     assert answered.status == GoalStatus.STATUS_ABORTED
     latched = listener.results if kind == 'Identify' else listener.gaps
@@ -258,7 +256,6 @@ def test_a_signal_ends_a_run_answers_its_goal_and_keeps_its_result(
     assert latched[0].error_code == ErrorCode.CANCELLED and latched[0].error_message
     assert len(list(tmp_path.glob(f'*/{file}.json'))) == 1
     if kind == 'Identify':
-        assert took < 3.0
         assert latched[0].outcome == latched[0].OUTCOME_CANCELLED
         assert len(latched[0].parameters) == 7
 
@@ -295,7 +292,7 @@ def test_silence_is_explained(domain: int, listener: Listener, tmp_path: Path) -
     with identifier(domain, tmp_path) as node:
         listener.until(
             lambda: any('wrong type std_msgs/msg/String' in x.sentence for x in listener.statuses),
-            'the sentence', 15.0,
+            'the sentence',
         )
         node.send_signal(signal.SIGTERM)
         _, text = ended(node)
