@@ -21,9 +21,9 @@ TYPE = 'sensor_msgs/msg/JointState'
 # A publisher knows of a subscriber a little before that one knows of it; what is sent in between
 # is lost, and nothing tells when it is over.
 SETTLE = 0.5
-# Time for the last messages to leave this process: what reliable subscribers may take to confirm
-# those of a topic, and what comes on top for the others.
-PATIENCE, LINGER = 1.0, 0.3
+# Time for the last messages to leave this process: what reliable subscribers, on a busy machine
+# too, may take to confirm those of a topic, and what comes on top for the others.
+PATIENCE, LINGER = 10.0, 0.3
 # The longest sleep [s]: a signal is noticed after it.
 _NAP = 0.05
 
@@ -189,7 +189,8 @@ def _play(options: argparse.Namespace, ros: list[str], stopped: Callable[[], int
         return 128 + stopped() if stopped() else 0
     finally:
         for publisher in publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
+            if not stopped():
+                publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
         time.sleep(LINGER)
         reader.close()
         rclpy.try_shutdown()
