@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 MACHINE = ROOT / 'config/tripod.yaml'
 BAG = ROOT / 'bags/tripod_pick_and_place'
 # Longest wait, s: in a fresh clone the first run of a kind compiles, beside other tests. No test
-# asks that a process keeps up with another one or the clock: how fast the machine is, is not tested.
+# asks that a process keeps up with another one or with the clock.
 PATIENCE = 240.0
 HEARD = 'joint_states', 'effort', 'joint_command'
 # Samples that a queue holds: a larger depth than Fast DDS's limit of a reader's samples has no

@@ -24,7 +24,7 @@ from ros2_ident.ros import parameters
 from ros2_ident.ros.actions import DiagnoseServer, IdentifyServer, REQUESTS
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.diagnostics import Diagnostics
-from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter
+from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter, unwritten_pages
 from ros2_ident.ros.run import expanded, save
 from ros2_ident.ros.worker import Worker
 
@@ -167,6 +167,8 @@ class Identifier(Node):
     def destroy_node(self) -> None:
         """Take the node off the air; what it has heard is whole on the disk."""
         self.capture.close()
+        if left := self.pages.left():
+            self.get_logger().warning(unwritten_pages(left))
         super().destroy_node()
 
     @property

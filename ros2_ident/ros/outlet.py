@@ -2,9 +2,10 @@
 """Output of the node: its publishers, its state in words, and the pages on its runs."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import itertools
 from pathlib import Path
+import shlex
 import subprocess
 import sys
 import traceback
@@ -26,6 +27,8 @@ LATCHED = QoSProfile(
 EVENTS, SERIES = 10, 5000  # depths
 # Messages of a series in one go: about a millisecond.
 _PIECE = 100
+# Pages that wait: some minutes of work.
+_MOST_PAGES = 100
 # The process goes behind everything else, as the worker does.
 _REPORT = ['nice', '-n', '10', sys.executable, '-m', 'ros2_ident.cli.main', 'report']
 
@@ -160,34 +163,60 @@ class Board:
 
 
 class PageWriter:
-    """Has pages on runs written by processes of their own: messages and runs need not wait."""
+    """Writes pages on runs, one after the other, in a process of its own: nobody waits for it."""
 
     def __init__(self) -> None:
-        self._running: list[subprocess.Popen[str]] = []
+        self._waiting: deque[str] = deque()
+        self._process: subprocess.Popen[str] | None = None
+        self._sentences: list[str] = []
 
     def start(self, result_file: str) -> None:
-        """Begin to write the page on a run.
+        """Have the page on a run written, after those that wait already.
 
         Args:
             result_file: Path of its result or diagnosis file; empty to write nothing.
         """
         if result_file:
-            process = subprocess.Popen(
-                [*_REPORT, str(Path(result_file).parent)],
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                text=True,
-                start_new_session=True,  # Ctrl-C ends the node, and the page is still written
-            )
-            self._running.append(process)
+            self._waiting.append(str(Path(result_file).parent))
+            self._go_on()
+        if len(self._waiting) > _MOST_PAGES:
+            self._sentences.append(unwritten_pages([self._waiting.popleft()]))
+
+    def left(self) -> list[str]:
+        """Return the folders of runs whose page nobody has begun to write."""
+        return list(self._waiting)
 
     def failures(self) -> list[str]:
         """Return a sentence for each page that could not be written since the last call."""
-        ended = [process for process in self._running if process.poll() is not None]
-        self._running = [process for process in self._running if process not in ended]
-        return [
-            f'the page on a run was not written ({process.communicate()[1].strip()}); its other '
-            'files are there, and `ident report` writes the page from them'
-            for process in ended
-            if process.returncode
-        ]
+        process = self._process
+        if process is not None and process.poll() is not None:
+            said = (process.communicate()[1] or '').strip()
+            if process.returncode:
+                self._sentences.append(
+                    f'the page on a run was not written ({said}); its other files are there, and '
+                    '`ident report` writes the page from them'
+                )
+            self._process = None
+            self._go_on()
+        sentences, self._sentences = self._sentences, []
+        return sentences
+
+    def _go_on(self) -> None:
+        """Begin the next page unless one is being written."""
+        if self._process is None and self._waiting:
+            self._process = subprocess.Popen(
+                [*_REPORT, self._waiting.popleft()],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,  # Ctrl-C ends the node, and this page is still written
+            )
+
+
+def unwritten_pages(folders: Sequence[str]) -> str:
+    """Return the sentence for runs whose pages are left to the user."""
+    runs = ' '.join(map(shlex.quote, folders))
+    return (
+        f'runs came faster than their pages are written, {len(folders)} are left out; to write '
+        f'them: for run in {runs}; do ident report "$run"; done'
+    )

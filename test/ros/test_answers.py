@@ -36,6 +36,7 @@ from ros2_ident.recording import read_bag  # noqa: E402
 from ros2_ident.recording.cdr import encode  # noqa: E402
 from ros2_ident.recording.streams import FIELDS  # noqa: E402
 from ros2_ident.report import files  # noqa: E402
+from ros2_ident.ros import outlet  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -225,3 +226,24 @@ def test_what_was_heard_is_found_again_after_a_restart(tmp_path) -> None:
     finally:
         listener.close()
         node.close()
+
+
+def test_pages_are_written_one_after_the_other_and_a_page_left_out_is_named(
+    tmp_path, monkeypatch
+) -> None:
+    log = tmp_path / 'log'
+    script = f'echo begin "$0" >> {log}; sleep 0.1; echo end "$0" >> {log}'
+    monkeypatch.setattr(outlet, '_REPORT', ['sh', '-c', script])
+    monkeypatch.setattr(outlet, '_MOST_PAGES', 3)
+    pages = outlet.PageWriter()
+    for number in range(6):
+        pages.start(str(tmp_path / f'run {number}/result.json'))
+    said = pages.failures()
+    while pages._process is not None:
+        said += pages.failures()
+        time.sleep(0.01)
+    folders = [tmp_path / f'run {number}' for number in (0, 3, 4, 5)]
+    wanted = [f'{word} {folder}' for folder in folders for word in ('begin', 'end')]
+    assert log.read_text(encoding='utf-8').splitlines() == wanted
+    assert [f"for run in '{tmp_path}/run {number}'; do ident report" in x
+            for number, x in enumerate(said, 1)] == [True, True]

@@ -8,7 +8,17 @@ import signal
 import subprocess
 
 import pytest
-from ros_helpers import BAG, bag_goal, ended, identifier, Listener, new_domain, program, ROOT, short_bag
+from ros_helpers import (
+    BAG,
+    bag_goal,
+    ended,
+    identifier,
+    Listener,
+    new_domain,
+    program,
+    ROOT,
+    short_bag,
+)
 
 pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
 
