@@ -20,7 +20,7 @@ from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.new_file import arm_kind, new_machine_file
 from ros2_ident.models.registry import machine_from_mapping
 from ros2_ident.recording import Stream, Topics
-from ros2_ident.ros.parameters import BY_NAME, Snapshot
+from ros2_ident.ros.parameters import BY_NAME, check_path, Snapshot
 from ros2_ident.ros.run import allowed, Wanted
 from ros2_ident.search import Budget, GeneticSettings
 from ros2_ident.threads import processors
@@ -48,10 +48,11 @@ def wanted_of(
         heard: URDF or MJCF that was heard, for where no file says what the robot is.
 
     Raises:
-        IdentError: INVALID_GOAL, NO_DATA, UNKNOWN_PARAMETER, also for a strange effect, or what is
-            wrong with the machine file.
+        IdentError: INVALID_GOAL, also where no results can be written, NO_DATA,
+            UNKNOWN_PARAMETER, also for a strange effect, or what is wrong with the machine file.
     """
     _check_ranges(goal)
+    check_path('output_directory', parameters['output_directory'])
     own, text = _machine(goal, parameters, heard, states)
     machine = own.described(heard)
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None

@@ -17,7 +17,6 @@ from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.jobs import Diagnosed, Identified
-from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, RecordingBuilder, Stream, Topics
 from ros2_ident.recording.write import Spool
 from ros2_ident.ros import parameters
@@ -85,9 +84,9 @@ class Identifier(Node):
         self.board = Board(self)
         self.board.publish()
         self.add_post_set_parameters_callback(lambda _: self._parameters_changed())
-        if now['machine_file']:  # what is wrong with it is said at once; a goal may name another
+        for name, value in now.items():  # said at once; a goal may name another machine file
             try:
-                load_machine(expanded(now['machine_file']))
+                parameters.check_path(name, value)
             except IdentError as error:
                 self.board.refuse(error)
         self._find_again()

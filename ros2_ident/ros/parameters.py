@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node's parameters: the table `parameters.yaml`, declared, judged and as values."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import difflib
 import json
@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import read_yaml
+from ros2_ident.files import make_directory, read_yaml
 from ros2_ident.models import load_machine
 from ros2_ident.ros.run import expanded
 from ros2_ident.search import GeneticSettings
@@ -192,6 +192,23 @@ def snapshot(node: Node) -> Snapshot:
     return values
 
 
+# What has to hold of the paths that some parameters name.
+_PATHS: Mapping[str, Callable[[Path], Any]] = {
+    'machine_file': load_machine,
+    'output_directory': make_directory,
+}
+
+
+def check_path(name: str, value: Any) -> None:
+    """Read the machine file, make the output directory; any other parameter is none of those.
+
+    Raises:
+        IdentError: Where that cannot be done.
+    """
+    if value and name in _PATHS:
+        _PATHS[name](expanded(value))
+
+
 def check_change(changes: Iterable[Parameter]) -> SetParametersResult:
     """Answer a change at run time; rclpy has checked types and ranges before."""
     for change in changes:
@@ -201,11 +218,10 @@ def check_change(changes: Iterable[Parameter]) -> SetParametersResult:
             reason = _wrong(entry, change.value)
         elif entry is not None and entry.kind == 'string_array':
             reason = f'parameter {entry.name} cannot be taken away; set it to an empty list'
-        if change.name == 'machine_file' and change.value:
-            try:
-                load_machine(expanded(change.value))
-            except IdentError as error:
-                reason = error.message
+        try:
+            check_path(change.name, change.value)
+        except IdentError as error:
+            reason = error.message
         if reason:
             return SetParametersResult(successful=False, reason=reason)
     return SetParametersResult(successful=True)

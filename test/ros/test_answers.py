@@ -158,6 +158,7 @@ def test_a_full_disk_leaves_the_result_on_the_topic_and_to_be_saved(start, monke
     node, listener = start()
     found = answer(listener)
     assert found.error_code == 0 and found.parameters and not found.result_file
+    assert 'No space left on device' in found.warnings[-1]
     listener.until(lambda: listener.results, 'the result on its topic')
     said = listener.call(Trigger, '/identifier/save_result', Trigger.Request())
     assert not said.success and 'No space left on device' in said.message
@@ -188,6 +189,23 @@ def test_a_wrong_machine_file_is_told_at_the_start_and_when_it_is_set(start) -> 
     assert listener.statuses[0].error_code == ErrorCode.BAD_MACHINE_FILE
     (said,) = node.node.set_parameters([Parameter('machine_file', value='/nor_there.yaml')])
     assert not said.successful and '/nor_there.yaml: cannot be read' in said.reason
+
+
+def test_a_directory_that_cannot_be_written_is_told_at_the_start_when_set_and_to_a_goal(
+    start, tmp_path
+) -> None:
+    node, listener = start(output_directory='/proc/nope')
+    listener.until(lambda: listener.statuses, 'the status')
+    assert '/proc/nope: cannot be made' in listener.statuses[0].error_message
+    found = answer(listener)
+    assert found.error_code == ErrorCode.INVALID_GOAL
+    assert '/proc/nope: cannot be made' in found.error_message
+    said, taken = (
+        node.node.set_parameters([Parameter('output_directory', value=str(x))])[0]
+        for x in ('/proc/nor_there', tmp_path / 'there')
+    )
+    assert not said.successful and '/proc/nor_there: cannot be made' in said.reason
+    assert taken.successful and answer(listener).result_file
 
 
 def test_what_was_heard_is_found_again_after_a_restart(tmp_path) -> None:
