@@ -23,8 +23,8 @@ BAG = ROOT / 'bags/tripod_pick_and_place'
 # asks that a process keeps up with another one or with the clock.
 PATIENCE = 240.0
 HEARD = 'joint_states', 'effort', 'joint_command'
-# Samples that a queue holds: a larger depth than Fast DDS's limit of a reader's samples has no
-# effect there, and what a test waits for has to fit into it.
+# Samples that a queue can hold, whatever its depth (Fast DDS; findings/fastdds_deep_queue.sh): what
+# a test waits for has to fit into it.
 QUEUE = 5000
 # Nothing that such a subscription is sent is lost on a busy machine.
 RELIABLE = {
