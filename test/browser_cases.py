@@ -41,4 +41,4 @@ def until(browser: Any, script: str) -> Any:
     """Wait until a script says yes."""
     from selenium.webdriver.support.ui import WebDriverWait
 
-    return WebDriverWait(browser, 30.0).until(lambda b: b.execute_script(script))
+    return WebDriverWait(browser, 240.0).until(lambda b: b.execute_script(script))

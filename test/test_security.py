@@ -43,7 +43,6 @@ def without_actions(names: set[str]) -> set[str]:
 
 
 @pytest.mark.ros
-@pytest.mark.timeout(120)
 def test_the_policy_allows_what_the_node_does_and_nothing_else(tmp_path):
     station = Here(new_domain(), tmp_path, machine_file=str(MACHINE))
     try:

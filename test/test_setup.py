@@ -50,7 +50,7 @@ def run(tree: Path, tmp_path: Path) -> Run:
             env={'PATH': str(folder), **(env or {})},
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=300,
             check=False,
         )
 
@@ -114,7 +114,7 @@ def test_the_shell_script_says_that_the_set_up_is_missing(tree: Path, shell: str
         env={'PATH': os.environ['PATH']},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
     )
     assert result.stdout == 'failed\n'

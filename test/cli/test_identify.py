@@ -85,7 +85,7 @@ def test_a_signal_keeps_the_best_so_far(command, tmp_path):
     out = ''
     while 'written: ' not in out and (line := process.stdout.readline()):
         out += line
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=300)
     assert process.returncode == 1, err
     assert (tmp_path / 'out' / 'report.html').exists()
     assert 'stopping; the best so far is kept' in err

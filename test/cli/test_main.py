@@ -22,7 +22,7 @@ def child(*words, **environment):
         env={**os.environ, 'PYTHONPATH': SEARCHED, **environment},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
     )
 
 
@@ -99,7 +99,7 @@ def test_tab_completes(line, expected, tmp_path):
             'COMP_POINT': str(len(line)),
             '_ARGCOMPLETE_IFS': '\n',
         },
-        timeout=60,
+        timeout=300,
     )
     assert sorted(answer.read_text().split()) == expected
 

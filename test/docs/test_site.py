@@ -55,7 +55,7 @@ def test_the_site_is_searched_without_a_network(built) -> None:
         browser.get((folder / 'index.html').as_uri())
         field = browser.find_element('css selector', '[data-md-component=search-query]')
         browser.execute_script('arguments[0].click(); arguments[0].focus()', field)
-        wait = WebDriverWait(browser, 30.0)
+        wait = WebDriverWait(browser, 240.0)
         wait.until(lambda b: b.execute_script('return typeof __index === "object"'))
         field.send_keys('stribeck')
         found = '.md-search-result__item a'

@@ -118,7 +118,7 @@ def test_what_keeps_the_program_from_running_is_said_in_a_sentence(
         env=environment(new_domain()),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
     )
     assert ran.returncode == code
