@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The type of most arrays, and their values as plain data."""
+"""The type of most arrays, their values as plain data, and the width of intervals."""
 
 from collections.abc import Mapping
 import math
@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+# Half a 95 % interval in standard errors.
+NORMAL = 1.96
 # Numbers of results for which null in a file stands for infinity, not for NaN.
 Above = Annotated[float, math.inf]
 Below = Annotated[float, -math.inf]

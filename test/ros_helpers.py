@@ -23,7 +23,7 @@ BAG = ROOT / 'bags/tripod_pick_and_place'
 # asks that a process keeps up with another one or with the clock.
 PATIENCE = 240.0
 HEARD = 'joint_states', 'effort', 'joint_command'
-# Samples that a queue can hold, whatever its depth (Fast DDS; findings/fastdds_deep_queue.sh): what
+# Samples that a queue holds, whatever its depth (Fast DDS; findings/fastdds_deep_queue.sh): what
 # a test waits for has to fit into it.
 QUEUE = 5000
 # Nothing that such a subscription is sent is lost on a busy machine.

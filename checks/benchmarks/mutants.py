@@ -35,6 +35,7 @@ REMOTE = ('cluster',)
 # Tests, test/<room>/test_*.py, that are for a module and not named after it; they run first.
 OWN: dict[str, str] = {
     'gap.explain': 'gap_rules gap_verdict',
+    'gap.rules': 'gap_rules gap_verdict',
     'gap.verdict': 'gap_verdict gap_rules',
     'search.algebraic': 'search_linear',
     'search.driver': 'search_queue search_limits',

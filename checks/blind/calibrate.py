@@ -2,7 +2,7 @@
 """Proposes the diagnosis's constants from the table of a development run.
 
 Never from the run that is reported: its seed has to be another one. Prints what it proposes; a
-person changes `gap.explain.Rules` and `gap.verdict.Temperatures`.
+person changes `gap.rules.Rules` and `gap.rules.Temperatures`.
 
 Example: python -m checks.blind.calibrate blind_1 blind_2
 """
@@ -18,8 +18,7 @@ import numpy.typing as npt
 
 from checks.blind.score import named, Row, same
 from checks.blind.store import Store
-from ros2_ident.gap.explain import Rules
-from ros2_ident.gap.verdict import Temperatures
+from ros2_ident.gap.rules import Rules, Temperatures
 
 Array = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from checks.blind.forms.form import twins
 from checks.share import share_interval
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.gap.explain import Rules
+from ros2_ident.gap.rules import Rules
 from ros2_ident.gap.verdict import NAMELESS, NONE, UNKNOWN
 
 Array = npt.NDArray[np.float64]

@@ -7,15 +7,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+from ros2_ident.arrays import NORMAL
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnosis import Value
 from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.models import EffectAt
 from ros2_ident.report.diagnosis import effects_in, Written
 from ros2_ident.report.files import DIAGNOSIS, JSON, load_diagnosis, load_result
-
-# Half a 95 % interval in standard deviations.
-_HALF = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,4 +85,4 @@ def read_estimate(path: str | Path) -> Estimate:
 
 def _deviation(low: float, high: float) -> float:
     half = 0.5 * (high - low)
-    return math.inf if math.isnan(half) else half / _HALF
+    return math.inf if math.isnan(half) else half / NORMAL

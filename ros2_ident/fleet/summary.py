@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.arrays import NORMAL
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_text
@@ -113,14 +114,14 @@ def _median(values: Sequence[Mapping[str, Any]]) -> Row:
     halves = 0.5 * (ends[:, 1] - ends[:, 0])
     if not np.isfinite(halves).all():
         return {'value': middle, 'low': None, 'high': None}
-    draws = np.random.default_rng(0).normal(size=(DRAWS, len(values))) * halves / 1.96
+    draws = np.random.default_rng(0).normal(size=(DRAWS, len(values))) * halves / NORMAL
     half = float(np.quantile(np.abs(np.median(draws, axis=1)), 0.95))
     return {'value': middle, 'low': middle - half, 'high': middle + half}
 
 
 def _difference(name: str, row: Row, other: Mapping[str, Any], against: str) -> Row:
     value = row['parameters'][name]
-    spread = half_of_difference(value, other) / 1.96
+    spread = half_of_difference(value, other) / NORMAL
     change = float(value['value']) - float(other['value'])
     strength = abs(change) / spread if 0.0 < spread < math.inf else 0.0
     return {

@@ -7,7 +7,7 @@ left or nothing gains.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +17,8 @@ from scipy.ndimage import uniform_filter1d
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.case import Case
-from ros2_ident.gap.fits import Explanation, Fits, PROMISING, Start, Trials
+from ros2_ident.gap.fits import Fits, PROMISING, Start, Trials
+from ros2_ident.gap.hypothesis import Hypothesis, Round
 from ros2_ident.identify.hidden import MATERIAL, residuals_at, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt, FullModel
@@ -44,27 +45,6 @@ _MEAN = 9
 _BELOW = (0.92, 0.8, 0.65, 0.5)
 
 
-@dataclass(frozen=True)
-class Round:
-    """One round of the search for an effect.
-
-    Attributes:
-        base: What was there before.
-        visible: For every candidate what the log would show of it, see `fits.Start`.
-        fitted: The joint fits, the best first.
-    """
-
-    base: Explanation
-    visible: dict[EffectAt, float]
-    fitted: tuple[Explanation, ...]
-
-    @property
-    def alone(self) -> dict[EffectAt, Explanation]:
-        """The fits with one effect more than the base, by that effect."""
-        more = len(self.base.effects) + 1
-        return {e.effects[-1]: e for e in self.fitted if len(e.effects) == more}
-
-
 class Attribution:
     """Rounds of fits of one case.
 
@@ -75,6 +55,7 @@ class Attribution:
         on_step: Told the share of the present round that is done and a sentence.
         workers: Who fits; threads of this process, one for each processor, where None.
         journal: Gets where every fit ended, and knows those of an earlier run.
+        certain: As of `Fits`.
 
     Attributes:
         fits: The fits at the present noise floor.
@@ -90,6 +71,7 @@ class Attribution:
         on_step: Callable[[float, str], None] = lambda share, text: None,
         workers: Workers | None = None,
         journal: Journal | None = None,
+        certain: Array | None = None,
     ) -> None:
         self.journal = journal or Journal()
         self.case = case
@@ -97,16 +79,16 @@ class Attribution:
         self.on_step = on_step
         self.workers = workers or Threads()
         self.limits: Mapping[str, float] = {}
-        self.fits = Fits(case, floor, stopped)
+        self.fits = Fits(case, floor, stopped, certain=certain)
 
-    def refit(self, effects: Sequence[EffectAt], theta: Array) -> Explanation:
+    def refit(self, effects: Sequence[EffectAt], theta: Array) -> Hypothesis:
         """Fit a set of effects jointly from a start (N,)."""
         task = self.fits.key(), tuple(effects), theta
         return self._known(*task) or self._noted(self.fits.refit(effects, theta), *task)
 
     def _known(
         self, fits: bytes, effects: Sequence[EffectAt], *more: object
-    ) -> Explanation | None:
+    ) -> Hypothesis | None:
         """Return a fit that an earlier run has ended, where its cost comes out again."""
         count = len(self.case.fit.with_effects(effects).low)
         wanted = {'unit': Within((count,), 0.0, 1.0), 'cost': Within()}
@@ -116,7 +98,7 @@ class Attribution:
         e = self.fits.ended_at(effects, kept['unit'])
         return e if e.cost == kept['cost'] else None
 
-    def _noted(self, e: Explanation, *task: object) -> Explanation:
+    def _noted(self, e: Hypothesis, *task: object) -> Hypothesis:
         """Write down where a fit ended, unless it was stopped on its way."""
         if not self.stopped():
             self.journal.put({'unit': e.unit, 'cost': e.cost}, *task)
@@ -124,7 +106,7 @@ class Attribution:
 
     def _run(
         self, run: RunTasks, key: bytes, tasks: Sequence[tuple[Any, ...]]
-    ) -> Iterator[Explanation | None]:
+    ) -> Iterator[Hypothesis | None]:
         """Do fits as of `Trials.fit`; what an earlier run did is known."""
         kept = [self._known(key, *task) for task in tasks]
         told = run('fit', [t for t, k in zip(tasks, kept, strict=True) if k is None])
@@ -132,7 +114,7 @@ class Attribution:
             e = before or next(told)
             yield e if before or e is None else self._noted(e, key, *task)
 
-    def standing(self, before: Explanation, after: Explanation) -> float:
+    def standing(self, before: Hypothesis, after: Hypothesis) -> float:
         """Return how many standard errors of coloured noise a step stands out, on all data.
 
         Fits weigh samples one by one. Slow noise drifts, and a constant, a spring or a slope then
@@ -157,13 +139,17 @@ class Attribution:
         return float(along @ whole) / max(float(np.linalg.norm(along)), 1e-300)
 
     def renew(
-        self, floor: Array, chain: Sequence[Explanation], rounds: Sequence[Round]
-    ) -> tuple[list[Explanation], list[Round]]:
+        self,
+        floor: Array,
+        certain: Array,
+        chain: Sequence[Hypothesis],
+        rounds: Sequence[Round],
+    ) -> tuple[list[Hypothesis], list[Round]]:
         """Go on at another noise floor; return what was fitted before in units of it."""
         old = self.fits
-        self.fits = Fits(self.case, floor, self.stopped, old.missed)
+        self.fits = Fits(self.case, floor, self.stopped, old.missed, certain)
 
-        def again(e: Explanation) -> Explanation:
+        def again(e: Hypothesis) -> Hypothesis:
             return self.fits.restated(e, old)
 
         return [again(e) for e in chain], [
@@ -177,7 +163,7 @@ class Attribution:
 
     def limited(
         self, candidates: Sequence[EffectAt], settings: FitSettings, seed: int
-    ) -> Explanation | None:
+    ) -> Hypothesis | None:
         """Return the fit with the limits that control laws show; None without any.
 
         A fit without them is bent by what a drive does while it is limited, so this is no step
@@ -193,7 +179,7 @@ class Attribution:
 
     def nominal(
         self, settings: FitSettings, seed: int, known: Mapping[EffectAt, Array] | None = None
-    ) -> Explanation:
+    ) -> Hypothesis:
         """Identify the nominal parameters on the fit part, as an identification does.
 
         Args:
@@ -233,15 +219,14 @@ class Attribution:
         return self.refit([*known], theta)
 
     def _shown(
-        self, base: Explanation, candidates: Sequence[EffectAt]
+        self, base: Hypothesis, candidates: Sequence[EffectAt]
     ) -> list[tuple[EffectAt, Array]]:
         """Return effects whose size log or model show, each with where to start its fit.
 
         Such an effect biases its own drive's parameters, so that these start from what
         the other drives have.
         """
-        count = np.bincount(self.case.fit.drive, minlength=len(self.case.drives))
-        missed = base.fit / count - 1.0
+        missed = base.fit / base.samples.fit - 1.0
         worst = self.case.drives[int(missed.argmax())] if missed.max() >= MATERIAL**2 else ''
         joint = self.case.fit.with_effects(base.effects)
         thetas = [joint.own(k, base.theta)[0] for k in range(len(joint.models))]
@@ -268,14 +253,14 @@ class Attribution:
     # ------------------------------------------------------------------ rounds
 
     def look(
-        self, base: Explanation, candidates: Sequence[EffectAt]
+        self, base: Hypothesis, candidates: Sequence[EffectAt]
     ) -> dict[EffectAt, list[Start]]:
         """Screen every candidate on top of a base; those already in it are left out."""
         with self.workers.tasks(Trials(self.fits, base)) as run:
             return self._screened(run, base, candidates)
 
     def _screened(
-        self, run: RunTasks, base: Explanation, candidates: Sequence[EffectAt]
+        self, run: RunTasks, base: Hypothesis, candidates: Sequence[EffectAt]
     ) -> dict[EffectAt, list[Start]]:
         new = [c for c in candidates if c not in base.effects]
         found: dict[EffectAt, list[Start]] = {}
@@ -288,7 +273,7 @@ class Attribution:
             )
         return found
 
-    def round(self, base: Explanation, candidates: Sequence[EffectAt]) -> Round:
+    def round(self, base: Hypothesis, candidates: Sequence[EffectAt]) -> Round:
         """Try every candidate on top of a base.
 
         Args:
@@ -298,8 +283,8 @@ class Attribution:
         Returns:
             The screened gains and the joint fits, the best on both parts first.
         """
-        leaders: dict[tuple[EffectAt, ...], Explanation] = {}
-        done: dict[tuple[EffectAt, ...], Explanation] = {}
+        leaders: dict[tuple[EffectAt, ...], Hypothesis] = {}
+        done: dict[tuple[EffectAt, ...], Hypothesis] = {}
         with self.workers.tasks(Trials(self.fits, base)) as run:
             screened = self._screened(run, base, candidates)
             promising = [*self._promising(screened), *self._alike(base, screened)]
@@ -327,13 +312,12 @@ class Attribution:
             tuple(sorted(fitted, key=lambda e: e.loss)),
         )
 
-    def _alike(self, base: Explanation, screened: dict[EffectAt, list[Start]]) -> list[Start]:
+    def _alike(self, base: Hypothesis, screened: dict[EffectAt, list[Start]]) -> list[Start]:
         """Return effects on all drives where each promises to count, if together they lead.
 
         Sizes and shapes are each drive's own; the strongest comes last.
         """
-        count = np.bincount(self.case.fit.drive, minlength=len(self.case.drives))
-        least = dict(zip(self.case.drives, MATERIAL**2 * count, strict=True))
+        least = dict(zip(self.case.drives, MATERIAL**2 * base.samples.fit, strict=True))
         by_name: dict[str, list[Start]] = {}
         for at, (best, *_) in screened.items():
             if best.gain >= least.get(at.where, np.inf):

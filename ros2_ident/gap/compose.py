@@ -22,8 +22,9 @@ from ros2_ident.gap.diagnosis import (
     Trace,
     Value,
 )
-from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.fits import Explanation, Fits
+from ros2_ident.gap.explain import Explainer
+from ros2_ident.gap.fits import Fits
+from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.verdict import (
@@ -53,7 +54,7 @@ from ros2_ident.search.evidence import Evidence
 
 def compose(
     explainer: Explainer,
-    found: Explained,
+    found: Selection,
     verdict: Verdict,
     gates: Sequence[Gate],
     where: tuple[Finding, ...],
@@ -113,7 +114,7 @@ def compose(
         share_closed=share,
         held_out=case.held_out,
         evidence={
-            'size': explainer.size(found.chain[0]),
+            'size': found.chain[0].size,
             'remaining': found.remaining,
             'closed': verdict.closed,
             'material': explainer.rules.material,
@@ -137,7 +138,7 @@ def compose(
 
 
 def _facts(
-    explainer: Explainer, found: Explained, verdict: Verdict, gates: Sequence[Gate]
+    explainer: Explainer, found: Selection, verdict: Verdict, gates: Sequence[Gate]
 ) -> Facts:
     """Return the facts behind a verdict."""
     case, floor, base = explainer.case, explainer.floor, found.chain[0]
@@ -147,11 +148,11 @@ def _facts(
         for name, value, low in zip(case.drives, floor.per_drive, floor.low, strict=True)
         if value > MORE * low and verdict.effect not in (UNKNOWN, *REFUSED)
     }
-    best = max((explainer.share(base, w.model) for w in verdict.ranking), default=0.0)
+    best = max((w.model.closes(base) for w in verdict.ranking), default=0.0)
     return replace(
         verdict.facts,
         cause=_cause(verdict, complete=found.complete),
-        worst=case.drives[int(explainer.gap(base).argmax())],
+        worst=case.drives[int(base.gap.argmax())],
         effort_unit=model.effort_unit,
         travel=model.travel,
         hidden=slow_noise,
@@ -178,7 +179,7 @@ def _cause(verdict: Verdict, *, complete: bool) -> Cause:
     return Cause.UNKNOWN if complete else Cause.CUT_SHORT
 
 
-def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
+def _traces(case: Case, found: Selection) -> tuple[Trace, ...]:
     """Return every recording beside the nominal fit and the last one."""
     base, last = found.chain[0], found.chain[-1]
     parts = [case.fit, case.check] if case.held_out == 'check bag' else [case.fit]
@@ -201,7 +202,7 @@ def _traces(case: Case, found: Explained) -> tuple[Trace, ...]:
 
 
 def _predicted(
-    explainer: Explainer, chain: Sequence[Explanation], verdict: Verdict
+    explainer: Explainer, chain: Sequence[Hypothesis], verdict: Verdict
 ) -> Prediction:
     """Return how far free runs come from the recordings judged on, effect by effect.
 
@@ -225,7 +226,7 @@ def _predicted(
 
 
 def _values(
-    explainer: Explainer, e: Explanation, evidence: Evidence | None = None
+    explainer: Explainer, e: Hypothesis, evidence: Evidence | None = None
 ) -> dict[str, Value]:
     joint = explainer.case.fit.with_effects(e.effects)
     low, high, *noise = explainer.ends(e, evidence)
@@ -260,20 +261,20 @@ def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
     return out
 
 
-def _ranked(explainer: Explainer, base: Explanation, one: Weighed) -> Ranked:
+def _ranked(explainer: Explainer, base: Hypothesis, one: Weighed) -> Ranked:
     at, e = one.at, one.model
-    gap = float(np.sqrt(np.mean(e.check / explainer.check_count * explainer.fits.floor**2)))
+    gap = float(np.sqrt(np.mean(e.check / e.samples.check * explainer.fits.floor**2)))
     prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
     own = {name: v for name, v in _values(explainer, e).items() if name.startswith(prefix)}
-    return Ranked(at, one.probability, gap, explainer.share(base, e), own)
+    return Ranked(at, one.probability, gap, e.closes(base), own)
 
 
 def _per_drive(
-    explainer: Explainer, found: Explained, blocks: Blocks
+    explainer: Explainer, found: Selection, blocks: Blocks
 ) -> tuple[dict[str, DriveGap], float]:
     """Return each drive's gap, and the nominal one over the measured output of all, RMS."""
     case, floor, last = explainer.case, explainer.floor, len(found.chain) - 1
-    gap = np.maximum(explainer.gap(found.chain[0]), 0.0) * floor.per_drive**2
+    gap = np.maximum(found.chain[0].gap, 0.0) * floor.per_drive**2
     output = np.empty(len(case.drives))
     counted = blocks.above(floor, 0, last)
     out = {}

@@ -19,9 +19,10 @@ from ros2_ident.gap.case import Case, Joint, Part, recordings_from, recordings_o
 from ros2_ident.gap.compose import compose
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.explain import Explained, Explainer, Rules
-from ros2_ident.gap.fits import Explanation, TIE
+from ros2_ident.gap.explain import Explainer
+from ros2_ident.gap.fits import TIE
 from ros2_ident.gap.floor import predictability
+from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.localise import bursts, Finding, localise, not_asked
 from ros2_ident.gap.reading import coarse_readings, CoarseReading, made_by
 from ros2_ident.gap.refusal import (
@@ -30,6 +31,7 @@ from ros2_ident.gap.refusal import (
     of_the_file,
     of_what_is_left,
 )
+from ros2_ident.gap.rules import Rules
 from ros2_ident.gap.turns import payload_turns
 from ros2_ident.gap.verdict import (
     judge,
@@ -267,14 +269,14 @@ class _Pass:
     """State of one pass over the recordings."""
 
     explainer: Explainer
-    base: Explanation
+    base: Hypothesis
     report: GateReport
     readings: tuple[CoarseReading, ...]
 
     @property
     def material(self) -> bool:
         """Whether the nominal fit leaves something that counts."""
-        return self.explainer.open(self.base)
+        return _RULES.open(self.base)
 
 
 @dataclass(frozen=True)
@@ -293,14 +295,14 @@ class _Passes:
         begun = self._begin(Case(fit, check, self.conditions))
         # Without a gap no effect can stand for a number that the controllers' log contradicts.
         if begun.report.unfit or (begun.report.blocked and not begun.material):
-            found, verdict = of_gates(begun.explainer, begun.base, begun.report)
+            found, verdict = of_gates(begun.explainer.case.drives, begun.base, begun.report)
             return self._composed(begun, *self._of_the_file(begun, found, verdict))
         if begun.material and not self.clock.stopped():
             # What the part fitted on does not show of a parameter is chance, and wrong on the
             # other: a fit to all tells whether anything is missing.
             whole = self._fitted_to_all(begun)
             left = _left_anywhere(begun.explainer, whole)
-            much = _RULES.closed * begun.explainer.size(begun.base)
+            much = _RULES.closed * begun.base.size
             if check.models and left < max(much, _RULES.material):
                 begun = self._begin(Case(fit + check, conditions=self.conditions))
             elif left < _RULES.material:
@@ -374,7 +376,7 @@ class _Passes:
 
     def _loaded(
         self, case: Case, held: tuple[Array, ...], theta: Array, floor: Array
-    ) -> Explanation:
+    ) -> Hypothesis:
         """Return the fit with a load that is carried when each recording (K,) says so."""
         there = case.carrying(held)
         (load,) = (at for at in there.candidates() if get_effect(at.effect).shown_by == 'load')
@@ -389,7 +391,7 @@ class _Passes:
             'journal': self.journal,
         }
 
-    def _fitted_to_all(self, begun: _Pass) -> Explanation:
+    def _fitted_to_all(self, begun: _Pass) -> Hypothesis:
         """Return the nominal fit to all blocks, those held out among them."""
         fits, whole = begun.explainer.fits, begun.explainer.case.whole.with_effects(())
         weight = 1.0 / fits.floor[begun.explainer.case.whole.drive]
@@ -402,36 +404,36 @@ class _Passes:
         )
         return fits.ended_at((), found.unit)
 
-    def _explained(self, begun: _Pass) -> tuple[Explained, Verdict]:
+    def _explained(self, begun: _Pass) -> tuple[Selection, Verdict]:
         """Look for the effects, and say what follows."""
         clock, explainer = self.clock, begun.explainer
-        clock.rounds(explainer.size(begun.base) if begun.material else 0.0)
+        clock.rounds(begun.base.size if begun.material else 0.0)
 
-        def note(e: Explanation) -> None:
+        def note(e: Hypothesis) -> None:
             names = ', '.join(at.title for at in e.effects)
-            share = 100 * explainer.share(begun.base, e)
+            share = 100 * e.closes(begun.base)
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
-            clock.rounds(explainer.size(e) if explainer.open(e) else 0.0)
+            clock.rounds(e.size if _RULES.open(e) else 0.0)
 
         candidates = explainer.case.candidates(self.without)
         limited = explainer.limited(candidates, SEARCH, self.seed)
         found = explainer.explain(begun.base, candidates, note, limited)
-        verdict = judge(explainer, found, begun.readings)
+        verdict = judge(found, begun.readings)
         if not clock.stopped():
             found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
             found, verdict = self._of_the_file(begun, found, verdict)
         return found, verdict
 
     def _of_the_file(
-        self, begun: _Pass, found: Explained, verdict: Verdict
-    ) -> tuple[Explained, Verdict]:
+        self, begun: _Pass, found: Selection, verdict: Verdict
+    ) -> tuple[Selection, Verdict]:
         """Ask whether a number of the machine file explains as much, where there is a gap."""
         known = verdict.effect == WRONG_MODEL or verdict.facts.limits
-        if known or self.clock.stopped() or not begun.explainer.certain_size(begun.base):
+        if known or self.clock.stopped() or not begun.base.certain_size:
             return found, verdict
         return of_the_file(begun.explainer, found, verdict, begun.report)
 
-    def _composed(self, begun: _Pass, found: Explained, verdict: Verdict) -> Diagnosis:
+    def _composed(self, begun: _Pass, found: Selection, verdict: Verdict) -> Diagnosis:
         """Say where the gap lies, and put everything together."""
         clock, base = self.clock, found.chain[0]
         # Where nothing is missing nothing was tried; what the motion could not have shown is said
@@ -478,7 +480,7 @@ def _away(held: tuple[Array, ...]) -> tuple[Array, ...]:
     return tuple(1.0 - share for share in held)
 
 
-def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
+def _located(begun: _Pass, base: Hypothesis, seed: int) -> tuple[Finding, ...]:
     """Return where the gap of the first recording lies; nothing where its motion is unknown."""
     case, fits = begun.explainer.case, begun.explainer.fits
     joint = case.fit.with_effects(())
@@ -491,7 +493,7 @@ def _located(begun: _Pass, base: Explanation, seed: int) -> tuple[Finding, ...]:
     return localise(motion, rows, begun.explainer.floor, seed=seed)
 
 
-def _left_anywhere(explainer: Explainer, e: Explanation) -> float:
+def _left_anywhere(explainer: Explainer, e: Hypothesis) -> float:
     """Return the size of what a nominal fit leaves, where it is judged and on all samples.
 
     Between blocks that take turns some samples are in neither part, and what happens for a moment
@@ -500,4 +502,4 @@ def _left_anywhere(explainer: Explainer, e: Explanation) -> float:
     whole = explainer.case.whole
     rest = whole.rows(whole.with_effects(()).residual(e.theta[None])[0])
     square = np.nanmean(rest**2, axis=1) / explainer.floor.per_drive**2
-    return max(explainer.size(e), float(np.sqrt(max(0.0, square.max() - 1.0))))
+    return max(e.size, float(np.sqrt(max(0.0, square.max() - 1.0))))

@@ -5,13 +5,14 @@ Every fit is a task of its own, so that threads or workers elsewhere can do them
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.case import Case, Joint
+from ros2_ident.gap.hypothesis import Hypothesis, Samples
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
@@ -24,41 +25,6 @@ TIE = 20.0
 PROMISING = 0.5
 # Shares of the way to a screened start, which lies where straight lines lead.
 _WAY = np.array([1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02])
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """A model fitted on the fit part, and what it leaves.
-
-    Attributes:
-        effects: Effects in the order they came in.
-        theta: (N,) parameters, those of the effects last.
-        fit: (D,) sum of squared residuals on the fit part, in units of the floor.
-        check: (D,) the same on the part held out.
-        jacobian: (R, N) of the weighted residual by the parameters' shares of their box.
-        residual: (R,) weighted residual of the fit part: the outputs', then the controllers'.
-        check_residual: (R',) weighted residual of the outputs on the part held out.
-        unit: (N,) the parameters in shares of their box, as the fit ended.
-    """
-
-    effects: tuple[EffectAt, ...]
-    theta: Array
-    fit: Array
-    check: Array
-    jacobian: Array = field(repr=False)
-    residual: Array = field(repr=False)
-    check_residual: Array = field(repr=False)
-    unit: Array = field(repr=False)
-
-    @property
-    def loss(self) -> float:
-        """Sum of squared weighted residuals of the outputs on both parts."""
-        return float(self.fit.sum() + self.check.sum())
-
-    @property
-    def cost(self) -> float:
-        """Sum of squared weighted residuals of the outputs on the fit part."""
-        return float(self.fit.sum())
 
 
 @dataclass(frozen=True)
@@ -91,8 +57,10 @@ class Fits:
         stopped: Asked often; True ends a fit with the best so far.
         missed: (D,) mean square by which the controllers miss the log, output unit squared; None
             where their rows are not looked at, see `watch_law`.
+        certain: (D,) square of the floor over the upper end of its 95 % interval; 1 where None.
 
     Attributes:
+        samples: What every fit is judged on.
         weight: (R,) weights of the fit part's outputs.
         check_weight: (R',) weights of the held-out part's.
     """
@@ -103,9 +71,13 @@ class Fits:
         floor: Array,
         stopped: Callable[[], bool] = lambda: False,
         missed: Array | None = None,
+        certain: Array | None = None,
     ) -> None:
         self.case = case
         self.floor = floor
+        parts = (np.bincount(x.drive, minlength=floor.size) for x in (case.fit, case.check))
+        fit, check = (count.astype(float) for count in parts)
+        self.samples = Samples(fit, check, np.ones_like(floor) if certain is None else certain)
         self.stopped = stopped
         self.weight = 1.0 / floor[case.fit.drive]
         self.check_weight = 1.0 / floor[case.check.drive]
@@ -131,7 +103,7 @@ class Fits:
         """Take up what travelled."""
         self.__dict__.update(state, stopped=lambda: False)
 
-    def watch_law(self, base: Explanation) -> Explanation:
+    def watch_law(self, base: Hypothesis) -> Hypothesis:
         """From here on let fits also see what the controllers make of the recorded motion.
 
         No machine is in these rows, so they tell what sits in a controller or behind a sensor from
@@ -158,7 +130,7 @@ class Fits:
         residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
         return replace(base, residual=residual, jacobian=jacobian)
 
-    def restated(self, e: Explanation, old: 'Fits') -> Explanation:
+    def restated(self, e: Hypothesis, old: 'Fits') -> Hypothesis:
         """Return a fit made at another noise floor in units of this one."""
         square = (old.floor / self.floor) ** 2
         weight = np.concatenate([self.weight, self.law_weight])
@@ -167,6 +139,7 @@ class Fits:
             e,
             fit=e.fit * square,
             check=e.check * square,
+            samples=self.samples,
             jacobian=e.jacobian * factor[:, None],
             residual=e.residual * factor,
             check_residual=e.check_residual * (self.check_weight / old.check_weight),
@@ -187,7 +160,7 @@ class Fits:
 
     def refit(
         self, effects: Sequence[EffectAt], theta: Array, iterations: int = 40
-    ) -> Explanation:
+    ) -> Hypothesis:
         """Fit a set of effects jointly from a start (N,)."""
         joint = self.case.fit.with_effects(effects)
         found = local_fit(
@@ -196,14 +169,14 @@ class Fits:
         )  # fmt: skip
         return self.explanation(joint, found)
 
-    def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Explanation:
+    def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Hypothesis:
         """Return what `refit` returned where the fit ended at (N,) shares of the box."""
         joint = self.case.fit.with_effects(effects)
         return self.explanation(
             joint, fit_at(self.evaluate(joint), unit, joint.low, joint.high)
         )
 
-    def key(self, base: Explanation | None = None) -> bytes:
+    def key(self, base: Hypothesis | None = None) -> bytes:
         """Return a digest of what a fit depends on beside its effects and start.
 
         Args:
@@ -214,7 +187,7 @@ class Fits:
         held_out = len(case.fit.models), len(case.check.models), case.held_out
         return digest_of(*held_out, self.floor, self.law_weight, *before)
 
-    def explanation(self, joint: Joint, found: LocalFit) -> Explanation:
+    def explanation(self, joint: Joint, found: LocalFit) -> Hypothesis:
         """Return a fit of the models of the fit part, scored on the part held out as well."""
         case = self.case
         held_out = case.check.with_effects(joint.effects)
@@ -222,11 +195,12 @@ class Fits:
         check = np.where(np.isfinite(check), check, 1e6)
         count = len(case.drives)
         outputs = found.residual[: len(self.weight)]
-        return Explanation(
+        return Hypothesis(
             joint.effects,
             found.theta,
             np.bincount(case.fit.drive, outputs**2, count).astype(float),
             np.bincount(case.check.drive, check**2, count).astype(float),
+            self.samples,
             found.jacobian,
             found.residual,
             check,
@@ -242,7 +216,7 @@ class Trials:
         base: The fit they are tried on top of.
     """
 
-    def __init__(self, fits: Fits, base: Explanation) -> None:
+    def __init__(self, fits: Fits, base: Hypothesis) -> None:
         self.fits, self.base = fits, base
         # (R, N) orthonormal basis of the Jacobian, and (N, N) the rest of it.
         self.basis, self.triangle = np.linalg.qr(base.jacobian)
@@ -357,7 +331,7 @@ class Trials:
         iterations: int,
         theta: Array,
         phi: Array | None = None,
-    ) -> Explanation | None:
+    ) -> Hypothesis | None:
         """Fit effects jointly; None where time is up.
 
         Args:

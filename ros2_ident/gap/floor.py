@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import chi2
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
 from ros2_ident.gap.spectrum import lines
@@ -27,8 +27,6 @@ from ros2_ident.search.noise import NoiseModel, Whitening
 
 Method = Literal['repeats', 'prediction']
 
-# Half a 95 % interval in standard errors.
-NORMAL = 1.96
 # Two stretches of command are one motion where they differ by less than this share in the square.
 _SAME = 1e-3
 # Squares beyond so many standard deviations are clipped: impacts do not count.

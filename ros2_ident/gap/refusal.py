@@ -16,8 +16,9 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.diagnosis import Facts, Misfit, WrongConstant
-from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.fits import Explanation, Fits, PROMISING, TIE
+from ros2_ident.gap.explain import Explainer
+from ros2_ident.gap.fits import Fits, PROMISING, TIE
+from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.scale import FLOORS, near
@@ -36,18 +37,17 @@ _SURE = 0.95
 
 
 def of_gates(
-    explainer: Explainer, base: Explanation, report: GateReport
-) -> tuple[Explained, Verdict]:
+    drives: tuple[str, ...], base: Hypothesis, report: GateReport
+) -> tuple[Selection, Verdict]:
     """Return the answer where the gates leave none to physics."""
-    drives = [g.drive for g in report.contradictions if g.level == 'fail' and g.drive]
-    where = tuple(dict.fromkeys(drives)) or ('all',)
-    found = Explained((base,), (), (), (), explainer.size(base), True)
-    return found, _without_effects(BOOKKEEPING, where)
+    named = [g.drive for g in report.contradictions if g.level == 'fail' and g.drive]
+    where = tuple(dict.fromkeys(named)) or ('all',)
+    return Selection(drives, (base,)), _without_effects(BOOKKEEPING, where)
 
 
 def of_the_file(
-    explainer: Explainer, found: Explained, verdict: Verdict, report: GateReport
-) -> tuple[Explained, Verdict]:
+    explainer: Explainer, found: Selection, verdict: Verdict, report: GateReport
+) -> tuple[Selection, Verdict]:
     """Return the answer, or that a number of the machine file is wrong where it explains as much.
 
     A gain has to agree with the controllers' log. Beside a gap that does not count no other cause
@@ -58,7 +58,7 @@ def of_the_file(
     """
     base, final = found.chain[0], found.chain[-1]
     rules = explainer.rules
-    least = explainer.share(base, final) if len(found.chain) > 1 else 0.0
+    least = final.closes(base) if len(found.chain) > 1 else 0.0
     seen = [(g.name, g.value) for law in report.laws for g in law.gains if g.value]
     blamed = {gate.key for gate in report.contradictions}
     others = {name for name, _ in seen} - blamed if verdict.effect == BOOKKEEPING else set()
@@ -69,9 +69,9 @@ def of_the_file(
         for one, fit in fitted_constants(explainer.fits, base)
         if one.key not in named | others
         and all(near(one.value / value) for name, value in seen if name == one.key)
-        and (closed := explainer.share(base, fit)) > max(rules.closed, least - rules.alike)
+        and (closed := fit.closes(base)) > max(rules.closed, least - rules.alike)
         and base.loss - fit.loss > TIE
-        and explainer.confirmed(base, fit)
+        and rules.is_confirmed(base, fit)
     ]
     factors = _of_every_drive(explainer, found) if verdict.named else {}
     own = any(math.isnan(factor) for factor in factors.values())
@@ -79,7 +79,7 @@ def of_the_file(
         return found, verdict
     counting.sort(key=lambda one: -one.closed)
     wrong = tuple(one for one in counting if one.closed > counting[0].closed - rules.alike)
-    small = not explainer.open(base) and verdict.effect != BOOKKEEPING
+    small = not rules.open(base) and verdict.effect != BOOKKEEPING
     as_many = verdict.named and (len(base.theta) + 1 >= len(final.theta) or own)
     if small or (as_many and wrong[0].closed < least + rules.alike):
         return found, replace(verdict, facts=replace(verdict.facts, constants=wrong))
@@ -89,7 +89,7 @@ def of_the_file(
     return found.nominal(), _without_effects(BOOKKEEPING, tuple(where), constants=wrong)
 
 
-def _of_every_drive(explainer: Explainer, found: Explained) -> dict[str, float]:
+def _of_every_drive(explainer: Explainer, found: Selection) -> dict[str, float]:
     """Return the factor of each number that an effect scales on every drive of several.
 
     NaN where no factor lies in the intervals of all drives.
@@ -116,8 +116,8 @@ def _of_every_drive(explainer: Explainer, found: Explained) -> dict[str, float]:
 
 
 def of_what_is_left(
-    explainer: Explainer, found: Explained, verdict: Verdict, report: GateReport
-) -> tuple[Explained, Verdict]:
+    explainer: Explainer, found: Selection, verdict: Verdict, report: GateReport
+) -> tuple[Selection, Verdict]:
     """Return the answer, or that the model is the wrong one where no effect makes it fit."""
     # Where a slow log alone drives the model, it may be the log that is at fault.
     slow = report.of('rate') and report.of('command')
@@ -125,7 +125,7 @@ def of_what_is_left(
     if slow or verdict.readings or verdict.facts.limits:
         return found, verdict
     case = explainer.case
-    gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
+    gap = np.sqrt(np.maximum(found.chain[-1].gap, 0.0))
     left = gap * explainer.fits.floor
     varies = np.array([_spread(explainer, d) for d in range(len(case.drives))])
     last = found.chain[-1].check_residual / explainer.fits.check_weight
@@ -190,8 +190,8 @@ _STEPS = 6
 
 
 def fitted_constants(
-    fits: Fits, base: Explanation
-) -> Iterator[tuple[WrongConstant, Explanation]]:
+    fits: Fits, base: Hypothesis
+) -> Iterator[tuple[WrongConstant, Hypothesis]]:
     """Yield the stated numbers that promise most, each fitted beside the parameters, and its fit.
 
     Those that differ from drive to drive are left out.
@@ -224,7 +224,7 @@ def fitted_constants(
 class _Fit:
     """Gauss-Newton steps of one number; the parameters follow it."""
 
-    def __init__(self, fits: Fits, base: Explanation, name: str, stated: float) -> None:
+    def __init__(self, fits: Fits, base: Hypothesis, name: str, stated: float) -> None:
         self.fits, self.base, self.name, self.stated = fits, base, name, stated
 
     def promise(self) -> float:
@@ -232,7 +232,7 @@ class _Fit:
         own = self._own(self.base, 1.0)
         return float((own @ self.base.residual) ** 2 / (float(own @ own) or 1.0))
 
-    def run(self, unit: str) -> tuple[WrongConstant, Explanation]:
+    def run(self, unit: str) -> tuple[WrongConstant, Hypothesis]:
         """Return the number that fits, and the fit."""
         best, factor = self.base, 1.0
         for _ in range(_STEPS):
@@ -265,14 +265,14 @@ class _Fit:
         case = case if factor == 1.0 else case.stating(self.name, factor * self.stated)
         return Fits(case, self.fits.floor, self.fits.stopped, self.fits.missed)
 
-    def _slope(self, e: Explanation, factor: float) -> Array:
+    def _slope(self, e: Hypothesis, factor: float) -> Array:
         """Return (R,) the derivative of the weighted residual by the number's logarithm."""
         there = self._at(factor * (1.0 + _STEP))
         moved = there.evaluate(there.case.fit.with_effects(()))(e.theta[None])[0]
         slope: Array = (moved - e.residual) / math.log1p(_STEP)
         return slope if np.isfinite(slope).all() else np.zeros_like(slope)
 
-    def _own(self, e: Explanation, factor: float) -> Array:
+    def _own(self, e: Hypothesis, factor: float) -> Array:
         """Return (R,) what of the derivative no parameter imitates."""
         basis, slope = np.linalg.qr(e.jacobian)[0], self._slope(e, factor)
         own: Array = slope - basis @ (basis.T @ slope)

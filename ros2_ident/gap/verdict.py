@@ -10,9 +10,9 @@ from scipy.special import expit
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.diagnosis import Facts
-from ros2_ident.gap.explain import Explained, Explainer
-from ros2_ident.gap.fits import Explanation
+from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.reading import CoarseReading
+from ros2_ident.gap.rules import Rules, Temperatures
 from ros2_ident.models import EffectAt
 
 NONE, UNKNOWN = 'none', 'unknown'
@@ -27,31 +27,6 @@ NAMELESS = REFUSED | {NONE, UNKNOWN}
 
 
 @dataclass(frozen=True)
-class Temperatures:
-    """How differences become probabilities; from blind cases (`docs/blind.md`).
-
-    Attributes:
-        size: Difference of the gap's size from the material one that divides the odds of `none` by
-            e.
-        closed: Difference of the share closed from the one required that divides the odds of
-            `unknown` by e.
-        escaped: Probability that an effect of the catalogue is there though none was found that
-            explains the gap.
-        believed: Probability of the names where little is left, however small a share closes.
-        power: Exponent of the share that a candidate leaves open: half as much weighs 2^power
-            times.
-        restless: Probability that something moves where the floor is too large and slow for noise.
-    """
-
-    size: float = 0.04
-    closed: float = 0.1
-    escaped: float = 0.12
-    believed: float = 0.9
-    power: float = 5.0
-    restless: float = 0.7
-
-
-@dataclass(frozen=True)
 class Weighed:
     """One effect at one place with its probability.
 
@@ -63,7 +38,7 @@ class Weighed:
 
     at: EffectAt
     probability: float
-    model: Explanation
+    model: Hypothesis
 
 
 @dataclass(frozen=True)
@@ -106,73 +81,60 @@ def twins(at: EffectAt) -> list[EffectAt]:
 
 
 def judge(
-    explainer: Explainer,
-    found: Explained,
+    found: Selection,
     readings: Sequence[CoarseReading] = (),
+    rules: Rules | None = None,
     temperatures: Temperatures | None = None,
 ) -> Verdict:
     """Turn what was found into an answer.
 
     Args:
-        explainer: Holds the rules and the counts.
-        found: The chain of explanations and the rivals.
+        found: The chain of hypotheses and the rivals.
         readings: Encoders whose steps show in what their controllers miss.
+        rules: When something counts.
         temperatures: How differences become probabilities.
 
     Returns:
         The verdict.
     """
-    t = temperatures or Temperatures()
-    gap = np.sqrt(np.maximum(explainer.gap(found.chain[-1]), 0.0))
-    drives = explainer.case.drives
-    left = [r for r in readings if gap[drives.index(r.drive)] >= explainer.rules.material]
+    rules, t = rules or Rules(), temperatures or Temperatures()
+    gap = np.sqrt(np.maximum(found.chain[-1].gap, 0.0))
+    left = [r for r in readings if gap[found.drives.index(r.drive)] >= rules.material]
     if left:
-        return _with_readings(explainer, found, left, t)
-    return _with_restless(explainer, found, _judge(explainer, found, t), t)
+        return _with_readings(found, left, rules, t)
+    return _with_restless(found, _judge(found, rules, t), t)
 
 
-def _with_restless(
-    explainer: Explainer, found: Explained, plain: Verdict, t: Temperatures
-) -> Verdict:
+def _with_restless(found: Selection, plain: Verdict, t: Temperatures) -> Verdict:
     """Answer where nothing that can be predicted is left, and more than noise."""
-    if plain.effect != NONE or not found.complete:
-        return plain
-    case = explainer.case
-    model = case.fit.models[0]
-    machine = model.machine
-    if model.thinned:
-        # Efforts that are compared below a frequency only are slow, whatever makes them.
-        return plain
-    stated = machine is None or machine.stated('effort_noise')
-    restless = explainer.floor.restless(case.drives, model.noise if stated else 0.0)
-    if not restless:
+    if plain.effect != NONE or not found.complete or not found.restless:
         return plain
     return replace(
         plain,
         effect=UNKNOWN,
-        where=_together(tuple(restless), case.drives),
+        where=_together(tuple(found.restless), found.drives),
         probability=t.restless,
-        facts=Facts(slow=restless),
+        facts=Facts(slow=found.restless),
     )
 
 
 def _with_readings(
-    explainer: Explainer, found: Explained, readings: Sequence[CoarseReading], t: Temperatures
+    found: Selection, readings: Sequence[CoarseReading], rules: Rules, t: Temperatures
 ) -> Verdict:
     """Answer where encoders' steps leave a gap that no simulation repeats, so none closes."""
-    drives = explainer.case.drives
-    before, after = (np.maximum(explainer.gap(e), 0.0) for e in (found.chain[0], found.chain[-1]))
+    drives = found.drives
+    before, after = (np.maximum(e.gap, 0.0) for e in (found.chain[0], found.chain[-1]))
     rest = np.array([d not in {r.drive for r in readings} for d in drives])
     strongest = max(readings, key=lambda r: after[drives.index(r.drive)])
     coarse = tuple(r.at for r in readings)
-    plain = _judge(explainer, found, t)
+    plain = _judge(found, rules, t)
     chain = found.chain[-1].effects
     shaken = (_SHAKEN**2) * float(after[drives.index(strongest.drive)])
-    least = max(explainer.rules.unknown**2, shaken)
+    least = max(rules.unknown**2, shaken)
     unexplained = float(after[rest].max(initial=0.0)) >= least
     first = strongest.at
     closes = float((before - after).sum())
-    sure = expit((float(np.sqrt(before.max())) - explainer.rules.material) / t.size)
+    sure = expit((float(np.sqrt(before.max())) - rules.material) / t.size)
     if not chain and unexplained and plain.effect == UNKNOWN:
         # Something else is missing, and more than steps.
         return plain
@@ -194,46 +156,39 @@ def _with_readings(
     )
 
 
-def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
-    rules = explainer.rules
+def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
     base, final = found.chain[0], found.chain[-1]
-    size = explainer.size(base)
-    closed = explainer.share(base, final) if len(found.chain) > 1 else 0.0
-    missing = expit((size - rules.material) / t.size)
+    closed = final.closes(base) if len(found.chain) > 1 else 0.0
+    missing = expit((base.size - rules.material) / t.size)
     # Where none counts, the one that comes nearest may still be it in another form.
     tried = found.rounds[0].fitted if found.rounds else ()
-    alone = max((explainer.share(base, e) for e in tried), default=0.0)
+    alone = max((e.closes(base) for e in tried), default=0.0)
     nearest = closed if len(found.chain) > 1 else alone
     named = t.escaped + (1.0 - t.escaped) * expit((nearest - rules.closed) / t.closed)
     # What is left may be immaterial however small the share that closes, and a limit that the
     # controllers' log shows is there however little of its course a constant one repeats.
-    left = np.maximum(explainer.gap(final), 0.0)
-    limits = {
-        at.where: explainer.limits[at.where]
-        for at in explainer.shown
-        if left[explainer.case.drives.index(at.where)] >= rules.material**2
-    }
-    believed = len(found.chain) > 1 and (found.remaining < rules.unknown or bool(explainer.shown))
+    left = dict(zip(found.drives, np.maximum(final.gap, 0.0), strict=True))
+    limits = {d: limit for d, limit in found.limits.items() if left[d] >= rules.material**2}
+    believed = len(found.chain) > 1 and (found.remaining < rules.unknown or bool(found.limits))
     if believed:
         named = max(named, t.believed)
-    ranking = _weigh(explainer, found, missing * named, t)
-    if size < rules.material:
+    ranking = _weigh(found, missing * named, rules, t)
+    if base.size < rules.material:
         return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
     if len(found.chain) == 1 and not found.complete:
         # Cut short before anything was found: no answer, said with no confidence.
-        return Verdict(UNKNOWN, _where(explainer, final), 0.0, (), (), ranking, closed)
-    certain = explainer.certain_size(base)
-    if len(found.chain) == 1 and certain < rules.unknown:
+        return Verdict(UNKNOWN, _where(final, found.drives), 0.0, (), (), ranking, closed)
+    if len(found.chain) == 1 and base.certain_size < rules.unknown:
         # Too small to be sure of it, and nothing explains it: small imperfections look like this,
         # and so does noise that was slow enough to be quiet where it was measured.
-        sure = expit((rules.unknown - certain) / t.size)
+        sure = expit((rules.unknown - base.certain_size) / t.size)
         return Verdict(NONE, (), sure, (), (), ranking, closed)
     if len(found.chain) == 1 or (closed < rules.closed and not believed):
         return Verdict(
-            UNKNOWN, _where(explainer, final), missing * (1.0 - named), (), (), ranking, closed
+            UNKNOWN, _where(final, found.drives), missing * (1.0 - named), (), (), ranking, closed
         )
     leader = final.effects[0]
-    confusable = _confusable(explainer, found, ranking)
+    confusable = _confusable(found, ranking, rules)
     # Twins are one answer under two names.
     same = {leader, *twins(leader)}
     probability = sum(w.probability for w in ranking if w.at in same)
@@ -244,12 +199,10 @@ def _judge(explainer: Explainer, found: Explained, t: Temperatures) -> Verdict:
     )  # fmt: skip
 
 
-def _where(explainer: Explainer, e: Explanation) -> tuple[str, ...]:
+def _where(e: Hypothesis, drives: Sequence[str]) -> tuple[str, ...]:
     """Return the drives whose gap is at least half the worst drive's."""
-    gap = explainer.gap(e)
-    drives = explainer.case.drives
-    worst = gap.max()
-    chosen = tuple(name for name, value in zip(drives, gap, strict=True) if value >= 0.5 * worst)
+    least = 0.5 * e.gap.max()
+    chosen = tuple(name for name, value in zip(drives, e.gap, strict=True) if value >= least)
     return _together(chosen, drives)
 
 
@@ -259,7 +212,7 @@ def _together(chosen: tuple[str, ...], drives: Sequence[str]) -> tuple[str, ...]
 
 
 def _weigh(
-    explainer: Explainer, found: Explained, mass: float, t: Temperatures
+    found: Selection, mass: float, rules: Rules, t: Temperatures
 ) -> tuple[Weighed, ...]:
     """Return the candidates fitted, with probabilities that share `mass`."""
     if not found.rounds:
@@ -274,15 +227,15 @@ def _weigh(
         # What came first may have been dropped since: the one left is fitted better than it was.
         best[final.effects[0]] = final
     weights = {}
-    alike = explainer.rules.alike
+    alike = rules.alike
     lead = best.get(final.effects[0], base) if final.effects else base
-    leads = 1.0 - explainer.share(base, lead)
+    leads = 1.0 - lead.closes(base)
     for at, e in best.items():
-        left, more = 1.0 - explainer.share(base, e), 0.0
+        left, more = 1.0 - e.closes(base), 0.0
         if abs(left - leads) <= alike and len(e.theta) > len(lead.theta) and final.effects:
             # Numbers that bring nothing speak against a law by their price in BIC, no more: what
-            # such laws leave differs by their forms (Schwarz 1978, Ann. Statist. 6).
-            dearer = explainer.score(e) - explainer.score(lead)
+            # such laws leave differs by their forms.
+            dearer = e.bic - lead.bic
             more = min(max(0.0, dearer), dearer - e.loss + lead.loss)
         if leads - alike <= left < leads:
             # One more number closes a little more, and is no evidence.
@@ -300,7 +253,7 @@ def _weigh(
 
 
 def _confusable(
-    explainer: Explainer, found: Explained, ranking: Sequence[Weighed]
+    found: Selection, ranking: Sequence[Weighed], rules: Rules
 ) -> tuple[Weighed, ...]:
     """Return the verdict's effect and what closes nearly as much in its place."""
     final = found.chain[-1]
@@ -311,7 +264,7 @@ def _confusable(
     near = []
     for e in found.rivals:
         at = leader if leader in e.effects else e.effects[-1]
-        if full > 0 and (rest.loss - e.loss) / full >= 1.0 - explainer.rules.rival:
+        if full > 0 and (rest.loss - e.loss) / full >= 1.0 - rules.rival:
             near.append(at)
     for twin in twins(leader):
         if twin not in near:

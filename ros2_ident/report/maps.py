@@ -8,11 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.gap.blocks import block_length
 from ros2_ident.gap.coordinates import bin_edges, direction, Motion, since_reversal
 from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.floor import NORMAL
 from ros2_ident.gap.localise import Finding
 from ros2_ident.gates.scale import FEWEST
 from ros2_ident.words.verdict import worst

@@ -21,14 +21,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
 
+from ros2_ident.arrays import NORMAL
 from ros2_ident.search.noise import levinson, NoiseModel, products, Run, Whitening
 from ros2_ident.search.operators import Array
 
 # What is added to a scaled precision that rounding has made indefinite; what the rows add to that
 # of a prior is rounding below this share of it.
 _ROUNDED = 1e-10
-# Half a 95 % interval in standard deviations.
-_NORMAL = 1.96
 # Times that the noise and what is predicted are estimated in turn, and how many draws of the
 # coefficients show what their uncertainty hides of the noise.
 _TURNS, _DRAWS = 2, 8
@@ -97,7 +96,7 @@ class Evidence:
         """
         width = high - low
         middle = theta + self.shift * width
-        half = _NORMAL * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)) * width
+        half = NORMAL * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)) * width
         # The box is what is known beforehand; where it begins at zero, nothing is less.
         return (
             np.maximum(
