@@ -17,21 +17,16 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.attribute import Attribution, visibility
 from ros2_ident.gap.case import Case, Joint, Part, recordings_from, recordings_of
 from ros2_ident.gap.compose import compose
+from ros2_ident.gap.contradictions import of_events, of_gates, of_the_file, of_what_is_left
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.diagnosis import Diagnosis
 from ros2_ident.gap.explain import Explainer
-from ros2_ident.gap.fits import TIE
 from ros2_ident.gap.floor import predictability
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.localise import bursts, Finding, localise, not_asked
 from ros2_ident.gap.reading import coarse_readings, CoarseReading, made_by
-from ros2_ident.gap.refusal import (
-    of_events,
-    of_gates,
-    of_the_file,
-    of_what_is_left,
-)
-from ros2_ident.gap.rules import Rules
+from ros2_ident.gap.rules import Rules, TIE
+from ros2_ident.gap.suspects.constants import factors_of_all_drives, fitted_constants
 from ros2_ident.gap.turns import payload_turns
 from ros2_ident.gap.verdict import (
     judge,
@@ -420,7 +415,9 @@ class _Passes:
         found = explainer.explain(begun.base, candidates, note, limited)
         verdict = judge(found, begun.readings)
         if not clock.stopped():
-            found, verdict = of_what_is_left(explainer, found, verdict, begun.report)
+            found, verdict = of_what_is_left(
+                explainer.case, explainer.fits.floor, found, verdict, begun.report
+            )
             found, verdict = self._of_the_file(begun, found, verdict)
         return found, verdict
 
@@ -431,7 +428,10 @@ class _Passes:
         known = verdict.effect == WRONG_MODEL or verdict.facts.limits
         if known or self.clock.stopped() or not begun.base.certain_size:
             return found, verdict
-        return of_the_file(begun.explainer, found, verdict, begun.report)
+        explainer = begun.explainer
+        constants = fitted_constants(explainer.fits, found.chain[0])
+        factors = factors_of_all_drives(explainer, found) if verdict.named else {}
+        return of_the_file(found, verdict, begun.report, constants, factors, _RULES)
 
     def _composed(self, begun: _Pass, found: Selection, verdict: Verdict) -> Diagnosis:
         """Say where the gap lies, and put everything together."""

@@ -12,10 +12,9 @@ from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case
-from ros2_ident.gap.fits import TIE
 from ros2_ident.gap.floor import Floor, predictability
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
-from ros2_ident.gap.rules import Rules
+from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
 from ros2_ident.models.registry import kind_of

@@ -19,8 +19,6 @@ from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, LocalFit
 
-# Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
-TIE = 20.0
 # What explains less than this share of what the best does is not followed.
 PROMISING = 0.5
 # Shares of the way to a screened start, which lies where straight lines lead.

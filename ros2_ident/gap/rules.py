@@ -8,6 +8,9 @@ from ros2_ident.arrays import NORMAL
 from ros2_ident.gap.hypothesis import Hypothesis, Round
 from ros2_ident.identify.hidden import MATERIAL
 
+# Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
+TIE = 20.0
+
 
 @dataclass(frozen=True)
 class Rules:

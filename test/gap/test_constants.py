@@ -11,7 +11,7 @@ from gap.test_servo import dataset, MACHINE
 from ros2_ident.gap.attribute import Attribution
 from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gap.refusal import fitted_constants
+from ros2_ident.gap.suspects.constants import fitted_constants
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import read_data
 from ros2_ident.words.verdict import sentence

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts without an effect: the log contradicts the machine file, or the model is another one.
+
+Each function takes what the rounds came to and what would follow, and returns both, or what holds
+in their place.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+import math
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.arrays import Array
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.case import Case
+from ros2_ident.gap.diagnosis import Facts, Misfit, WrongConstant
+from ros2_ident.gap.hypothesis import Hypothesis, Selection
+from ros2_ident.gap.rules import Rules, TIE
+from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
+from ros2_ident.gates import GateReport
+from ros2_ident.gates.scale import FLOORS, near
+from ros2_ident.models.registry import kind_of
+from ros2_ident.search.noise import fast_noise
+
+# A model is another machine's where, with every effect found, a drive's effort is missed by this
+# share of how it varies, and by far more than the floor.
+LARGE = 0.1
+# So much, and slow, is no noise of a log either, even where nothing predicts it; of drives of one
+# make the others tell what noise is.
+SLOW = 0.5
+# A contradiction is found by a measure that leaves hardly any doubt.
+_SURE = 0.95
+
+
+def of_gates(
+    drives: tuple[str, ...], base: Hypothesis, report: GateReport
+) -> tuple[Selection, Verdict]:
+    """Return the answer where the gates leave none to physics."""
+    named = [g.drive for g in report.contradictions if g.level == 'fail' and g.drive]
+    where = tuple(dict.fromkeys(named)) or ('all',)
+    return Selection(drives, (base,)), _without_effects(BOOKKEEPING, where)
+
+
+def of_the_file(
+    found: Selection,
+    verdict: Verdict,
+    report: GateReport,
+    constants: Iterable[tuple[WrongConstant, Hypothesis]],
+    factors: Mapping[str, float],
+    rules: Rules,
+) -> tuple[Selection, Verdict]:
+    """Return the answer, or that a number of the machine file is wrong where it explains as much.
+
+    A gain has to agree with the controllers' log. Beside a gap that does not count no other cause
+    was looked for, so that a number is given and not named. Of what closes as much for all that
+    counts the one with fewer numbers is taken; where as many numbers explain as much by an effect,
+    its name stands, and those of the file are ties. It stands too where it is on every drive with
+    a size of its own.
+
+    Args:
+        constants: Stated numbers, each with the nominal fit beside it.
+        factors: Of each number that an effect scales on every drive; NaN where they differ.
+    """
+    base, final, drives = found.chain[0], found.chain[-1], found.drives
+    least = final.closes(base) if len(found.chain) > 1 else 0.0
+    seen = [(g.name, g.value) for law in report.laws for g in law.gains if g.value]
+    blamed = {gate.key for gate in report.contradictions}
+    others = {name for name, _ in seen} - blamed if verdict.effect == BOOKKEEPING else set()
+    whole = [at for at in final.effects if at.where == 'all' or len(drives) == 1]
+    named = {p.target for at in whole for p in get_effect(at.effect).parameters}
+    counting = [
+        replace(one, closed=closed)
+        for one, fit in constants
+        if one.key not in named | others
+        and all(near(one.value / value) for name, value in seen if name == one.key)
+        and (closed := fit.closes(base)) > max(rules.closed, least - rules.alike)
+        and base.loss - fit.loss > TIE
+        and rules.is_confirmed(base, fit)
+    ]
+    own = any(math.isnan(factor) for factor in factors.values())
+    if not counting and (own or not factors):
+        return found, verdict
+    counting.sort(key=lambda one: -one.closed)
+    wrong = tuple(one for one in counting if one.closed > counting[0].closed - rules.alike)
+    small = not rules.open(base) and verdict.effect != BOOKKEEPING
+    as_many = verdict.named and (len(base.theta) + 1 >= len(final.theta) or own)
+    if small or (as_many and wrong[0].closed < least + rules.alike):
+        return found, replace(verdict, facts=replace(verdict.facts, constants=wrong))
+    wrong = wrong or tuple(WrongConstant(key, math.nan, x) for key, x in factors.items())
+    where = drives if len(drives) == 1 else ('all',)
+    return found.nominal(), _without_effects(BOOKKEEPING, tuple(where), constants=wrong)
+
+
+def of_what_is_left(
+    case: Case, floor: Array, found: Selection, verdict: Verdict, report: GateReport
+) -> tuple[Selection, Verdict]:
+    """Return the answer, or that the model is the wrong one where no effect makes it fit.
+
+    Args:
+        case: The recordings.
+        floor: (D,) noise floor, in the unit of the residual.
+    """
+    # Where a slow log alone drives the model, it may be the log that is at fault.
+    slow = report.of('rate') and report.of('command')
+    # Steps of an encoder, and a limit that only the law shows, are not closed by any fit.
+    if slow or verdict.readings or verdict.facts.limits:
+        return found, verdict
+    gap = np.sqrt(np.maximum(found.chain[-1].gap, 0.0))
+    left = gap * floor
+    varies = np.array([_spread(case, d) for d in range(len(case.drives))])
+    last = found.chain[-1].check_residual * floor[case.check.drive]
+    fast = np.array([fast_noise(last[case.check.drive == d]) for d in range(len(case.drives))])
+    whole = np.hypot(left, floor)
+    machine = case.fit.models[0].machine
+    like = machine is not None and kind_of(machine).alike
+    slow_part = (whole >= FLOORS * fast) & (whole >= SLOW * varies) & (not like)
+    lost = ((gap >= FLOORS) & (left >= LARGE * varies)) | slow_part
+    left = np.where(slow_part, whole, left)
+    if not lost.any():
+        return found, verdict
+    names = tuple(name for name, gone in zip(case.drives, lost, strict=True) if gone)
+    worst = int(np.argmax(np.where(lost, left, 0.0)))
+    misfit = Misfit(
+        drive=case.drives[worst],
+        quantity=case.fit.models[0].outputs[worst].quantity,
+        rms=float(left[worst]),
+        share=float(left[worst] / varies[worst]),
+        over_floor=float(gap[worst]),
+        extended=len(found.chain) > 1,
+    )
+    return found.nominal(), _without_effects(WRONG_MODEL, names, misfit=misfit)
+
+
+def of_events(verdict: Verdict, report: GateReport) -> Verdict:
+    """Return the answer, or that effort was produced which was not commanded."""
+    found = tuple(e for recording in report.asked for asked in recording for e in asked.pushes)
+    if not found or verdict.effect == BOOKKEEPING:
+        return verdict
+    return replace(
+        verdict,
+        effect=UNKNOWN,
+        where=tuple(dict.fromkeys(e.drive for e in found)),
+        probability=_SURE,
+        also=(),
+        confusable=(),
+        facts=replace(verdict.facts, events=found, misfit=None),
+    )
+
+
+def _without_effects(effect: str, where: tuple[str, ...], **facts: Any) -> Verdict:
+    return Verdict(effect, where, _SURE, (), (), (), 0.0, facts=Facts(**facts))
+
+
+def _spread(case: Case, drive: int) -> float:
+    """Return how a drive's measured effort varies, over all recordings."""
+    parts = (*case.fit.measured(drive), *case.check.measured(drive))
+    rows = [row - row.mean() for row in parts if row.size]
+    return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))
