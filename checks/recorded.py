@@ -28,7 +28,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.result import Diagnosis
 from ros2_ident.identify.data import gather
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import load_machine, make_model

@@ -17,7 +17,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import remove_file
 from ros2_ident.gap.diagnose import diagnose as find_gap
 from ros2_ident.gap.diagnose import DiagnoseProgress
-from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.result import Diagnosis
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outputs import checked, Outputs

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ros2_ident.gap.coordinates import Motion
-from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.search.noise import NoiseModel
 
 CYCLE = 5e-4

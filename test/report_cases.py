@@ -9,9 +9,9 @@ from gap_signals import floor_of, motion, residual
 from identify_cases import axis, axis_data, identified, tripod
 import numpy as np
 
-from ros2_ident.gap.blocks import Interval
-from ros2_ident.gap.diagnosis import Cause, Diagnosis, DriveGap, Facts, Ranked, Step, Trace, Value
-from ros2_ident.gap.localise import localise
+from ros2_ident.gap.bootstrap import Interval
+from ros2_ident.gap.result import Cause, Diagnosis, DriveGap, Facts, Ranked, Step, Trace, Value
+from ros2_ident.gap.where.localise import localise
 from ros2_ident.gates import Gate
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import problem_of

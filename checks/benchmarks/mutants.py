@@ -29,12 +29,12 @@ from types import ModuleType
 
 ROOT = Path(__file__).parents[2]
 # Modules of `gap/` that are rules; the others simulate, which takes minutes for each change.
-RULES = ('explain', 'verdict')
+RULES = ('rules', 'verdict')
 # Modules whose tests start a cluster, and are all slow.
 REMOTE = ('cluster',)
 # Tests, test/<room>/test_*.py, that are for a module and not named after it; they run first.
 OWN: dict[str, str] = {
-    'gap.explain': 'gap_rules gap_verdict',
+    'gap.selection': 'gap_rules gap_verdict',
     'gap.rules': 'gap_rules gap_verdict',
     'gap.verdict': 'gap_verdict gap_rules',
     'search.algebraic': 'search_linear',

@@ -9,7 +9,7 @@ from ros2_ident.cli.runs import carry_out
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
-    from ros2_ident.gap.diagnosis import Diagnosis
+    from ros2_ident.gap.result import Diagnosis
     from ros2_ident.jobs import Request
 
 

@@ -86,7 +86,7 @@ class Catalogue:
             os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys(told))
 
     def close(self) -> tuple[Effect, ...]:
-        """Return all effects for good: for those who compose the simulations of them."""
+        """Freeze the catalogue and return it; the kernels are compiled from it."""
         self.closed = True
         return tuple(self.effects.values())
 

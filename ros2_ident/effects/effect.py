@@ -62,7 +62,7 @@ def platform(context: Context) -> bool:
 
 
 def turns(context: Context) -> bool:
-    """Need a platform, and a log that shows when it carries a payload."""
+    """Whether payload pick-ups can be seen: a platform, and a log that shows them."""
     return platform(context) and context.turns
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from ros2_ident.arrays import NORMAL
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.diagnosis import Value
+from ros2_ident.gap.result import Value
 from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.models import EffectAt
 from ros2_ident.report.diagnosis import effects_in, Written

@@ -14,9 +14,9 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.case import Case
-from ros2_ident.gap.diagnosis import Facts, Misfit, WrongConstant
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
+from ros2_ident.gap.recordings import Split
+from ros2_ident.gap.result import Facts, Misfit, WrongConstant
 from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
@@ -94,37 +94,37 @@ def of_the_file(
 
 
 def of_what_is_left(
-    case: Case, floor: Array, found: Selection, verdict: Verdict, report: GateReport
+    split: Split, floor: Array, found: Selection, verdict: Verdict, report: GateReport
 ) -> tuple[Selection, Verdict]:
     """Return the answer, or that the model is the wrong one where no effect makes it fit.
 
     Args:
-        case: The recordings.
+        split: The recordings.
         floor: (D,) noise floor, in the unit of the residual.
     """
     # Where a slow log alone drives the model, it may be the log that is at fault.
     slow = report.of('rate') and report.of('command')
     # Steps of an encoder, and a limit that only the law shows, are not closed by any fit.
-    if slow or verdict.readings or verdict.facts.limits:
+    if slow or verdict.encoders or verdict.facts.limits:
         return found, verdict
     gap = np.sqrt(np.maximum(found.chain[-1].gap, 0.0))
     left = gap * floor
-    varies = np.array([_spread(case, d) for d in range(len(case.drives))])
-    last = found.chain[-1].check_residual * floor[case.check.drive]
-    fast = np.array([fast_noise(last[case.check.drive == d]) for d in range(len(case.drives))])
+    varies = np.array([_spread(split, d) for d in range(len(split.drives))])
+    last = found.chain[-1].check_residual * floor[split.check.drive]
+    fast = np.array([fast_noise(last[split.check.drive == d]) for d in range(len(split.drives))])
     whole = np.hypot(left, floor)
-    machine = case.fit.models[0].machine
+    machine = split.fit.models[0].machine
     like = machine is not None and kind_of(machine).alike
     slow_part = (whole >= FLOORS * fast) & (whole >= SLOW * varies) & (not like)
     lost = ((gap >= FLOORS) & (left >= LARGE * varies)) | slow_part
     left = np.where(slow_part, whole, left)
     if not lost.any():
         return found, verdict
-    names = tuple(name for name, gone in zip(case.drives, lost, strict=True) if gone)
+    names = tuple(name for name, gone in zip(split.drives, lost, strict=True) if gone)
     worst = int(np.argmax(np.where(lost, left, 0.0)))
     misfit = Misfit(
-        drive=case.drives[worst],
-        quantity=case.fit.models[0].outputs[worst].quantity,
+        drive=split.drives[worst],
+        quantity=split.fit.models[0].outputs[worst].quantity,
         rms=float(left[worst]),
         share=float(left[worst] / varies[worst]),
         over_floor=float(gap[worst]),
@@ -153,8 +153,8 @@ def _without_effects(effect: str, where: tuple[str, ...], **facts: Any) -> Verdi
     return Verdict(effect, where, _SURE, (), (), (), 0.0, facts=Facts(**facts))
 
 
-def _spread(case: Case, drive: int) -> float:
+def _spread(split: Split, drive: int) -> float:
     """Return how a drive's measured effort varies, over all recordings."""
-    parts = (*case.fit.measured(drive), *case.check.measured(drive))
+    parts = (*split.fit.measured(drive), *split.check.measured(drive))
     rows = [row - row.mean() for row in parts if row.size]
     return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))

@@ -14,20 +14,19 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.attribute import Attribution, visibility
-from ros2_ident.gap.case import Case, Joint, Part, recordings_from, recordings_of
-from ros2_ident.gap.compose import compose
+from ros2_ident.gap.assemble import assemble
 from ros2_ident.gap.contradictions import of_events, of_gates, of_the_file, of_what_is_left
 from ros2_ident.gap.coordinates import motion_of
-from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.explain import Explainer
-from ros2_ident.gap.floor import predictability
+from ros2_ident.gap.fitter import Fitter, visibility
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
-from ros2_ident.gap.localise import bursts, Finding, localise, not_asked
-from ros2_ident.gap.reading import coarse_readings, CoarseReading, made_by
+from ros2_ident.gap.noise_floor import predictability
+from ros2_ident.gap.recordings import JointModel, Part, recordings_from, recordings_of, Split
+from ros2_ident.gap.result import Diagnosis
 from ros2_ident.gap.rules import Rules, TIE
+from ros2_ident.gap.selection import Selector
 from ros2_ident.gap.suspects.constants import factors_of_all_drives, fitted_constants
-from ros2_ident.gap.turns import payload_turns
+from ros2_ident.gap.suspects.encoder_steps import EncoderSteps, find_encoder_steps, made_by_steps
+from ros2_ident.gap.suspects.payload import find_pick_ups
 from ros2_ident.gap.verdict import (
     judge,
     REFUSED,
@@ -35,6 +34,8 @@ from ros2_ident.gap.verdict import (
     Verdict,
     WRONG_MODEL,
 )
+from ros2_ident.gap.where.events import bursts, not_asked
+from ros2_ident.gap.where.localise import Finding, localise
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.examine import examine_models
 from ros2_ident.identify.layout import Conditions
@@ -263,10 +264,10 @@ def _key(asked: object, first: Part, second: Part) -> str:
 class _Pass:
     """State of one pass over the recordings."""
 
-    explainer: Explainer
+    selector: Selector
     base: Hypothesis
     report: GateReport
-    readings: tuple[CoarseReading, ...]
+    encoders: tuple[EncoderSteps, ...]
 
     @property
     def material(self) -> bool:
@@ -287,31 +288,31 @@ class _Passes:
 
     def run(self, fit: Part, check: Part) -> Diagnosis:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
-        begun = self._begin(Case(fit, check, self.conditions))
+        begun = self._begin(Split(fit, check, self.conditions))
         # Without a gap no effect can stand for a number that the controllers' log contradicts.
         if begun.report.unfit or (begun.report.blocked and not begun.material):
-            found, verdict = of_gates(begun.explainer.case.drives, begun.base, begun.report)
+            found, verdict = of_gates(begun.selector.split.drives, begun.base, begun.report)
             return self._composed(begun, *self._of_the_file(begun, found, verdict))
         if begun.material and not self.clock.stopped():
             # What the part fitted on does not show of a parameter is chance, and wrong on the
             # other: a fit to all tells whether anything is missing.
             whole = self._fitted_to_all(begun)
-            left = _left_anywhere(begun.explainer, whole)
+            left = _left_anywhere(begun.selector, whole)
             much = _RULES.closed * begun.base.size
             if check.models and left < max(much, _RULES.material):
-                begun = self._begin(Case(fit + check, conditions=self.conditions))
+                begun = self._begin(Split(fit + check, conditions=self.conditions))
             elif left < _RULES.material:
                 begun = replace(begun, base=whole)
         return self._composed(begun, *self._explained(begun))
 
-    def _begin(self, case: Case) -> _Pass:
+    def _begin(self, split: Split) -> _Pass:
         """Fit the nominal parameters, estimate the floor, ask the gates."""
         clock = self.clock
         clock.stage = 0.0, 0.2
         clock.step(0.0, 'identifying the nominal parameters')
-        guess = np.full(len(case.drives), case.noise or 1.0)
-        base = Attribution(case, guess, **self._told()).nominal(SEARCH, self.seed)
-        joint = case.whole.with_effects(())
+        guess = np.full(len(split.drives), split.noise or 1.0)
+        base = Fitter(split, guess, **self._told()).nominal(SEARCH, self.seed)
+        joint = split.whole.with_effects(())
         if not (np.abs(joint.residual(base.theta[None])) < DIVERGED).all():
             remedy = examine_models(joint.models).headline
             raise IdentError(
@@ -321,64 +322,64 @@ class _Passes:
             )
         clock.stage = 0.2, 0.35
         clock.step(0.0, 'telling noise from what the motion predicts')
-        readings = self._readings(case, base.theta)
-        steps = made_by(readings, case, base.theta)
+        encoders = self._encoders(split, base.theta)
+        steps = made_by_steps(encoders, split, base.theta)
         first, floor = base, predictability(joint, base.theta, clock.stopped, steps)
-        decided = case.decided(base.theta, floor.per_drive)
-        if decided is not case and not clock.stopped():
-            case, joint = decided, decided.whole.with_effects(())
-            base = Attribution(case, floor.per_drive, **self._told()).refit((), base.theta)
+        decided = split.decided(base.theta, floor.per_drive)
+        if decided is not split and not clock.stopped():
+            split, joint = decided, decided.whole.with_effects(())
+            base = Fitter(split, floor.per_drive, **self._told()).refit((), base.theta)
             first, floor = base, predictability(joint, base.theta, clock.stopped, steps)
-        case = self._carrying(case, joint, base.theta, floor.per_drive)
-        explainer = Explainer(case, floor, steps=steps, **self._told())
-        base = explainer.fits.watch_law(explainer.refit((), base.theta))
+        split = self._carrying(split, joint, base.theta, floor.per_drive)
+        selector = Selector(split, floor, steps=steps, **self._told())
+        base = selector.fits.watch_law(selector.refit((), base.theta))
         report = GateReport()
         if not clock.stopped():
-            joint = case.fit.with_effects(())
+            joint = split.fit.with_effects(())
             report = examine_models(
                 joint.models, joint.own(0, base.theta)[0], floor.per_drive
             )
-        explainer.limits = {
+        selector.limits = {
             law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
         }
-        explainer.knows(first, floor)
-        return _Pass(explainer, base, report, readings)
+        selector.knows(first, floor)
+        return _Pass(selector, base, report, encoders)
 
-    def _readings(self, case: Case, theta: Array) -> tuple[CoarseReading, ...]:
+    def _encoders(self, split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
         """Return encoders whose steps show, where these are among the effects looked for."""
         known = shown_by('reading_steps')
-        looked_for = known and known.id in {at.effect for at in case.candidates(self.without)}
-        return coarse_readings(case, theta) if looked_for and not self.clock.stopped() else ()
+        looked_for = known and known.id in {at.effect for at in split.candidates(self.without)}
+        return find_encoder_steps(split, theta) if looked_for and not self.clock.stopped() else ()
 
-    def _carrying(self, case: Case, joint: Joint, theta: Array, floor: Array) -> Case:
-        """Return the case that knows when a payload is carried, where the log shows that.
+    def _carrying(self, split: Split, joint: JointModel, theta: Array, floor: Array) -> Split:
+        """Return the split that knows when a payload is carried, where the log shows that.
 
         The nominal fit has part of the payload in its masses; without it the instants are sharper.
         """
-        held = payload_turns(joint, theta, floor)
+        held = find_pick_ups(joint, theta, floor)
         if not held or self.clock.stopped():
-            return case
+            return split
         # The tool's mass in the machine file may be with the load or without: its bounds tell.
-        comes, goes = (self._loaded(case, h, theta, floor) for h in (held, _away(held)))
+        comes, goes = (self._loaded(split, h, theta, floor) for h in (held, _away(held)))
         turned = goes.loss + TIE < comes.loss
         best = goes if turned else comes
-        sharper = payload_turns(joint, best.theta[: theta.size], floor)
+        sharper = find_pick_ups(joint, best.theta[: theta.size], floor)
         if sharper:
             sharper = _away(sharper) if turned else sharper
-            if self._loaded(case, sharper, best.theta[: theta.size], floor).loss < best.loss:
-                return case.carrying(sharper)
-        return case.carrying(_away(held) if turned else held)
+            if self._loaded(split, sharper, best.theta[: theta.size], floor).loss < best.loss:
+                return split.carrying(sharper)
+        return split.carrying(_away(held) if turned else held)
 
     def _loaded(
-        self, case: Case, held: tuple[Array, ...], theta: Array, floor: Array
+        self, split: Split, held: tuple[Array, ...], theta: Array, floor: Array
     ) -> Hypothesis:
         """Return the fit with a load that is carried when each recording (K,) says so."""
-        there = case.carrying(held)
+        there = split.carrying(held)
         (load,) = (at for at in there.candidates() if get_effect(at.effect).shown_by == 'load')
-        return Attribution(there, floor, **self._told()).refit((load,), np.append(theta, 0.0))
+        return Fitter(there, floor, **self._told()).refit((load,), np.append(theta, 0.0))
 
     def _told(self) -> dict[str, Any]:
-        """Return who fits, and who is told."""
+        """Return the arguments that all fits share: workers, journal, cancel, progress."""
         return {
             'stopped': self.clock.stopped,
             'on_step': self.clock.step,
@@ -388,8 +389,8 @@ class _Passes:
 
     def _fitted_to_all(self, begun: _Pass) -> Hypothesis:
         """Return the nominal fit to all blocks, those held out among them."""
-        fits, whole = begun.explainer.fits, begun.explainer.case.whole.with_effects(())
-        weight = 1.0 / fits.floor[begun.explainer.case.whole.drive]
+        fits, whole = begun.selector.fits, begun.selector.split.whole.with_effects(())
+        weight = 1.0 / fits.floor[begun.selector.split.whole.drive]
 
         def weighted(theta: Array) -> Array:
             return whole.residual(np.atleast_2d(theta)) * weight
@@ -400,8 +401,8 @@ class _Passes:
         return fits.ended_at((), found.unit)
 
     def _explained(self, begun: _Pass) -> tuple[Selection, Verdict]:
-        """Look for the effects, and say what follows."""
-        clock, explainer = self.clock, begun.explainer
+        """Select the effects and turn them into a verdict."""
+        clock, selector = self.clock, begun.selector
         clock.rounds(begun.base.size if begun.material else 0.0)
 
         def note(e: Hypothesis) -> None:
@@ -410,13 +411,13 @@ class _Passes:
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
             clock.rounds(e.size if _RULES.open(e) else 0.0)
 
-        candidates = explainer.case.candidates(self.without)
-        limited = explainer.limited(candidates, SEARCH, self.seed)
-        found = explainer.explain(begun.base, candidates, note, limited)
-        verdict = judge(found, begun.readings)
+        candidates = selector.split.candidates(self.without)
+        limited = selector.limited(candidates, SEARCH, self.seed)
+        found = selector.explain(begun.base, candidates, note, limited)
+        verdict = judge(found, begun.encoders)
         if not clock.stopped():
             found, verdict = of_what_is_left(
-                explainer.case, explainer.fits.floor, found, verdict, begun.report
+                selector.split, selector.fits.floor, found, verdict, begun.report
             )
             found, verdict = self._of_the_file(begun, found, verdict)
         return found, verdict
@@ -428,9 +429,9 @@ class _Passes:
         known = verdict.effect == WRONG_MODEL or verdict.facts.limits
         if known or self.clock.stopped() or not begun.base.certain_size:
             return found, verdict
-        explainer = begun.explainer
-        constants = fitted_constants(explainer.fits, found.chain[0])
-        factors = factors_of_all_drives(explainer, found) if verdict.named else {}
+        selector = begun.selector
+        constants = fitted_constants(selector.fits, found.chain[0])
+        factors = factors_of_all_drives(selector, found) if verdict.named else {}
         return of_the_file(found, verdict, begun.report, constants, factors, _RULES)
 
     def _composed(self, begun: _Pass, found: Selection, verdict: Verdict) -> Diagnosis:
@@ -442,29 +443,29 @@ class _Passes:
         if found.rounds:
             visible = found.rounds[0].visible
         elif verdict.effect not in REFUSED:
-            candidates = begun.explainer.case.candidates(self.without)
-            visible = visibility(begun.explainer.look(base, candidates))
+            candidates = begun.selector.split.candidates(self.without)
+            visible = visibility(begun.selector.look(base, candidates))
         clock.rounds(0.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
-        model = begun.explainer.case.fit.models[0]
+        model = begun.selector.split.fit.models[0]
         verdict = of_events(verdict, begun.report)
         if verdict.facts.events:
             # What a fit makes of efforts that others added is no finding.
             found = found.nominal()
-            where = not_asked(begun.report.asked, begun.explainer.floor, model)
+            where = not_asked(begun.report.asked, begun.selector.floor, model)
         if not clock.stopped():
             if verdict.effect == UNKNOWN and not where:
-                joint = begun.explainer.case.fit.with_effects(())
+                joint = begun.selector.split.fit.with_effects(())
                 low, high, at = (joint.own(0, x)[0] for x in (joint.low, joint.high, base.theta))
-                where = tuple(bursts(joint.models[0], low, high, at, begun.explainer.floor))
+                where = tuple(bursts(joint.models[0], low, high, at, begun.selector.floor))
             where = (*where, *_located(begun, base, self.seed))
         # What was found was seen.
         hidden = tuple(
             at for at, seen in visible.items() if seen < VISIBLE and at not in verdict.named
         )
-        return compose(
-            begun.explainer,
+        return assemble(
+            begun.selector,
             found,
             verdict,
             begun.report.gates,
@@ -482,24 +483,24 @@ def _away(held: tuple[Array, ...]) -> tuple[Array, ...]:
 
 def _located(begun: _Pass, base: Hypothesis, seed: int) -> tuple[Finding, ...]:
     """Return where the gap of the first recording lies; nothing where its motion is unknown."""
-    case, fits = begun.explainer.case, begun.explainer.fits
-    joint = case.fit.with_effects(())
+    split, fits = begun.selector.split, begun.selector.fits
+    joint = split.fit.with_effects(())
     model = joint.models[0]
     if model.data.position is None and model.data.command_position is None:
         return ()
-    rows = case.fit.rows(base.residual[: len(fits.weight)] / fits.weight)
+    rows = split.fit.rows(base.residual[: len(fits.weight)] / fits.weight)
     rows = rows[:, : model.measured.shape[1]]
     motion = motion_of(model, joint.own(0, base.theta)[0])
-    return localise(motion, rows, begun.explainer.floor, seed=seed)
+    return localise(motion, rows, begun.selector.floor, seed=seed)
 
 
-def _left_anywhere(explainer: Explainer, e: Hypothesis) -> float:
+def _left_anywhere(selector: Selector, e: Hypothesis) -> float:
     """Return the size of what a nominal fit leaves, where it is judged and on all samples.
 
     Between blocks that take turns some samples are in neither part, and what happens for a moment
     may happen there.
     """
-    whole = explainer.case.whole
+    whole = selector.split.whole
     rest = whole.rows(whole.with_effects(()).residual(e.theta[None])[0])
-    square = np.nanmean(rest**2, axis=1) / explainer.floor.per_drive**2
+    square = np.nanmean(rest**2, axis=1) / selector.floor.per_drive**2
     return max(e.size, float(np.sqrt(max(0.0, square.max() - 1.0))))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits of one case: nominal and extended models on the fit part, scored on the part held out.
+"""Fits of one split: nominal and extended models on the fit part, scored on the part held out.
 
 Every fit is a task of its own, so that threads or workers elsewhere can do them side by side.
 """
@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from ros2_ident.arrays import Array
-from ros2_ident.gap.case import Case, Joint
 from ros2_ident.gap.hypothesis import Hypothesis, Samples
+from ros2_ident.gap.recordings import JointModel, Split
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
@@ -47,10 +47,10 @@ class Start:
 
 
 class Fits:
-    """Fits of one case at one noise floor.
+    """Fits of one split at one noise floor.
 
     Args:
-        case: The recordings.
+        split: The recordings.
         floor: (D,) noise floor of each drive, output unit.
         stopped: Asked often; True ends a fit with the best so far.
         missed: (D,) mean square by which the controllers miss the log, output unit squared; None
@@ -65,20 +65,20 @@ class Fits:
 
     def __init__(
         self,
-        case: Case,
+        split: Split,
         floor: Array,
         stopped: Callable[[], bool] = lambda: False,
         missed: Array | None = None,
         certain: Array | None = None,
     ) -> None:
-        self.case = case
+        self.split = split
         self.floor = floor
-        parts = (np.bincount(x.drive, minlength=floor.size) for x in (case.fit, case.check))
+        parts = (np.bincount(x.drive, minlength=floor.size) for x in (split.fit, split.check))
         fit, check = (count.astype(float) for count in parts)
         self.samples = Samples(fit, check, np.ones_like(floor) if certain is None else certain)
         self.stopped = stopped
-        self.weight = 1.0 / floor[case.fit.drive]
-        self.check_weight = 1.0 / floor[case.check.drive]
+        self.weight = 1.0 / floor[split.fit.drive]
+        self.check_weight = 1.0 / floor[split.check.drive]
         self.missed = missed
 
     @property
@@ -90,7 +90,7 @@ class Fits:
         """
         if self.missed is None:
             return np.empty(0)
-        weight: Array = 1.0 / np.sqrt(self.floor**2 + self.missed)[self.case.fit.law_drive]
+        weight: Array = 1.0 / np.sqrt(self.floor**2 + self.missed)[self.split.fit.law_drive]
         return weight
 
     def __getstate__(self) -> dict[str, object]:
@@ -113,14 +113,14 @@ class Fits:
         Returns:
             The same fit with the controllers' rows.
         """
-        if not self.case.fit.seen:
+        if not self.split.fit.seen:
             return base
-        case = self.case
-        joint = case.fit.with_effects(base.effects)
-        held_out = case.check.with_effects(base.effects)
+        split = self.split
+        joint = split.fit.with_effects(base.effects)
+        held_out = split.check.with_effects(base.effects)
         missed = np.concatenate([x.law_residual(base.theta)[0] for x in (joint, held_out)])
-        drive = np.concatenate([case.fit.law_drive, case.check.law_drive])
-        count = len(case.drives)
+        drive = np.concatenate([split.fit.law_drive, split.check.law_drive])
+        count = len(split.drives)
         samples = np.maximum(np.bincount(drive, minlength=count), 1)
         self.missed = np.bincount(drive, missed**2, count) / samples
         span = joint.high - joint.low
@@ -143,7 +143,7 @@ class Fits:
             check_residual=e.check_residual * (self.check_weight / old.check_weight),
         )
 
-    def evaluate(self, joint: Joint) -> Callable[[Array], Array]:
+    def evaluate(self, joint: JointModel) -> Callable[[Array], Array]:
         """Return what a fit minimises: (S, N) candidates to (S, R) weighted residuals."""
         law_weight = self.law_weight
 
@@ -160,17 +160,17 @@ class Fits:
         self, effects: Sequence[EffectAt], theta: Array, iterations: int = 40
     ) -> Hypothesis:
         """Fit a set of effects jointly from a start (N,)."""
-        joint = self.case.fit.with_effects(effects)
+        joint = self.split.fit.with_effects(effects)
         found = local_fit(
             self.evaluate(joint), theta, joint.low, joint.high,
             iterations=iterations, stopped=self.stopped,
         )  # fmt: skip
-        return self.explanation(joint, found)
+        return self.hypothesis(joint, found)
 
     def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Hypothesis:
         """Return what `refit` returned where the fit ended at (N,) shares of the box."""
-        joint = self.case.fit.with_effects(effects)
-        return self.explanation(
+        joint = self.split.fit.with_effects(effects)
+        return self.hypothesis(
             joint, fit_at(self.evaluate(joint), unit, joint.low, joint.high)
         )
 
@@ -180,24 +180,24 @@ class Fits:
         Args:
             base: What it is tried on top of.
         """
-        case = self.case
+        split = self.split
         before = () if base is None else (base.effects, base.theta, base.residual)
-        held_out = len(case.fit.models), len(case.check.models), case.held_out
+        held_out = len(split.fit.models), len(split.check.models), split.held_out
         return digest_of(*held_out, self.floor, self.law_weight, *before)
 
-    def explanation(self, joint: Joint, found: LocalFit) -> Hypothesis:
+    def hypothesis(self, joint: JointModel, found: LocalFit) -> Hypothesis:
         """Return a fit of the models of the fit part, scored on the part held out as well."""
-        case = self.case
-        held_out = case.check.with_effects(joint.effects)
+        split = self.split
+        held_out = split.check.with_effects(joint.effects)
         check = held_out.residual(found.theta[None])[0] * self.check_weight
         check = np.where(np.isfinite(check), check, 1e6)
-        count = len(case.drives)
+        count = len(split.drives)
         outputs = found.residual[: len(self.weight)]
         return Hypothesis(
             joint.effects,
             found.theta,
-            np.bincount(case.fit.drive, outputs**2, count).astype(float),
-            np.bincount(case.check.drive, check**2, count).astype(float),
+            np.bincount(split.fit.drive, outputs**2, count).astype(float),
+            np.bincount(split.check.drive, check**2, count).astype(float),
             self.samples,
             found.jacobian,
             found.residual,
@@ -225,7 +225,7 @@ class Trials:
 
     def prepare(self) -> None:
         """Compile, or read from the cache, what every fit needs."""
-        joint = self.fits.case.fit.with_effects(())
+        joint = self.fits.split.fit.with_effects(())
         self.fits.evaluate(joint)(0.5 * (joint.low + joint.high))
 
     def starts(self, candidate: EffectAt) -> list[Start]:
@@ -237,7 +237,7 @@ class Trials:
         if self.fits.stopped():
             return []
         base, basis, outputs = self.base, self.basis, self.outputs
-        joint = self.fits.case.fit.with_effects((*base.effects, candidate))
+        joint = self.fits.split.fit.with_effects((*base.effects, candidate))
         model = joint.models[0]
         theta, residual, count = base.theta, base.residual, len(base.theta)
         low, high = joint.low[:count], joint.high[:count]
@@ -306,12 +306,12 @@ class Trials:
         step = lsq_linear(self.triangle, -left, bounds, method='bvls').x
         return np.asarray(np.clip(unit + step, 0.0, 1.0))
 
-    def _orders_of(self, candidate: EffectAt, joint: Joint) -> tuple[float, ...]:
+    def _orders_of(self, candidate: EffectAt, joint: JointModel) -> tuple[float, ...]:
         """Return orders of a drive's turn to try, where something is left there."""
-        drives, residual = self.fits.case.drives, self.base.residual
+        drives, residual = self.fits.split.drives, self.base.residual
         if candidate.where not in drives:
             return ()
-        own = self.fits.case.fit.drive == drives.index(candidate.where)
+        own = self.fits.split.fit.drive == drives.index(candidate.where)
         if np.mean(residual[: own.size][own] ** 2) < MORE:
             return ()
         evaluate = self.fits.evaluate(joint)
@@ -345,7 +345,7 @@ class Trials:
 
     def _better(self, effects: tuple[EffectAt, ...], theta: Array, phi: Array) -> Array:
         """Return the best point on the way from the base to a screened start."""
-        base, joint = self.base, self.fits.case.fit.with_effects(effects)
+        base, joint = self.base, self.fits.split.fit.with_effects(effects)
         neutral, new = phi.copy(), effects[len(base.effects) :]
         for i, p in enumerate(p for at in new for p in joint.models[0].scaled(at)):
             if p.role == 'size':

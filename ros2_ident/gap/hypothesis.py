@@ -14,7 +14,7 @@ from ros2_ident.models import EffectAt
 
 @dataclass(frozen=True)
 class Samples:
-    """Data that the fits of one case are judged on.
+    """Data that the fits of one split are judged on.
 
     Attributes:
         fit: (D,) samples of each drive in the fit part.

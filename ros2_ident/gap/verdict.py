@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import expit
 
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.diagnosis import Facts
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
-from ros2_ident.gap.reading import CoarseReading
+from ros2_ident.gap.result import Facts
 from ros2_ident.gap.rules import Rules, Temperatures
+from ros2_ident.gap.suspects.encoder_steps import EncoderSteps
 from ros2_ident.models import EffectAt
 
 NONE, UNKNOWN = 'none', 'unknown'
@@ -27,7 +27,7 @@ NAMELESS = REFUSED | {NONE, UNKNOWN}
 
 
 @dataclass(frozen=True)
-class Weighed:
+class RankedFit:
     """One effect at one place with its probability.
 
     Attributes:
@@ -53,7 +53,7 @@ class Verdict:
         confusable: What this data cannot tell from the verdict's effect.
         ranking: Every effect fitted first round, the most probable first.
         closed: Share of the explainable gap that all effects found close.
-        readings: Encoders whose steps cause what is left on their drives.
+        encoders: Encoders whose steps cause what is left on their drives.
         facts: Facts behind it, as far as they are known by now.
     """
 
@@ -61,10 +61,10 @@ class Verdict:
     where: tuple[str, ...]
     probability: float
     also: tuple[EffectAt, ...]
-    confusable: tuple[Weighed, ...]
-    ranking: tuple[Weighed, ...]
+    confusable: tuple[RankedFit, ...]
+    ranking: tuple[RankedFit, ...]
     closed: float
-    readings: tuple[CoarseReading, ...] = ()
+    encoders: tuple[EncoderSteps, ...] = ()
     facts: Facts = Facts()
 
     @property
@@ -76,13 +76,13 @@ class Verdict:
 
 
 def twins(at: EffectAt) -> list[EffectAt]:
-    """Return what is the same as an effect on every possible log."""
+    """Return effects that no log can tell from this one."""
     return [EffectAt(other, at.where) for other in get_effect(at.effect).twins]
 
 
 def judge(
     found: Selection,
-    readings: Sequence[CoarseReading] = (),
+    encoders: Sequence[EncoderSteps] = (),
     rules: Rules | None = None,
     temperatures: Temperatures | None = None,
 ) -> Verdict:
@@ -90,7 +90,7 @@ def judge(
 
     Args:
         found: The chain of hypotheses and the rivals.
-        readings: Encoders whose steps show in what their controllers miss.
+        encoders: Encoders whose steps show in what their controllers miss.
         rules: When something counts.
         temperatures: How differences become probabilities.
 
@@ -99,9 +99,9 @@ def judge(
     """
     rules, t = rules or Rules(), temperatures or Temperatures()
     gap = np.sqrt(np.maximum(found.chain[-1].gap, 0.0))
-    left = [r for r in readings if gap[found.drives.index(r.drive)] >= rules.material]
+    left = [r for r in encoders if gap[found.drives.index(r.drive)] >= rules.material]
     if left:
-        return _with_readings(found, left, rules, t)
+        return _with_encoder_steps(found, left, rules, t)
     return _with_restless(found, _judge(found, rules, t), t)
 
 
@@ -118,15 +118,15 @@ def _with_restless(found: Selection, plain: Verdict, t: Temperatures) -> Verdict
     )
 
 
-def _with_readings(
-    found: Selection, readings: Sequence[CoarseReading], rules: Rules, t: Temperatures
+def _with_encoder_steps(
+    found: Selection, encoders: Sequence[EncoderSteps], rules: Rules, t: Temperatures
 ) -> Verdict:
     """Answer where encoders' steps leave a gap that no simulation repeats, so none closes."""
     drives = found.drives
     before, after = (np.maximum(e.gap, 0.0) for e in (found.chain[0], found.chain[-1]))
-    rest = np.array([d not in {r.drive for r in readings} for d in drives])
-    strongest = max(readings, key=lambda r: after[drives.index(r.drive)])
-    coarse = tuple(r.at for r in readings)
+    rest = np.array([d not in {r.drive for r in encoders} for d in drives])
+    strongest = max(encoders, key=lambda r: after[drives.index(r.drive)])
+    coarse = tuple(r.at for r in encoders)
     plain = _judge(found, rules, t)
     chain = found.chain[-1].effects
     shaken = (_SHAKEN**2) * float(after[drives.index(strongest.drive)])
@@ -142,7 +142,7 @@ def _with_readings(
         others = tuple(a for a in coarse if a not in chain)
         if plain.effect == UNKNOWN and not unexplained:
             plain = replace(plain, effect=chain[0].effect, where=(chain[0].where,), also=chain[1:])
-        return replace(plain, also=(*plain.also, *others), readings=tuple(readings))
+        return replace(plain, also=(*plain.also, *others), encoders=tuple(encoders))
     also = tuple(a for a in dict.fromkeys((*chain, *coarse)) if a != first)
     return Verdict(
         first.effect,
@@ -152,7 +152,7 @@ def _with_readings(
         (),
         plain.ranking,
         plain.closed,
-        tuple(readings),
+        tuple(encoders),
     )
 
 
@@ -213,7 +213,7 @@ def _together(chosen: tuple[str, ...], drives: Sequence[str]) -> tuple[str, ...]
 
 def _weigh(
     found: Selection, mass: float, rules: Rules, t: Temperatures
-) -> tuple[Weighed, ...]:
+) -> tuple[RankedFit, ...]:
     """Return the candidates fitted, with probabilities that share `mass`."""
     if not found.rounds:
         return ()
@@ -248,13 +248,13 @@ def _weigh(
                 mean = 0.5 * (weights[at] + weights[twin])
                 weights[at] = weights[twin] = mean
     total = sum(weights.values())
-    rows = [Weighed(at, mass * weights[at] / total, best[at]) for at in best]
+    rows = [RankedFit(at, mass * weights[at] / total, best[at]) for at in best]
     return tuple(sorted(rows, key=lambda w: -w.probability))
 
 
 def _confusable(
-    found: Selection, ranking: Sequence[Weighed], rules: Rules
-) -> tuple[Weighed, ...]:
+    found: Selection, ranking: Sequence[RankedFit], rules: Rules
+) -> tuple[RankedFit, ...]:
     """Return the verdict's effect and what closes nearly as much in its place."""
     final = found.chain[-1]
     leader = final.effects[0]
@@ -277,5 +277,5 @@ def _confusable(
         if known is not None:
             out.append(known)
         elif missing is not None:
-            out.append(Weighed(at, missing.probability, missing.model))
+            out.append(RankedFit(at, missing.probability, missing.model))
     return tuple(out)

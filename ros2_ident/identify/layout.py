@@ -208,7 +208,7 @@ def _named(every: set[str], names: Sequence[str]) -> set[str]:
 def _more(
     own: Sequence[str], every: set[str], label: str, known: Mapping[str, float]
 ) -> Array | None:
-    """Return (N',) what is added to a model's parameters, None where nothing is."""
+    """Return one recording's known parameter offsets (N'), or None."""
     if not known:
         return None
     more = np.zeros(len(own))

@@ -224,7 +224,7 @@ def rival_minima(problem: Problem, found: Fitted) -> tuple[StartOutcome, ...]:
 
 
 def _noise(residual: Array, series: Sequence[int]) -> float:
-    """Return the mean square of what a residual's own past does not tell, series by series."""
+    """Return the mean innovation variance of an AR model of each series."""
     ends = pairwise(accumulate(series, initial=0))
     total = sum((b - a) * fit_noise(residual[a:b]).innovation for a, b in ends)
     return total / max(1, residual.size)

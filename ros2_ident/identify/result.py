@@ -106,7 +106,7 @@ class ParameterEstimate:
 
 
 def bound_of(low: float, high: float, lower: float, upper: float, unit: str) -> str:
-    """Return what an interval leaves of a box (lower, upper), in words; empty if all of it."""
+    """Return the ends of an interval inside its box as text ("at least 0.3")."""
     least, most = (f'{float(f"{end:.3g}"):.6g}' for end in (low, high))
     after = '' if unit == '1' else f' {unit}'
     if low > lower and high < upper:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controllers alone, fed with the recorded motion: what they commanded, if it was read right.
+"""Controllers replayed on the recorded motion, without a plant.
 
 No machine is simulated. What a controller makes of the motion in the log tells its own deviations,
 and those of the measurement behind it, from everything that happens in the machine.

@@ -364,7 +364,7 @@ class Messages:
         return bool(names) and len(set(names)) == len(names) and abs(log_time) < LATEST_STAMP
 
     def finish(self) -> None:
-        """Bring the last messages, and what is only known with them, into the blocks."""
+        """Decode the remaining messages into blocks."""
         self.decode()
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import plain
-from ros2_ident.gap.blocks import Interval
-from ros2_ident.gap.diagnosis import Diagnosis, Ranked
-from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.bootstrap import Interval
+from ros2_ident.gap.noise_floor import Floor
+from ros2_ident.gap.result import Diagnosis, Ranked
 from ros2_ident.identify.result import Provenance
 from ros2_ident.models import EffectAt
 from ros2_ident.report.maps import maps_of, ResidualMap

@@ -23,7 +23,7 @@ from ros2_ident.files import (
     write_arrays,
     write_text,
 )
-from ros2_ident.gap.diagnosis import Diagnosis, Value
+from ros2_ident.gap.result import Diagnosis, Value
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem

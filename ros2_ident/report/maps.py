@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ros2_ident.arrays import Array, NORMAL
-from ros2_ident.gap.blocks import block_length
+from ros2_ident.gap.bootstrap import block_length
 from ros2_ident.gap.coordinates import bin_edges, direction, Motion, since_reversal
-from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.localise import Finding
+from ros2_ident.gap.result import Diagnosis
+from ros2_ident.gap.where.localise import Finding
 from ros2_ident.gates.scale import FEWEST
 from ros2_ident.words.verdict import worst
 

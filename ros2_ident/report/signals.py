@@ -13,7 +13,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_arrays
 from ros2_ident.gap.coordinates import following_error
-from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.result import Diagnosis
 from ros2_ident.identify.problem import Problem
 from ros2_ident.report.schema import intact
 

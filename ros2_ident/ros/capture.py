@@ -240,7 +240,7 @@ class Capture:
         self.ended = True
 
     def _goes_on(self, role: str, data: bytes) -> bool:
-        """Say whether a message after a silence goes on where the stream was: it had paused.
+        """Whether a message continues the stream after a pause.
 
         Its stamp is then hardly later than the last one, however long the silence was.
         """

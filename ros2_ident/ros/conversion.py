@@ -20,9 +20,9 @@ from ros2_ident_msgs.msg import (
 )
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.blocks import Interval
+from ros2_ident.gap.bootstrap import Interval
 from ros2_ident.gap.diagnose import DiagnoseProgress
-from ros2_ident.gap.diagnosis import AT_BOUND, Diagnosis, Ranked, Step, Value
+from ros2_ident.gap.result import AT_BOUND, Diagnosis, Ranked, Step, Value
 from ros2_ident.identify.outcome import NOT_IDENTIFIABLE, package_version, state_of
 from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress

@@ -89,7 +89,7 @@ class Identifier(Node):
                 parameters.check_path(name, value)
             except IdentError as error:
                 self.board.refuse(error)
-        self._find_again()
+        self._restore_spool()
 
     def _described(self, message: String) -> None:
         """Keep what is heard of the robot, for machine files that ask for it."""
@@ -107,8 +107,8 @@ class Identifier(Node):
             self.get_logger().warning(f'what arrives is not spooled: {error.message}')
             return None
 
-    def _find_again(self) -> None:
-        """Read what was heard before a restart, if nothing is heard by then."""
+    def _restore_spool(self) -> None:
+        """Restore the spooled recording unless new messages have arrived."""
         capture = self.capture
         if capture.spool is None or capture.spool.empty:
             return

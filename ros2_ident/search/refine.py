@@ -133,7 +133,7 @@ class _Start:
         return self._told(theta)
 
     def _told(self, theta: Array) -> Array:
-        """Return what the residuals say, once it has been looked at."""
+        """Evaluate residuals (S, R); refuse a wrong shape or NaN."""
         told = np.ascontiguousarray(self.residuals(theta), dtype=np.float64)
         if told.ndim != 2 or len(told) != len(theta):
             raise IdentError(

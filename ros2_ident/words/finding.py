@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 import math
 
-from ros2_ident.gap.localise import Finding
+from ros2_ident.gap.where.localise import Finding
 from ros2_ident.gates.asked import Event
 from ros2_ident.words.figures import figure, percent
 

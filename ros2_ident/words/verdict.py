@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from ros2_ident.effects import get_effect, title_at
-from ros2_ident.gap.diagnosis import Cause, Diagnosis, Facts, WrongConstant
+from ros2_ident.gap.result import Cause, Diagnosis, Facts, WrongConstant
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.asked import Event
 from ros2_ident.models import EffectAt

@@ -22,7 +22,7 @@ from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import Content, content_of  # noqa: E402
 from ros2_ident.export.estimate import Estimate, read_estimate  # noqa: E402
 from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
-from ros2_ident.gap.diagnosis import Value  # noqa: E402
+from ros2_ident.gap.result import Value  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402

@@ -89,7 +89,7 @@ def test_one_byte_in_what_a_row_depends_on_changes_its_key(tmp_path: Path) -> No
     before = compiled.package_digest(package)
     # what the key holds is this digest, and the copy's is the package's
     assert before == compiled.result_digest()
-    counts = ('gap/verdict.py', 'gap/floor.py', 'identify/run.py', 'search/refine.py',
+    counts = ('gap/verdict.py', 'gap/noise_floor.py', 'identify/run.py', 'search/refine.py',
               'recording/align.py', 'models/tripod/kernel.py', 'fleet/run.py')  # fmt: skip
     for module in (*counts, 'report/page/charts.py', 'cli/progress.py', 'ros/node.py'):
         content = (package / module).read_bytes()

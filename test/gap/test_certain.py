@@ -16,10 +16,10 @@ from scipy.signal import lfilter
 from checks.reference.bag_making import simulate_bag
 from checks.reference.effects import Effect
 from ros2_ident.errors import IdentError
-from ros2_ident.gap.attribute import Attribution
-from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gap.floor import predictability
+from ros2_ident.gap.fitter import Fitter
+from ros2_ident.gap.noise_floor import predictability
+from ros2_ident.gap.recordings import recordings_of, Split
 from ros2_ident.gates import examine
 from ros2_ident.gates.law import fit_law
 from ros2_ident.identify.data import gather
@@ -62,7 +62,7 @@ def louder(data: Dataset, drive: int, size: float, seed: int) -> Dataset:
 
 def test_what_one_of_three_like_drives_has_more_than_the_others_is_no_noise() -> None:
     noise = 4.0 * tripod().effort_noise
-    joint = Case(recordings_of(tripod(), [louder(recording(1), 1, noise, 5)])).whole
+    joint = Split(recordings_of(tripod(), [louder(recording(1), 1, noise, 5)])).whole
     theta = [TRIPOD_TRUTH[p.name.rpartition('.')[2]] for p in joint.with_effects(()).parameters]
     # Without the catalogue: what the motion predicts is enough.
     floor = predictability(joint.with_effects(()), np.array(theta), lambda: True)
@@ -116,8 +116,8 @@ def test_a_constant_stands_out_of_slow_noise_only_where_it_is_there(
     plain = slow(recording(1), size, 4)
     effort = np.array(plain.effort)
     effort[0] += bias
-    case = Case(recordings_of(tripod(), [replace(plain, effort=effort)]))
-    fits = Attribution(case, np.full(3, size))
+    case = Split(recordings_of(tripod(), [replace(plain, effort=effort)]))
+    fits = Fitter(case, np.full(3, size))
     names = [p.name.rpartition('.')[2] for p in case.fit.with_effects(()).parameters]
     base = fits.refit((), np.array([TRIPOD_TRUTH[n] for n in names]))
     best = fits.refit((at,), np.append(base.theta, 0.0))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gap.test_servo import dataset, MACHINE
-from ros2_ident.gap.attribute import Attribution
-from ros2_ident.gap.case import Case, recordings_of
 from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.fitter import Fitter
+from ros2_ident.gap.recordings import recordings_of, Split
 from ros2_ident.gap.suspects.constants import fitted_constants
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.run import read_data
@@ -22,8 +22,8 @@ def test_a_wrong_number_is_found_beside_the_parameters(name: str, factor: float)
     true = tripod().number(name)
     machine = tripod().with_constants(**{name: factor * true})
     data = gather([recording_of(tripod_bag())], machine).datasets
-    fits = Attribution(Case(recordings_of(machine, data)), np.full(3, machine.effort_noise))
-    parameters = fits.case.fit.with_effects(()).parameters
+    fits = Fitter(Split(recordings_of(machine, data)), np.full(3, machine.effort_noise))
+    parameters = fits.split.fit.with_effects(()).parameters
     base = fits.refit((), np.array([TRIPOD_TRUTH[p.name.rpartition('.')[2]] for p in parameters]))
     found, _ = min(fitted_constants(fits.fits, base), key=lambda one: one[1].loss)
     assert (found.key, found.stated) == (name, pytest.approx(factor * true))

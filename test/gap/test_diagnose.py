@@ -13,8 +13,8 @@ from checks.reference.axis import simulate_axis
 from checks.reference.effects import Effect
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.gap.case import recordings_of
 from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gap.recordings import recordings_of
 from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.words.verdict import sentence

@@ -7,7 +7,7 @@ import pytest
 from ros2_ident.gap.coordinates import (
     direction,
 )
-from ros2_ident.gap.localise import localise
+from ros2_ident.gap.where.localise import localise
 from ros2_ident.words.finding import where
 
 OF = motion()

@@ -10,8 +10,8 @@ import pytest
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Samples, Selection
-from ros2_ident.gap.reading import CoarseReading
 from ros2_ident.gap.rules import Rules, Temperatures
+from ros2_ident.gap.suspects.encoder_steps import EncoderSteps
 from ros2_ident.gap.verdict import judge, NONE, UNKNOWN
 from ros2_ident.models import EffectAt
 
@@ -127,17 +127,17 @@ STEPS = EffectAt('encoder_quantisation', 'one')
 
 
 def read_coarsely(gap, *drives):
-    readings = [CoarseReading(drive, 1e-4) for drive in drives]
-    return judge(Selection(DRIVES, (made(gap),)), readings, RULES, SHARP)
+    encoders = [EncoderSteps(drive, 1e-4) for drive in drives]
+    return judge(Selection(DRIVES, (made(gap),)), encoders, RULES, SHARP)
 
 
 def test_steps_of_an_encoder_are_the_answer_where_its_drive_has_the_gap():
     said = read_coarsely((2.0, 0.1), 'one')
     assert (said.effect, said.where, said.also) == (STEPS.effect, ('one',), ())
     assert said.probability == pytest.approx(0.95)
-    assert [r.drive for r in said.readings] == ['one']
+    assert [r.drive for r in said.encoders] == ['one']
     small = Selection(DRIVES, (made((0.54**2, 0.0)),))
-    unsure = judge(small, [CoarseReading('one', 1e-4)], RULES)
+    unsure = judge(small, [EncoderSteps('one', 1e-4)], RULES)
     assert unsure.probability == pytest.approx(0.95 / (1.0 + math.exp(-1.0)))
     both = read_coarsely((2.0, 3.0), 'one', 'two')
     assert (both.where, both.also) == (('two',), (STEPS,))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gap.test_rules import DRAG, DRIVES, made, RULES, SAMPLES, STRIBECK
-from ros2_ident.gap.explain import Explainer
-from ros2_ident.gap.floor import Floor
 from ros2_ident.gap.hypothesis import Round
+from ros2_ident.gap.noise_floor import Floor
+from ros2_ident.gap.selection import Selector
 from ros2_ident.models import EffectAt
 from ros2_ident.search.noise import NoiseModel
 
@@ -22,52 +22,52 @@ def floor_of(*innovations):
 
 
 @pytest.fixture
-def explainer():
+def selector():
     """Return a selection whose fits are numbers."""
     model = SimpleNamespace(machine=None, noise=0.1, thinned=False)
     part = SimpleNamespace(drive=np.repeat([0, 1], SAMPLES), models=[model])
     case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
-    found = Explainer(case, floor_of(1.0, 1.0), RULES)
+    found = Selector(case, floor_of(1.0, 1.0), RULES)
     found.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
     return found
 
 
-def test_what_the_fit_before_closes_on_its_way_is_no_merit_of_an_effect(explainer):
+def test_what_the_fit_before_closes_on_its_way_is_no_merit_of_an_effect(selector):
     base, best = made((2.0, 0.0)), made((0.2, 0.0), effects=[STRIBECK])
-    explainer.round = lambda before, candidates: Round(before, {}, (best,))
-    explainer.with_new_floor = lambda chain, rounds: (chain, rounds)
+    selector.round = lambda before, candidates: Round(before, {}, (best,))
+    selector.with_new_floor = lambda chain, rounds: (chain, rounds)
     for left, names in ((0.3, ()), (1.9, (STRIBECK,))):
-        explainer.refit = lambda effects, theta, left=left: made((left, 0.0), effects)
-        said = explainer.explain(base, [STRIBECK], lambda e: None)
+        selector.refit = lambda effects, theta, left=left: made((left, 0.0), effects)
+        said = selector.explain(base, [STRIBECK], lambda e: None)
         assert (said.chain[-1].effects, float(said.chain[0].fit[0])) == (
             names, SAMPLES * (1.0 + left),
         )  # fmt: skip
 
 
-def test_a_law_whose_numbers_another_cause_took_up_is_put_in_plainer_words(explainer):
+def test_a_law_whose_numbers_another_cause_took_up_is_put_in_plainer_words(selector):
     force, spring = EffectAt('constant_force', 'one'), EffectAt('cable_spring', 'one')
     base, both = made((4.0, 2.0)), [DRAG, spring]
     first = Round(base, {}, (made((0.5, 2.0), [spring]), made((1.0, 2.0), [force])))
     left = {(DRAG,): 4.0, (force,): 1.0}
-    explainer.refit = lambda effects, theta: made((left[tuple(effects)], 0.0), effects)
+    selector.refit = lambda effects, theta: made((left[tuple(effects)], 0.0), effects)
     chain = [base, made((4.0, 0.0), [DRAG]), made((0.0, 0.0), both)]
     for gap, named in ((0.03, force), (0.2, spring)):
         left[DRAG, force] = gap
-        ended, rests = explainer.with_plainer_laws(chain, (base, chain[1]), [first])
+        ended, rests = selector.with_plainer_laws(chain, (base, chain[1]), [first])
         assert ended[-1].effects == (DRAG, named)
         assert len(rests) == 2
 
 
-def test_a_floor_too_large_and_slow_for_noise_is_told(explainer):
-    explainer.floor, model = floor_of(1.0, 0.1), explainer.case.fit.models[0]
+def test_a_floor_too_large_and_slow_for_noise_is_told(selector):
+    selector.floor, model = floor_of(1.0, 0.1), selector.split.fit.models[0]
     for stated, drives in ((0.1, ['two']), (0.3, [])):
         model.noise = stated
-        assert list(explainer.restless()) == drives
+        assert list(selector.restless()) == drives
     # A noise that the machine file does not state says nothing.
     model.machine = SimpleNamespace(stated=lambda name: False)
-    assert not explainer.restless()
-    explainer.floor = floor_of(1.0, 1e-3)
-    assert explainer.restless() == {'two': 1.0}
+    assert not selector.restless()
+    selector.floor = floor_of(1.0, 1e-3)
+    assert selector.restless() == {'two': 1.0}
     # Below a frequency all noise is slow.
     model.thinned = True
-    assert not explainer.restless()
+    assert not selector.restless()

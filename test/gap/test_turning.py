@@ -7,7 +7,7 @@ import pytest
 from checks.reference.axis import simulate_axis
 from checks.reference.effects import Effect
 from ros2_ident.gap.diagnose import diagnose
-from ros2_ident.gap.diagnosis import Diagnosis
+from ros2_ident.gap.result import Diagnosis
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.words.finding import where

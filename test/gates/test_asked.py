@@ -10,7 +10,7 @@ import pytest
 from values import with_bounds
 
 from ros2_ident.gap.contradictions import of_events
-from ros2_ident.gap.diagnosis import Facts, Misfit
+from ros2_ident.gap.result import Facts, Misfit
 from ros2_ident.gap.verdict import BOOKKEEPING, Verdict
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.gates.asked import Asked, Event, fit_asked

@@ -39,7 +39,7 @@ SAME = sorted(
     set(CATALOGUE)
     - ON_A_SERVO
     - {'encoder_quantisation', 'torque_saturation', 'friction_drift'}
-    # Its instants are no parameters but read from the log; see gap/test_turns.py.
+    # Its instants are no parameters but read from the log; see gap/test_payload.py.
     - {'payload_turns'}
 )
 # Another form of the law that the catalogue's has room for.

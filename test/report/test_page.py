@@ -20,7 +20,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.cli.runs import page_line
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.estimate import read_estimate
-from ros2_ident.gap.diagnosis import Cause, Facts
+from ros2_ident.gap.result import Cause, Facts
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
 from ros2_ident.recording import LIVE

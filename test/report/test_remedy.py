@@ -8,7 +8,7 @@ from report_cases import diagnosed
 from values import with_bounds
 import yaml
 
-from ros2_ident.gap.diagnosis import Value
+from ros2_ident.gap.result import Value
 from ros2_ident.models import Machine
 from ros2_ident.report.files import machine_lines
 

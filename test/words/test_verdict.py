@@ -7,7 +7,7 @@ import pytest
 from report_cases import diagnosed
 
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.gap.diagnosis import Cause, Ranked
+from ros2_ident.gap.result import Cause, Ranked
 from ros2_ident.models import EffectAt
 from ros2_ident.words import verdict as words
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
-from ros2_ident.gap.diagnosis import WrongConstant
-from ros2_ident.gap.explain import Explainer
 from ros2_ident.gap.fits import Fits, PROMISING
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
+from ros2_ident.gap.result import WrongConstant
+from ros2_ident.gap.selection import Selector
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.uncertainty import intervals
 
@@ -33,10 +33,10 @@ def fitted_constants(
     Those that differ from drive to drive are left out.
 
     Args:
-        fits: Fits of the case.
+        fits: Fits of the split.
         base: The nominal fit.
     """
-    machine = fits.case.fit.models[0].machine
+    machine = fits.split.fit.models[0].machine
     if machine is None:
         return
     searched = {k.name: k.unit for k in kind_of(machine).keys if k.section == 'parameters'}
@@ -82,7 +82,7 @@ class _Fit:
             if abs(move) < _NEAR:
                 break
         value, rows = self.stated * factor, len(self.fits.weight)
-        joint = self._at(factor).case.fit.with_effects(())
+        joint = self._at(factor).split.fit.with_effects(())
         slopes = np.column_stack([best.jacobian, self._slope(best, factor)])[:rows]
         span = np.append(joint.high - joint.low, value)
         found = intervals(
@@ -91,20 +91,20 @@ class _Fit:
             np.append(best.theta, value),
             np.append(joint.low, np.minimum(0.0, _WIDE * value)),
             np.append(joint.high, np.maximum(0.0, _WIDE * value)),
-            series=[int(s) for mask in self.fits.case.fit.masks for s in mask.sum(axis=1)],
+            series=[int(s) for mask in self.fits.split.fit.masks for s in mask.sum(axis=1)],
         )
         low, high = sorted((float(found.low[-1]), float(found.high[-1])))
         return WrongConstant(self.name, self.stated, value, low, high, unit), best
 
     def _at(self, factor: float) -> Fits:
-        case = self.fits.case
-        case = case if factor == 1.0 else case.stating(self.name, factor * self.stated)
-        return Fits(case, self.fits.floor, self.fits.stopped, self.fits.missed)
+        split = self.fits.split
+        split = split if factor == 1.0 else split.stating(self.name, factor * self.stated)
+        return Fits(split, self.fits.floor, self.fits.stopped, self.fits.missed)
 
     def _slope(self, e: Hypothesis, factor: float) -> Array:
         """Return (R,) the derivative of the weighted residual by the number's logarithm."""
         there = self._at(factor * (1.0 + _STEP))
-        moved = there.evaluate(there.case.fit.with_effects(()))(e.theta[None])[0]
+        moved = there.evaluate(there.split.fit.with_effects(()))(e.theta[None])[0]
         slope: Array = (moved - e.residual) / math.log1p(_STEP)
         return slope if np.isfinite(slope).all() else np.zeros_like(slope)
 
@@ -115,19 +115,19 @@ class _Fit:
         return own if own @ own > 1e-12 * (slope @ slope) else np.zeros_like(own)
 
 
-def factors_of_all_drives(explainer: Explainer, found: Selection) -> dict[str, float]:
+def factors_of_all_drives(selector: Selector, found: Selection) -> dict[str, float]:
     """Return the factor of each number that an effect scales on every drive of several.
 
     NaN where no factor lies in the intervals of all drives.
     """
-    final, drives = found.chain[-1], explainer.case.drives
+    final, drives = found.chain[-1], selector.split.drives
     if len(final.effects) < len(drives) or len(drives) == 1:
         return {}
-    low, high, *_ = explainer.ends(final, explainer.noise_of(final).evidence)
+    low, high, *_ = selector.ends(final, selector.noise_of(final).evidence)
     sizes: dict[str, list[int]] = {}
     column = len(found.chain[0].theta)
     for at in final.effects:
-        parameters = explainer.case.fit.models[0].scaled(at)
+        parameters = selector.split.fit.models[0].scaled(at)
         if parameters[0].how == 'scale' and parameters[0].neutral == 1.0:
             sizes.setdefault(parameters[0].target, []).append(column)
         column += len(parameters)

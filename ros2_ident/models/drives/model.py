@@ -220,7 +220,7 @@ class DriveModel(MachineModel):
         return type(self)(machine or self.machine, self.data, **{**same, **changed})
 
     def _take_over(self, like: 'DriveModel') -> None:
-        """Take over what effects, steps and payload change nothing of."""
+        """Share caches that do not depend on effects, step size or payload."""
         names = '_limit', '_band', '_compare', '_speeds'
         self.__dict__.update({name: getattr(like, name) for name in names})
 
@@ -262,7 +262,7 @@ class DriveModel(MachineModel):
         return (self.machine.travel_unit,) * len(self.machine.drives)
 
     def _own(self) -> Mapping[str, Sequence[Parameter]]:
-        """Return what parameters fill nothing but the model's own, by the machine file's names."""
+        """Return the parameters that only this kind has, by machine-file key."""
         return {}
 
     @property
@@ -633,7 +633,7 @@ class DriveModel(MachineModel):
         return np.asarray(self._everything(np.atleast_2d(theta), effort)[0])
 
     def _everything(self, theta: Array, signals: Outputs) -> Array:
-        """Return (S, O, K) what the kernels make of some outputs of candidates (S, N)."""
+        """Simulate candidates (S, N); return outputs (S, O, K)."""
         every = np.ones((len(signals), self._cycles), dtype=bool)
         task = signals.task(every, np.empty((len(theta), every.size)))
         return np.asarray(self._simulated(theta, task).reshape(-1, *every.shape))

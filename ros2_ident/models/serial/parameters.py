@@ -155,7 +155,7 @@ class Inertials:
 def _rotors(
     machine: Machine, arm: Arm, joined: npt.NDArray[np.bool_]
 ) -> Iterator[tuple[str, Box]]:
-    """Yield boxes of the rotors (E,) that take up what the description's links are off by.
+    """Yield boxes of rotor inertias, widened for errors of the description.
 
     A link that is described as too heavy makes less than nothing of them.
     """

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ros2_ident.effects import title_at
-from ros2_ident.gap.diagnosis import Cause, Diagnosis, DriveGap
+from ros2_ident.gap.result import Cause, Diagnosis, DriveGap
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome

@@ -9,8 +9,8 @@ from typing import Any
 
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.files import make_directory, write_text
-from ros2_ident.gap.diagnosis import Diagnosis
-from ros2_ident.gap.localise import Finding
+from ros2_ident.gap.result import Diagnosis
+from ros2_ident.gap.where.localise import Finding
 from ros2_ident.identify.result import Identification, Provenance
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.files import (

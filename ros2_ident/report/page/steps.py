@@ -8,7 +8,7 @@ import shlex
 from typing import Any
 
 from ros2_ident.effects import CATALOGUE, Effect
-from ros2_ident.gap.diagnosis import Cause, Diagnosis, Value
+from ros2_ident.gap.result import Cause, Diagnosis, Value
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import Identification, Outcome
 from ros2_ident.machine.keys import digits

@@ -15,7 +15,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import t as student
 
 from ros2_ident.arrays import Array
-from ros2_ident.gap.floor import Floor
+from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.gates.scale import STEP
 from ros2_ident.identify.hidden import SETTLE
 from ros2_ident.search.noise import correlation_time
@@ -75,7 +75,7 @@ def averages(values: Array, cycle: float) -> tuple[int, Array, Array]:
     return stride, np.where(there, parts, 0.0).sum(axis=1) / np.maximum(number, 1.0), number
 
 
-class Blocks:
+class BlockBootstrap:
     """Resamples several residuals of the same recordings in the same blocks.
 
     Args:

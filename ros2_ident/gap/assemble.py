@@ -8,10 +8,12 @@ import math
 import numpy as np
 
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.blocks import Blocks, Interval
-from ros2_ident.gap.case import Case
+from ros2_ident.gap.bootstrap import BlockBootstrap, Interval
 from ros2_ident.gap.coordinates import motion_of
-from ros2_ident.gap.diagnosis import (
+from ros2_ident.gap.fits import Fits
+from ros2_ident.gap.hypothesis import Hypothesis, Selection
+from ros2_ident.gap.recordings import Split
+from ros2_ident.gap.result import (
     at_bound,
     Cause,
     Diagnosis,
@@ -22,21 +24,19 @@ from ros2_ident.gap.diagnosis import (
     Trace,
     Value,
 )
-from ros2_ident.gap.explain import Explainer
-from ros2_ident.gap.fits import Fits
-from ros2_ident.gap.hypothesis import Hypothesis, Selection
-from ros2_ident.gap.localise import Finding
-from ros2_ident.gap.reading import CoarseReading
+from ros2_ident.gap.selection import Selector
+from ros2_ident.gap.suspects.encoder_steps import EncoderSteps
 from ros2_ident.gap.verdict import (
     BOOKKEEPING,
     NAMELESS,
     NONE,
+    RankedFit,
     REFUSED,
     UNKNOWN,
     Verdict,
-    Weighed,
     WRONG_MODEL,
 )
+from ros2_ident.gap.where.localise import Finding
 from ros2_ident.gates import Gate
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
@@ -52,8 +52,8 @@ from ros2_ident.prediction import (
 from ros2_ident.search.evidence import Evidence
 
 
-def compose(
-    explainer: Explainer,
+def assemble(
+    selector: Selector,
     found: Selection,
     verdict: Verdict,
     gates: Sequence[Gate],
@@ -65,7 +65,7 @@ def compose(
     """Return the diagnosis.
 
     Args:
-        explainer: Who ran the rounds.
+        selector: Who ran the rounds.
         found: What came of them.
         verdict: What follows from it.
         gates: Results of the checks before.
@@ -74,19 +74,19 @@ def compose(
         seconds: Time taken, s.
         seed: Of the resampling.
     """
-    floor, fits, case = explainer.floor, explainer.fits, explainer.case
+    floor, fits, split = selector.floor, selector.fits, selector.split
     chain = found.chain if verdict.effect not in NAMELESS else found.chain[:1]
     final = chain[-1]
-    model = case.fit.with_effects(final.effects).models[0]
-    rows = [case.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
-    blocks = Blocks(rows, model.cycle, seed=seed, starts=case.check.starts)
+    model = split.fit.with_effects(final.effects).models[0]
+    rows = [split.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
+    blocks = BlockBootstrap(rows, model.cycle, seed=seed, starts=split.check.starts)
     labels = ['nominal', *(at.title for at in found.chain[-1].effects)]
     steps = tuple(Step(label, blocks.rms(i)) for i, label in enumerate(labels))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
-    evidence = explainer.noise_of(final).evidence if found.complete else None
-    per_drive, whole = _per_drive(explainer, found, blocks)
-    values = _values(explainer, final, evidence) | _steps(verdict.readings)
+    evidence = selector.noise_of(final).evidence if found.complete else None
+    per_drive, whole = _per_drive(selector, found, blocks)
+    values = _values(selector, final, evidence) | _steps(verdict.encoders)
     values |= {
         c.key: Value(c.value, c.unit, c.low, c.high)
         for c in verdict.facts.constants
@@ -94,7 +94,7 @@ def compose(
     }
     nominal = {
         p.name: v
-        for p, v in zip(case.fit.with_effects(()).parameters, found.chain[0].theta, strict=True)
+        for p, v in zip(split.fit.with_effects(()).parameters, found.chain[0].theta, strict=True)
     }
     moved = {
         name: (values[name].value - v) / v
@@ -106,19 +106,19 @@ def compose(
         where=verdict.where,
         probability=verdict.probability,
         also=verdict.also,
-        confusable=tuple(_ranked(explainer, found.chain[0], w) for w in verdict.confusable),
-        ranking=tuple(_ranked(explainer, found.chain[0], w) for w in verdict.ranking),
+        confusable=tuple(_ranked(selector, found.chain[0], w) for w in verdict.confusable),
+        ranking=tuple(_ranked(selector, found.chain[0], w) for w in verdict.ranking),
         unit=model.unit,
         steps=steps,
         floor=floor,
         share_closed=share,
-        held_out=case.held_out,
+        held_out=split.held_out,
         evidence={
             'size': found.chain[0].size,
             'remaining': found.remaining,
             'closed': verdict.closed,
-            'material': explainer.rules.material,
-            'unexplained': explainer.rules.unknown,
+            'material': selector.rules.material,
+            'unexplained': selector.rules.unknown,
             'share_of_output': whole,
         },
         per_drive=per_drive,
@@ -131,32 +131,32 @@ def compose(
         complete=found.complete,
         seconds=seconds,
         seed=seed,
-        traces=_traces(case, found),
-        facts=_facts(explainer, found, verdict, gates),
-        prediction=_predicted(explainer, chain, verdict),
+        traces=_traces(split, found),
+        facts=_facts(selector, found, verdict, gates),
+        prediction=_predicted(selector, chain, verdict),
     )
 
 
 def _facts(
-    explainer: Explainer, found: Selection, verdict: Verdict, gates: Sequence[Gate]
+    selector: Selector, found: Selection, verdict: Verdict, gates: Sequence[Gate]
 ) -> Facts:
     """Return the facts behind a verdict."""
-    case, floor, base = explainer.case, explainer.floor, found.chain[0]
-    model = case.fit.models[0]
+    split, floor, base = selector.split, selector.floor, found.chain[0]
+    model = split.fit.models[0]
     slow_noise = {
         name: math.sqrt(value**2 - low**2)
-        for name, value, low in zip(case.drives, floor.per_drive, floor.low, strict=True)
+        for name, value, low in zip(split.drives, floor.per_drive, floor.low, strict=True)
         if value > MORE * low and verdict.effect not in (UNKNOWN, *REFUSED)
     }
     best = max((w.model.closes(base) for w in verdict.ranking), default=0.0)
     return replace(
         verdict.facts,
         cause=_cause(verdict, complete=found.complete),
-        worst=case.drives[int(base.gap.argmax())],
+        worst=split.drives[int(base.gap.argmax())],
         effort_unit=model.effort_unit,
         travel=model.travel,
         hidden=slow_noise,
-        steps={r.drive: (r.step, r.unit) for r in verdict.readings},
+        steps={r.drive: (r.step, r.unit) for r in verdict.encoders},
         contradictions=tuple(i for i, gate in enumerate(gates) if gate.contradicts),
         tried=len(found.rounds[0].visible) if found.rounds else 0,
         best=max(verdict.closed, best, 0.0),
@@ -179,10 +179,10 @@ def _cause(verdict: Verdict, *, complete: bool) -> Cause:
     return Cause.UNKNOWN if complete else Cause.CUT_SHORT
 
 
-def _traces(case: Case, found: Selection) -> tuple[Trace, ...]:
+def _traces(split: Split, found: Selection) -> tuple[Trace, ...]:
     """Return every recording beside the nominal fit and the last one."""
     base, last = found.chain[0], found.chain[-1]
-    parts = [case.fit, case.check] if case.held_out == 'check bag' else [case.fit]
+    parts = [split.fit, split.check] if split.held_out == 'check bag' else [split.fit]
     traces = []
     for part in parts:
         nominal, extended = part.with_effects(()), part.with_effects(last.effects)
@@ -191,32 +191,32 @@ def _traces(case: Case, found: Selection) -> tuple[Trace, ...]:
             after = extended.models[number].simulate(extended.own(number, last.theta))[0]
             traces.append(
                 Trace(
-                    held_out=part is case.check,
+                    held_out=part is split.check,
                     motion=motion_of(nominal.models[number], before[0]),
                     measured=nominal.models[number].measured,
                     extended=after,
-                    fitted=mask if part is case.fit else np.zeros_like(mask),
+                    fitted=mask if part is split.fit else np.zeros_like(mask),
                 )
             )
     return tuple(traces)
 
 
 def _predicted(
-    explainer: Explainer, chain: Sequence[Hypothesis], verdict: Verdict
+    selector: Selector, chain: Sequence[Hypothesis], verdict: Verdict
 ) -> Prediction:
     """Return how far free runs come from the recordings judged on, effect by effect.
 
     Where a number of the machine file is wrong, with what fits in its place.
     """
-    case = explainer.case
-    models = [(e.effects[-1].title if e.effects else IDENTIFIED, case, e) for e in chain]
-    machine, wrong = case.fit.models[0].machine, next(iter(verdict.facts.constants), None)
+    split = selector.split
+    models = [(e.effects[-1].title if e.effects else IDENTIFIED, split, e) for e in chain]
+    machine, wrong = split.fit.models[0].machine, next(iter(verdict.facts.constants), None)
     one = wrong is not None and len(chain) == 1 and math.isfinite(wrong.stated)
     if wrong and one and machine and machine.stated(wrong.key):
-        stated = case.stating(wrong.key, wrong.value)
-        fit = Fits(stated, explainer.floor.per_drive).refit((), chain[0].theta)
+        stated = split.stating(wrong.key, wrong.value)
+        fit = Fits(stated, selector.floor.per_drive).refit((), chain[0].theta)
         models.append((f'{wrong.key} {wrong.value:.4g}', stated, fit))
-    apart = case.held_out == CHECK
+    apart = split.held_out == CHECK
     stages: list[tuple[str, list[Run]]] = []
     for label, own, e in models:
         joint = (own.check if apart else own.fit).with_effects(e.effects)
@@ -226,10 +226,10 @@ def _predicted(
 
 
 def _values(
-    explainer: Explainer, e: Hypothesis, evidence: Evidence | None = None
+    selector: Selector, e: Hypothesis, evidence: Evidence | None = None
 ) -> dict[str, Value]:
-    joint = explainer.case.fit.with_effects(e.effects)
-    low, high, *noise = explainer.ends(e, evidence)
+    joint = selector.split.fit.with_effects(e.effects)
+    low, high, *noise = selector.ends(e, evidence)
     # Those of the effects come last; the bounds of the others are the machine file's matter.
     sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
     first = len(joint.parameters) - len(sizes)
@@ -247,10 +247,10 @@ def _values(
     }  # fmt: skip
 
 
-def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
+def _steps(encoders: Sequence[EncoderSteps]) -> dict[str, Value]:
     """Return the steps of the encoders named."""
     out = {}
-    for r in readings:
+    for r in encoders:
         at = r.at
         (step,) = get_effect(at.effect).parameters
         name = f'{at.where}.{at.effect}.{step.name}'
@@ -261,26 +261,26 @@ def _steps(readings: Sequence[CoarseReading]) -> dict[str, Value]:
     return out
 
 
-def _ranked(explainer: Explainer, base: Hypothesis, one: Weighed) -> Ranked:
+def _ranked(selector: Selector, base: Hypothesis, one: RankedFit) -> Ranked:
     at, e = one.at, one.model
-    gap = float(np.sqrt(np.mean(e.check / e.samples.check * explainer.fits.floor**2)))
+    gap = float(np.sqrt(np.mean(e.check / e.samples.check * selector.fits.floor**2)))
     prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
-    own = {name: v for name, v in _values(explainer, e).items() if name.startswith(prefix)}
+    own = {name: v for name, v in _values(selector, e).items() if name.startswith(prefix)}
     return Ranked(at, one.probability, gap, e.closes(base), own)
 
 
 def _per_drive(
-    explainer: Explainer, found: Selection, blocks: Blocks
+    selector: Selector, found: Selection, blocks: BlockBootstrap
 ) -> tuple[dict[str, DriveGap], float]:
     """Return each drive's gap, and the nominal one over the measured output of all, RMS."""
-    case, floor, last = explainer.case, explainer.floor, len(found.chain) - 1
+    split, floor, last = selector.split, selector.floor, len(found.chain) - 1
     gap = np.maximum(found.chain[0].gap, 0.0) * floor.per_drive**2
-    output = np.empty(len(case.drives))
+    output = np.empty(len(split.drives))
     counted = blocks.above(floor, 0, last)
     out = {}
-    for d, name in enumerate(case.drives):
-        held_out = case.check.measured(d)
-        measured = np.concatenate([*case.fit.measured(d), *held_out])
+    for d, name in enumerate(split.drives):
+        held_out = split.check.measured(d)
+        measured = np.concatenate([*split.fit.measured(d), *held_out])
         output[d] = max(float(np.mean(measured**2)), 1e-300)
         out[name] = DriveGap(
             before=float(np.sqrt(blocks.squares[0, d])),

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import shown_by
-from ros2_ident.gap.case import Case, Part
+from ros2_ident.gap.recordings import Part, Split
 from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.protocol import recorded_motion, RecordedMotion
@@ -42,7 +42,7 @@ _LAGS = np.arange(-2.5, 2.5, 0.25)
 
 
 @dataclass(frozen=True)
-class CoarseReading:
+class EncoderSteps:
     """An encoder whose steps show.
 
     Attributes:
@@ -61,46 +61,46 @@ class CoarseReading:
     def at(self) -> EffectAt:
         """The effect that the steps show, at its place."""
         effect = shown_by('reading_steps')
-        assert effect is not None, 'readings are looked for where the catalogue has their effect'
+        assert effect is not None, 'steps are looked for where the catalogue has their effect'
         return EffectAt(effect.id, self.drive)
 
 
-def coarse_readings(case: Case, theta: Array) -> tuple[CoarseReading, ...]:
-    """Return the encoders whose steps show: clear of all in one part, and again in the other.
+def find_encoder_steps(split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
+    """Detect encoder steps: a line in one part of the recordings, confirmed on the other.
 
     Args:
-        case: The recordings.
+        split: The recordings.
         theta: (N,) the nominal fit.
     """
     found = []
-    unit, per_metre = case.fit.models[0].travel
-    for drive in case.drives:
-        for one, other in ((case.fit, case.check), (case.check, case.fit)):
+    unit, per_metre = split.fit.models[0].travel
+    for drive in split.drives:
+        for one, other in ((split.fit, split.check), (split.check, split.fit)):
             step, error = _step_in(_missed(one, theta, drive), per_metre)
             # A line that chance or another cause makes is not there again at the same period.
             again = (_power_at(step, *way) >= _AGAIN for way in _missed(other, theta, drive))
             if step and any(again):
-                found.append(CoarseReading(drive, step, error, unit))
+                found.append(EncoderSteps(drive, step, error, unit))
                 break
     return tuple(found)
 
 
-def made_by(readings: Sequence[CoarseReading], case: Case, theta: Array) -> Array:
+def made_by_steps(encoders: Sequence[EncoderSteps], split: Split, theta: Array) -> Array:
     """Return (D,) what encoders' steps change of each drive's output, RMS in its unit.
 
     When a controller reacts to a step no simulation repeats; how much it reacts it does.
 
     Args:
-        readings: The encoders.
-        case: The recordings.
+        encoders: The encoders.
+        split: The recordings.
         theta: (N,) the nominal fit.
     """
-    if not readings:
-        return np.zeros(len(case.drives))
-    joint = case.whole.with_effects([r.at for r in readings])
-    both = np.append(theta, np.zeros(len(readings))), np.append(theta, [r.step for r in readings])
+    if not encoders:
+        return np.zeros(len(split.drives))
+    joint = split.whole.with_effects([r.at for r in encoders])
+    both = np.append(theta, np.zeros(len(encoders))), np.append(theta, [r.step for r in encoders])
     without, there = joint.residual(np.stack(both))
-    out: Array = np.sqrt(np.nanmean(case.whole.rows(there - without) ** 2, axis=1))
+    out: Array = np.sqrt(np.nanmean(split.whole.rows(there - without) ** 2, axis=1))
     return out
 
 

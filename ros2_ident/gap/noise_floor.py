@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The noise floor of a case: what neither effects nor motion, position and time predict.
+"""The noise floor of a split: what neither effects nor motion, position and time predict.
 
 Noise of any size and colour is what no function of the motion predicts on data that were left out
 (`search.evidence`). Where the command repeats, what repeats is the model's fault and what does not
@@ -14,8 +14,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from ros2_ident.arrays import Array, NORMAL
-from ros2_ident.gap.case import Joint
 from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
+from ros2_ident.gap.recordings import JointModel
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.gates.signals import step_of
 from ros2_ident.identify.hidden import OTHER_NOISE, runs_of, weigh_fit, Weighed
@@ -158,7 +158,7 @@ def find_repeats(dataset: Dataset) -> int | None:
 
 
 def predictability(
-    joint: Joint,
+    joint: JointModel,
     theta: Array,
     stopped: Callable[[], bool] = lambda: False,
     steps: Array | float = 0.0,
@@ -206,7 +206,7 @@ def predictability(
     return Floor(value, value / spread, value * spread, method, scaled, evidence)
 
 
-def _by_motion(joint: Joint, theta: Array, weighed: Weighed) -> list[Evidence]:
+def _by_motion(joint: JointModel, theta: Array, weighed: Weighed) -> list[Evidence]:
     """Return for each drive what functions of motion and time predict of what effects leave."""
     evidence, rows = weighed.evidence, weighed.rows
     data = joint.models[0].data

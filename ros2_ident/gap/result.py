@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter
-from ros2_ident.gap.blocks import Interval
+from ros2_ident.gap.bootstrap import Interval
 from ros2_ident.gap.coordinates import Motion
-from ros2_ident.gap.floor import Floor
-from ros2_ident.gap.localise import Finding
+from ros2_ident.gap.noise_floor import Floor
+from ros2_ident.gap.where.localise import Finding
 from ros2_ident.gates import Gate
 from ros2_ident.gates.asked import Event
 from ros2_ident.models import EffectAt

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import shown_by
-from ros2_ident.gap.case import Joint
+from ros2_ident.gap.recordings import JointModel
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import TRIAL
 
@@ -33,7 +33,7 @@ _SHIFTS = (-8, 8, -4, 4, -2, 2, -1, 1)
 _MIDDLE = (0.05, 0.95)
 
 
-def payload_turns(joint: Joint, theta: Array, floor: Array) -> tuple[Array, ...]:
+def find_pick_ups(joint: JointModel, theta: Array, floor: Array) -> tuple[Array, ...]:
     """Return when a payload is carried on each recording, where the log shows that.
 
     Args:
@@ -128,7 +128,7 @@ def _moved(on: npt.NDArray[np.bool_], jumps: npt.NDArray[np.intp]) -> npt.NDArra
 def _missing(
     model: FullModel, whole: FullModel, at: EffectAt, theta: Array, floor: Array
 ) -> Array:
-    """Return (2, D, B) what each bin tells of the missing mass: information times mass, and it.
+    """Return (2, D, B): missing mass weighted by information, and the information, by bin.
 
     Args:
         model: The nominal model.

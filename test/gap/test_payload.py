@@ -10,9 +10,9 @@ import pytest
 from checks.blind.label import MotionOrder
 from checks.reference import layout
 from checks.reference.bag_making import simulate_bag
-from ros2_ident.gap.attribute import Attribution
-from ros2_ident.gap.case import Case, recordings_of
-from ros2_ident.gap.turns import payload_turns
+from ros2_ident.gap.fitter import Fitter
+from ros2_ident.gap.recordings import recordings_of, Split
+from ros2_ident.gap.suspects.payload import find_pick_ups
 from ros2_ident.identify.data import gather
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset
@@ -45,9 +45,9 @@ def recording(seed: int, mass: float = MASS) -> Dataset:
 
 def turns(*data: Dataset) -> tuple[np.ndarray, ...]:
     models = recordings_of(tripod(), data)
-    joint = Case(models).whole.with_effects(())
+    joint = Split(models).whole.with_effects(())
     theta = np.array([TRIPOD_TRUTH[p.name.split('.')[-1]] for p in joint.parameters])
-    return payload_turns(joint, theta, np.full(3, NOISE))
+    return find_pick_ups(joint, theta, np.full(3, NOISE))
 
 
 def test_the_log_tells_when_a_payload_is_carried() -> None:
@@ -72,16 +72,16 @@ def test_a_payload_shared_with_friction_on_one_drive_only_is_none() -> None:
 
 
 def test_the_turns_give_the_payload_its_mass() -> None:
-    case = Case(recordings_of(tripod(), [recording(1), recording(2)]))
+    case = Split(recordings_of(tripod(), [recording(1), recording(2)]))
     floor = np.full(3, NOISE)
     joint = case.whole.with_effects(())
     theta = np.array([TRIPOD_TRUTH[p.name.split('.')[-1]] for p in joint.parameters])
-    held = payload_turns(joint, theta, floor)
+    held = find_pick_ups(joint, theta, floor)
     at = EffectAt('payload_turns', 'all')
-    fits = Attribution(case.carrying(held), floor)
+    fits = Fitter(case.carrying(held), floor)
     before = fits.refit((at,), np.append(theta, 0.0))
     # Again, with the instants sharper, as a diagnosis does.
-    sharper = payload_turns(joint, before.theta[: theta.size], floor)
-    found = Attribution(case.carrying(sharper), floor).refit((at,), before.theta)
+    sharper = find_pick_ups(joint, before.theta[: theta.size], floor)
+    found = Fitter(case.carrying(sharper), floor).refit((at,), before.theta)
     # Its interval does not know how sharp the instants are.
     assert found.theta[-1] == pytest.approx(MASS, rel=0.05)

@@ -16,9 +16,9 @@ from scipy.ndimage import uniform_filter1d
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.case import Case
 from ros2_ident.gap.fits import Fits, PROMISING, Start, Trials
 from ros2_ident.gap.hypothesis import Hypothesis, Round
+from ros2_ident.gap.recordings import Split
 from ros2_ident.identify.hidden import MATERIAL, residuals_at, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt, FullModel
@@ -45,11 +45,11 @@ _MEAN = 9
 _BELOW = (0.92, 0.8, 0.65, 0.5)
 
 
-class Attribution:
-    """Rounds of fits of one case.
+class Fitter:
+    """Rounds of fits of one split.
 
     Args:
-        case: The recordings.
+        split: The recordings.
         floor: (D,) noise floor of each drive, output unit.
         stopped: Asked often; True ends everything with the best so far.
         on_step: Told the share of the present round that is done and a sentence.
@@ -64,7 +64,7 @@ class Attribution:
 
     def __init__(
         self,
-        case: Case,
+        split: Split,
         floor: Array,
         *,
         stopped: Callable[[], bool] = lambda: False,
@@ -74,12 +74,12 @@ class Attribution:
         certain: Array | None = None,
     ) -> None:
         self.journal = journal or Journal()
-        self.case = case
+        self.split = split
         self.stopped = stopped
         self.on_step = on_step
         self.workers = workers or Threads()
         self.limits: Mapping[str, float] = {}
-        self.fits = Fits(case, floor, stopped, certain=certain)
+        self.fits = Fits(split, floor, stopped, certain=certain)
 
     def refit(self, effects: Sequence[EffectAt], theta: Array) -> Hypothesis:
         """Fit a set of effects jointly from a start (N,)."""
@@ -90,7 +90,7 @@ class Attribution:
         self, fits: bytes, effects: Sequence[EffectAt], *more: object
     ) -> Hypothesis | None:
         """Return a fit that an earlier run has ended, where its cost comes out again."""
-        count = len(self.case.fit.with_effects(effects).low)
+        count = len(self.split.fit.with_effects(effects).low)
         wanted = {'unit': Within((count,), 0.0, 1.0), 'cost': Within()}
         kept = self.journal.get(wanted, fits, effects, *more)
         if kept is None:
@@ -107,7 +107,7 @@ class Attribution:
     def _run(
         self, run: RunTasks, key: bytes, tasks: Sequence[tuple[Any, ...]]
     ) -> Iterator[Hypothesis | None]:
-        """Do fits as of `Trials.fit`; what an earlier run did is known."""
+        """Run fits of `Trials.fit` on the workers; take finished ones from the journal."""
         kept = [self._known(key, *task) for task in tasks]
         told = run('fit', [t for t, k in zip(tasks, kept, strict=True) if k is None])
         for before, task in zip(kept, tasks, strict=True):
@@ -124,13 +124,13 @@ class Attribution:
         Reference:
             Seber and Wild (2003), Nonlinear Regression, chapter 6.
         """
-        first, second = (self.case.whole.with_effects(e.effects) for e in (before, after))
+        first, second = (self.split.whole.with_effects(e.effects) for e in (before, after))
         rows = rows_of(second.models, _MOST // len(after.theta))
         left, jacobian = slopes_of(second, after.theta, rows)
         change = residuals_at(first, rows)(before.theta[None])[0] - left
         noise = [
             fit_noise(*(left[r.start : r.stop] for r in rows.runs if r.place == d))
-            for d in range(len(self.case.drives))
+            for d in range(len(self.split.drives))
         ]
         whiten = Whitening(rows.runs, noise)
         basis = np.linalg.qr(whiten(jacobian[:, : len(before.theta)].T).T)[0]
@@ -147,7 +147,7 @@ class Attribution:
     ) -> tuple[list[Hypothesis], list[Round]]:
         """Go on at another noise floor; return what was fitted before in units of it."""
         old = self.fits
-        self.fits = Fits(self.case, floor, self.stopped, old.missed, certain)
+        self.fits = Fits(self.split, floor, self.stopped, old.missed, certain)
 
         def again(e: Hypothesis) -> Hypothesis:
             return self.fits.restated(e, old)
@@ -169,7 +169,7 @@ class Attribution:
         A fit without them is bent by what a drive does while it is limited, so this is no step
         from there: the nominal parameters are searched again.
         """
-        model = self.case.fit.models[0]
+        model = self.split.fit.models[0]
         shown = {
             c: share(self.limits[c.where])
             for c in candidates
@@ -188,7 +188,7 @@ class Attribution:
             known: Effects that are there, each with its (P,) parameters, held by the search.
         """
         known = known or {}
-        part = self.case.fit
+        part = self.split.fit
         joint = part.with_effects([*known])
         own = np.concatenate([np.empty(0), *known.values()])
         names = [p.name for p in joint.parameters[len(joint.parameters) - own.size :]]
@@ -227,8 +227,8 @@ class Attribution:
         the other drives have.
         """
         missed = base.fit / base.samples.fit - 1.0
-        worst = self.case.drives[int(missed.argmax())] if missed.max() >= MATERIAL**2 else ''
-        joint = self.case.fit.with_effects(base.effects)
+        worst = self.split.drives[int(missed.argmax())] if missed.max() >= MATERIAL**2 else ''
+        joint = self.split.fit.with_effects(base.effects)
         thetas = [joint.own(k, base.theta)[0] for k in range(len(joint.models))]
         seen = [
             (c, start)
@@ -238,7 +238,7 @@ class Attribution:
         ]
         if not seen:
             return []
-        nominal = len(self.case.fit.with_effects(()).parameters)
+        nominal = len(self.split.fit.with_effects(()).parameters)
         places = [p.name.partition('.') for p in joint.parameters[:nominal]]
         out = []
         for candidate, own in seen:
@@ -317,7 +317,7 @@ class Attribution:
 
         Sizes and shapes are each drive's own; the strongest comes last.
         """
-        least = dict(zip(self.case.drives, MATERIAL**2 * base.samples.fit, strict=True))
+        least = dict(zip(self.split.drives, MATERIAL**2 * base.samples.fit, strict=True))
         by_name: dict[str, list[Start]] = {}
         for at, (best, *_) in screened.items():
             if best.gain >= least.get(at.where, np.inf):

@@ -10,10 +10,10 @@ import numpy as np
 
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.attribute import Attribution
-from ros2_ident.gap.case import Case
-from ros2_ident.gap.floor import Floor, predictability
+from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
+from ros2_ident.gap.noise_floor import Floor, predictability
+from ros2_ident.gap.recordings import Split
 from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
@@ -25,11 +25,11 @@ from ros2_ident.search.evidence import Evidence
 _LOWER = 0.97
 
 
-class Explainer(Attribution):
-    """Runs the rounds and judges their fits; further arguments as of `Attribution`.
+class Selector(Fitter):
+    """Runs the rounds and judges their fits; further arguments as of `Fitter`.
 
     Args:
-        case: The recordings.
+        split: The recordings.
         floor: The noise that they are fitted under.
         rules: When something counts.
         steps: (D,) what steps of encoders put into the floor, RMS.
@@ -40,13 +40,13 @@ class Explainer(Attribution):
 
     def __init__(
         self,
-        case: Case,
+        split: Split,
         floor: Floor,
         rules: Rules | None = None,
         steps: Array | float = 0.0,
         **more: Any,
     ) -> None:
-        super().__init__(case, floor.per_drive, certain=_certain(floor), **more)
+        super().__init__(split, floor.per_drive, certain=_certain(floor), **more)
         self.floor = floor
         self.rules = rules or Rules()
         self.shown: tuple[EffectAt, ...] = ()
@@ -60,8 +60,8 @@ class Explainer(Attribution):
             e: The fit.
             evidence: Of what it leaves; without it the intervals are those by noise.
         """
-        case = self.case
-        joint = case.fit.with_effects(e.effects)
+        split = self.split
+        joint = split.fit.with_effects(e.effects)
         rows = len(self.fits.weight)
         found = intervals(
             e.jacobian[:rows] / (joint.high - joint.low),
@@ -69,7 +69,7 @@ class Explainer(Attribution):
             e.theta,
             joint.low,
             joint.high,
-            series=[int(s) for mask in case.fit.masks for s in mask.sum(axis=1)],
+            series=[int(s) for mask in split.fit.masks for s in mask.sum(axis=1)],
         )
         noise = found.low, found.high
         if evidence is None:
@@ -130,7 +130,7 @@ class Explainer(Attribution):
             chain, rests = self.ordered(chain, rests)
         shown = {at.where for at in self.shown}
         return Selection(
-            self.case.drives,
+            self.split.drives,
             tuple(chain),
             tuple(rounds),
             self.rivals(chain, rounds),
@@ -145,11 +145,11 @@ class Explainer(Attribution):
 
         Efforts that are compared below a frequency only are slow, whatever makes them.
         """
-        model = self.case.fit.models[0]
+        model = self.split.fit.models[0]
         if model.thinned:
             return {}
         stated = model.machine is None or model.machine.stated('effort_noise')
-        return self.floor.restless(self.case.drives, model.noise if stated else 0.0)
+        return self.floor.restless(self.split.drives, model.noise if stated else 0.0)
 
     def counts(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether a step is material, and would be at the lower end of its 95 % interval.
@@ -166,16 +166,16 @@ class Explainer(Attribution):
     def on_like_drives(
         self, chain: list[Hypothesis], candidates: Sequence[EffectAt]
     ) -> list[Hypothesis]:
-        """Return the chain with what was found on some drives on those that have it, too.
+        """Extend effects to sister drives on which they stand out of noise.
 
         Drives of one kind are built alike, so that an effect of about the same size needs no gap
         that counts by itself: it has to stand out of noise.
         """
-        final, machine = chain[-1], self.case.fit.models[0].machine
+        final, machine = chain[-1], self.split.fit.models[0].machine
         if machine is None or not kind_of(machine).alike:
             return chain
-        names = {at.effect for at in final.effects if at.where in self.case.drives}
-        more = [at for at in candidates if at.effect in names and at.where in self.case.drives]
+        names = {at.effect for at in final.effects if at.where in self.split.drives}
+        more = [at for at in candidates if at.effect in names and at.where in self.split.drives]
         starts = [s[0] for s in self.look(final, more).values() if s[0].gain > TIE]
         while starts and not self.stopped():
             new = tuple(at for s in starts for at in s.effects)
@@ -193,7 +193,7 @@ class Explainer(Attribution):
 
     def like_others(self, e: Hypothesis, at: EffectAt) -> bool:
         """Whether an effect stands out of noise, and is as large as on another drive of a fit."""
-        model, sizes = self.case.fit.models[0], dict[EffectAt, float]()
+        model, sizes = self.split.fit.models[0], dict[EffectAt, float]()
         for index, other in enumerate(e.effects):
             if other.effect == at.effect:
                 pairs = zip(e.columns(index), model.scaled(other), strict=True)
@@ -228,7 +228,7 @@ class Explainer(Attribution):
         key = frozenset(e.effects)
         if key not in self._seen:
             self.on_step(1.0, 'telling noise from what the motion predicts')
-            joint = self.case.whole.with_effects(e.effects)
+            joint = self.split.whole.with_effects(e.effects)
             self.knows(e, predictability(joint, e.theta, self.stopped, self.steps))
         made, seen = self._seen[key]
         if made is e:
@@ -236,7 +236,7 @@ class Explainer(Attribution):
         own = (made.columns(made.effects.index(at)) for at in e.effects)
         count = made.columns(0)[0] if made.effects else len(made.theta)
         order = np.concatenate([np.arange(count), *own])
-        joint = self.case.fit.with_effects(e.effects)
+        joint = self.split.fit.with_effects(e.effects)
         moved = (made.theta[order] - e.theta) / (joint.high - joint.low)
         known = seen.evidence
         assert known is not None
@@ -248,7 +248,7 @@ class Explainer(Attribution):
         return replace(seen, evidence=evidence)
 
     def knows(self, e: Hypothesis, seen: Floor) -> None:
-        """Keep what was found to be predictable of what a fit leaves."""
+        """Cache the noise floor of a set of effects."""
         self._seen[frozenset(e.effects)] = e, seen
 
     def rests(self, chain: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:

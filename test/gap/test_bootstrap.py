@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ros2_ident.gap.blocks import Blocks
-from ros2_ident.gap.floor import find_repeats, repeated
+from ros2_ident.gap.bootstrap import BlockBootstrap
+from ros2_ident.gap.noise_floor import find_repeats, repeated
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import correlation_time
 
@@ -27,7 +27,7 @@ def test_intervals_cover():
     hits = 0
     for seed in range(100):
         rows = _coloured(generator, 0.9, (2, 6000))
-        found = Blocks([rows], 1e-3, count=300, seed=seed).rms()
+        found = BlockBootstrap([rows], 1e-3, count=300, seed=seed).rms()
         hits += found.low <= 1.0 <= found.high
     assert 86 <= hits <= 100
 
@@ -39,11 +39,11 @@ def test_the_share_closed_covers_and_knows_its_limits():
     for seed in range(80):
         effect = 1.5 * _coloured(generator, 0.95, (2, 6000))
         noise = generator.standard_normal((2, 6000))
-        found = Blocks([noise + effect, noise + 0.3 * effect], 1e-3, count=300, seed=seed)
+        found = BlockBootstrap([noise + effect, noise + 0.3 * effect], 1e-3, count=300, seed=seed)
         share = found.share_closed(0, 1, floor)
         hits += share.low <= 0.91 <= share.high
     assert 68 <= hits <= 80
-    same = Blocks([noise, noise], 1e-3)
+    same = BlockBootstrap([noise, noise], 1e-3)
     assert np.isnan(same.share_closed(0, 1, floor_of(2, 2.0)).value)
 
 

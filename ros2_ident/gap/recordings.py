@@ -88,7 +88,7 @@ def _one_output_a_drive(models: Sequence[FullModel]) -> None:
             )
 
 
-class Joint(Layout):
+class JointModel(Layout):
     """A model with some effects on every recording of a part, as one fit.
 
     The parameters of the effects are the last ones.
@@ -139,7 +139,7 @@ class Part:
     Attributes:
         models: Their nominal models.
         labels: For each, the bag it came from; empty where there is one only.
-        masks: For each, (D, K) where a sample is compared; empty before a case has chosen.
+        masks: For each, (D, K) where a sample is compared; empty before a split has chosen.
         conditions: How the recordings differ.
     """
 
@@ -147,7 +147,7 @@ class Part:
     labels: tuple[str, ...] = ()
     masks: tuple[Mask, ...] = ()
     conditions: Conditions = Conditions()
-    _joints: dict[tuple[EffectAt, ...], Joint] = field(default_factory=dict, repr=False)
+    _joints: dict[tuple[EffectAt, ...], JointModel] = field(default_factory=dict, repr=False)
 
     def __add__(self, other: 'Part') -> 'Part':
         """Return the recordings of both."""
@@ -158,13 +158,13 @@ class Part:
         """Leave out what is made again."""
         return {f.name: getattr(self, f.name) for f in fields(self)} | {'_joints': {}}
 
-    def with_effects(self, effects: Sequence[EffectAt]) -> Joint:
+    def with_effects(self, effects: Sequence[EffectAt]) -> JointModel:
         """Return the models with these effects."""
         key = tuple(effects)
         kept = self._joints
         with _KEEPING:
             found = kept.pop(key, None)
-        found = found or Joint(self, key)
+        found = found or JointModel(self, key)
         with _KEEPING:
             kept[key] = found
             while len(kept) > _KEPT:
@@ -190,12 +190,12 @@ class Part:
 
     @cached_property
     def drive(self) -> npt.NDArray[np.int64]:
-        """(R,) the drive of each value that `Joint.residual` returns."""
+        """(R,) the drive of each value that `JointModel.residual` returns."""
         return _drives_of(self.masks)
 
     @cached_property
     def law_drive(self) -> npt.NDArray[np.int64]:
-        """(L,) the drive of each value that `Joint.law_residual` returns."""
+        """(L,) the drive of each value that `JointModel.law_residual` returns."""
         return _drives_of(self.law_masks)
 
     def rows(self, values: Array) -> Array:
@@ -226,7 +226,7 @@ def _drives_of(masks: Sequence[Mask]) -> npt.NDArray[np.int64]:
     return np.concatenate([np.empty(0, np.int64), *(np.nonzero(mask)[0] for mask in masks)])
 
 
-class Case:
+class Split:
     """One machine's recordings: those to fit on, and those held out.
 
     Args:
@@ -289,8 +289,8 @@ class Case:
                     'moves, or at a higher rate',
                 )
 
-    def carrying(self, held: Sequence[Array]) -> 'Case':
-        """Return the case whose models know when a payload is carried.
+    def carrying(self, held: Sequence[Array]) -> 'Split':
+        """Return the split whose models know when a payload is carried.
 
         Args:
             held: For each recording of `whole`, (K,) the share of it that is carried.
@@ -298,8 +298,8 @@ class Case:
         models = self.whole.models
         return self._of([m.carrying(h) for m, h in zip(models, held, strict=True)])
 
-    def decided(self, theta: Array, noise: Array) -> 'Case':
-        """Return the case that compares only what the motion decides; itself where all or little.
+    def decided(self, theta: Array, noise: Array) -> 'Split':
+        """Return the split without samples whose effort depends on how the motion was smoothed.
 
         Args:
             theta: (N,) a nominal fit.
@@ -313,14 +313,14 @@ class Case:
             return self._of(models)
         return self
 
-    def stating(self, name: str, value: float) -> 'Case':
-        """Return the case whose machine file states another number."""
+    def stating(self, name: str, value: float) -> 'Split':
+        """Return the split whose machine file states another number."""
         return self._of([m.stating(name, value) for m in self.whole.models])
 
-    def _of(self, models: Sequence[FullModel]) -> 'Case':
+    def _of(self, models: Sequence[FullModel]) -> 'Split':
         fit, check, conditions = self._given
         count = len(fit.models)
-        return Case(
+        return Split(
             replace(fit, models=tuple(models[:count])),
             replace(check, models=tuple(models[count:])),
             conditions,

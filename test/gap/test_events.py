@@ -5,8 +5,9 @@ from gap_signals import white
 import numpy as np
 import pytest
 
-from ros2_ident.gap.floor import Floor
-from ros2_ident.gap.localise import bursts, Finding
+from ros2_ident.gap.noise_floor import Floor
+from ros2_ident.gap.where.events import bursts
+from ros2_ident.gap.where.localise import Finding
 from ros2_ident.machine.machine import Parameter
 from ros2_ident.models.protocol import FullModel, Output
 from ros2_ident.words.finding import where
