@@ -5,9 +5,8 @@
 # arguments, only those: tools/bench.sh peers. peers installs other programs into build/peers, and
 # writes build/benchmarks.md, too.
 #
-# What changes less has to be named: search_mutation, search_belt, cluster, mujoco_blind (needs what
-# peers installs, and half an hour), practice (wants a folder of cases), report (wants result
-# directories and Chromium).
+# What changes less has to be named: search_belt, mujoco_blind (needs what peers installs, and half
+# an hour), practice (wants a folder of cases), report (wants result directories and Chromium).
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
