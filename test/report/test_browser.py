@@ -135,6 +135,18 @@ def test_a_phone_shows_all_of_it(page: Any) -> None:
     assert phone_width(page) <= 400
 
 
+def test_a_plot_with_the_focus_has_a_ring(page: Any) -> None:
+    page.execute_script(
+        FIND + "everything(document.getElementById('effort-plot'), '.bk-events')[0].focus()"
+    )
+    ring = page.execute_script(
+        'let at = document.activeElement\nwhile (at.shadowRoot) at = at.shadowRoot.activeElement\n'
+        'const seen = getComputedStyle(at)\n'
+        'return [at.className, seen.outlineStyle, seen.outlineWidth, seen.outlineColor]'
+    )
+    assert ring == ['bk-layer bk-events', 'solid', '3px', 'rgb(0, 114, 178)']
+
+
 @pytest.mark.parametrize('scheme', ['light', 'dark'])
 def test_it_is_accessible(page: Any, scheme: str) -> None:
     if not AXE.exists():

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.report.page.render import GREY, INK, Key, ORANGE, Picture, RED, SKY
+from ros2_ident.report.page.render import BLUE, GREY, INK, Key, ORANGE, Picture, RED, SKY
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.words.figures import compared
 
@@ -44,6 +44,8 @@ GAP = 0.02
 # A curve breaks where its next sample is so many times later than usual, and by so many s.
 LATE, LATE_SECONDS = 10.0, 0.02
 LINE, GRID = '#9aa5b1', '#e6eaee'
+# The ring of a plot that has the focus: the library's is faint, and dotted.
+RING = f'--outline-width: 3px; --outline-style: solid; --highlight-color: {BLUE}'
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 
 
@@ -180,6 +182,7 @@ class _Plots:
             active_scroll=wheel,
             name=f'drive-{d}',
             sizing_mode='stretch_width',
+            stylesheets=[f'.bk-Canvas {{ {RING} }}'],
             visible=visible,
         )
         made.toolbar.update(autohide=True, logo=None)
