@@ -2,6 +2,7 @@
 """The page in a real browser: it draws, it zooms, it asks nobody for anything."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 import json
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from ros2_ident.report.page import write_comparison, write_report
 from ros2_ident.report.signals import write_signals
 
 PLOTS = 2
+# Pixels.
+PHONE = 400
 # A picture's figures lie in shadow roots, one within another.
 FIND = '''
 function everything(root, wanted) {
@@ -120,19 +123,26 @@ def press(page: Any, plot: str, text: str) -> Any:
     )
 
 
-def phone_width(page: Any) -> int:
-    """Return how wide the page is in a window of 400 pixels."""
-    phone = {'width': 400, 'height': 800, 'deviceScaleFactor': 1, 'mobile': True}
-    page.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', phone)
+@contextmanager
+def width(page: Any, pixels: int) -> Iterator[None]:
+    """Show the page so wide."""
+    size = {'width': pixels, 'height': 800, 'deviceScaleFactor': 1, 'mobile': True}
+    page.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', size)
     try:
-        return int(page.execute_script('return document.documentElement.scrollWidth'))
+        yield
     finally:
         page.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
 
 
+def phone_width(page: Any) -> int:
+    """Return how wide the page is on a phone."""
+    with width(page, PHONE):
+        return int(page.execute_script('return document.documentElement.scrollWidth'))
+
+
 def test_a_phone_shows_all_of_it(page: Any) -> None:
     """Nothing but tables and plots in their own frames is wider than the window."""
-    assert phone_width(page) <= 400
+    assert phone_width(page) <= PHONE
 
 
 def test_a_plot_with_the_focus_has_a_ring(page: Any) -> None:
@@ -180,7 +190,11 @@ def test_of_six_joints_one_is_shown_and_each_has_a_tab(page: Any, tmp_path: Path
     assert page.execute_script(f'{axis}.start') == pytest.approx(-1.2, abs=0.2)
     assert page.execute_script(f'{axis}.end') == pytest.approx(1.2, abs=0.2)
     assert [x for x in page.get_log('browser') if x['level'] != 'INFO'] == []
-    assert phone_width(page) <= 400
+    assert phone_width(page) <= PHONE
+    # The first screen has the values with their intervals, down to the last sign.
+    with width(page, PHONE):
+        room = "const of = document.querySelector('.hero'); return of.scrollWidth - of.clientWidth"
+        assert page.execute_script(room) == 0
     page.get(here)
     until(page, 'return document.documentElement.dataset.ready')
 

@@ -136,6 +136,11 @@ def equation(text: str) -> Markup:
     return Markup(html)
 
 
+def breaks(name: str) -> Markup:
+    """Return a name that a line may break behind each dot and underscore."""
+    return Markup(re.sub('([._])', r'\1<wbr>', str(escape(name))))
+
+
 def prose(text: str) -> Markup:
     """Return a sentence with what stands between backticks as code.
 

@@ -118,6 +118,7 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         trim_blocks=True,
     )
     environment.filters |= {
+        'breaks': numbers.breaks,
         'change': numbers.change,
         'equation': numbers.equation,
         'item': _item,
