@@ -16,8 +16,9 @@ from ros2_ident.report.page import write_comparison, write_report
 from ros2_ident.report.signals import write_signals
 
 PLOTS = 2
-# Pixels.
-PHONE = 400
+# Pixels: a phone, A4 within its margins, a plot in a wide window.
+PHONE, PAPER, WHOLE = 400, 703, 1040
+INK = 'rgb(28, 39, 51)'
 # A picture's figures lie in shadow roots, one within another.
 FIND = '''
 function everything(root, wanted) {
@@ -32,6 +33,13 @@ const figure = identPage.models('effort-plot', 'Figure')[0]
 const curve = figure.renderers[0].data_source.data
 return {start: figure.x_range.start, end: figure.x_range.end, points: curve.x.length,
   first: Math.min(...curve.x), last: Math.max(...curve.x), most: Math.max(...curve.y)}
+'''
+# What lies beyond the right edge, would need a bar to be seen, or is folded up.
+CUT_OFF = '''
+return [...document.querySelectorAll('main *')].filter((one) => !one.closest('svg, .hidden')
+  && (one.getBoundingClientRect().right > arguments[0] + 2
+    || /auto|scroll/.test(getComputedStyle(one).overflow)
+    || one.parentNode.tagName === 'DETAILS' && !one.checkVisibility())).map((one) => one.outerHTML)
 '''
 
 
@@ -125,7 +133,7 @@ def press(page: Any, plot: str, text: str) -> Any:
 
 @contextmanager
 def width(page: Any, pixels: int) -> Iterator[None]:
-    """Show the page so wide."""
+    """Show the page as wide as a phone or a sheet of paper."""
     size = {'width': pixels, 'height': 800, 'deviceScaleFactor': 1, 'mobile': True}
     page.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', size)
     try:
@@ -143,6 +151,22 @@ def phone_width(page: Any) -> int:
 def test_a_phone_shows_all_of_it(page: Any) -> None:
     """Nothing but tables and plots in their own frames is wider than the window."""
     assert phone_width(page) <= PHONE
+
+
+def test_paper_shows_all_of_it(page: Any) -> None:
+    """A plot keeps its width when it is printed, and paper has no scroll bars."""
+    plot = "const plot = document.getElementById('effort-plot')\n"
+    plot += 'return plot.getBoundingClientRect().width / plot.currentCSSZoom'
+    drawn = page.execute_script(plot)
+    dark = {'name': 'prefers-color-scheme', 'value': 'dark'}
+    page.execute_cdp_cmd('Emulation.setEmulatedMedia', {'media': 'print', 'features': [dark]})
+    try:
+        with width(page, PAPER):
+            assert page.execute_script(plot) >= drawn == WHOLE
+            assert page.execute_script(CUT_OFF, PAPER) == []
+            assert page.execute_script('return getComputedStyle(document.body).color') == INK
+    finally:
+        page.execute_cdp_cmd('Emulation.setEmulatedMedia', {'media': '', 'features': []})
 
 
 def test_a_plot_with_the_focus_has_a_ring(page: Any) -> None:
