@@ -236,7 +236,7 @@ def cost_over_parameters(result: Identification) -> Picture | None:
             axes.ticklabel_format(axis='x', scilimits=(-2, 4), useMathText=True)
             axes.locator_params(axis='x', nbins=4)
             axes.set_xlim(p.lower_bound, p.upper_bound)
-            axes.set_title(p.name, fontsize=12.0, fontweight='bold')
+            axes.set_title(p.name.replace('.', '.\n'), fontsize=12.0, fontweight='bold')
             axes.set_xlabel(f'[{unit_of(p.unit) or "1"}]')
             if n % COLUMNS == 0:
                 axes.set_ylabel(f'cost [{result.cost.unit}]')
@@ -245,7 +245,7 @@ def cost_over_parameters(result: Identification) -> Picture | None:
     refined = f', refined {number(cost.refined)}' if math.isfinite(cost.refined) else ''
     notes = (f'Least cost of {count} generations: {number(cost.ga)}{refined} {cost.unit}.',)
     summary = 'Cost of the candidates over each parameter'
-    return Picture(svg(draw, WIDTH, HIGH * rows), summary, notes=notes, least=WIDTH)
+    return Picture(svg(draw, WIDTH, HIGH * rows), summary, notes=notes, least=800)
 
 
 def correlated(result: Identification) -> bool:
