@@ -17,21 +17,12 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.recordings import Split
 from ros2_ident.gap.result import Facts, Misfit, WrongConstant
-from ros2_ident.gap.rules import Rules, TIE
+from ros2_ident.gap.rules import Rules, Temperatures, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
-from ros2_ident.gates.scale import FLOORS, near
+from ros2_ident.gates.scale import near
 from ros2_ident.models.registry import kind_of
 from ros2_ident.search.noise import fast_noise
-
-# A model is another machine's where, with every effect found, a drive's effort is missed by this
-# share of how it varies, and by far more than the floor.
-LARGE = 0.1
-# So much, and slow, is no noise of a log either, even where nothing predicts it; of drives of one
-# make the others tell what noise is.
-SLOW = 0.5
-# A contradiction is found by a measure that leaves hardly any doubt.
-_SURE = 0.95
 
 
 def of_gates(
@@ -94,7 +85,12 @@ def of_the_file(
 
 
 def of_what_is_left(
-    split: Split, floor: Array, found: Selection, verdict: Verdict, report: GateReport
+    split: Split,
+    floor: Array,
+    found: Selection,
+    verdict: Verdict,
+    report: GateReport,
+    rules: Rules,
 ) -> tuple[Selection, Verdict]:
     """Return the answer, or that the model is the wrong one where no effect makes it fit.
 
@@ -115,8 +111,8 @@ def of_what_is_left(
     whole = np.hypot(left, floor)
     machine = split.fit.models[0].machine
     like = machine is not None and kind_of(machine).alike
-    slow_part = (whole >= FLOORS * fast) & (whole >= SLOW * varies) & (not like)
-    lost = ((gap >= FLOORS) & (left >= LARGE * varies)) | slow_part
+    slow_part = (whole >= rules.floors * fast) & (whole >= rules.slow * varies) & (not like)
+    lost = ((gap >= rules.floors) & (left >= rules.varies * varies)) | slow_part
     left = np.where(slow_part, whole, left)
     if not lost.any():
         return found, verdict
@@ -142,7 +138,7 @@ def of_events(verdict: Verdict, report: GateReport) -> Verdict:
         verdict,
         effect=UNKNOWN,
         where=tuple(dict.fromkeys(e.drive for e in found)),
-        probability=_SURE,
+        probability=Temperatures().sure,
         also=(),
         confusable=(),
         facts=replace(verdict.facts, events=found, misfit=None),
@@ -150,7 +146,7 @@ def of_events(verdict: Verdict, report: GateReport) -> Verdict:
 
 
 def _without_effects(effect: str, where: tuple[str, ...], **facts: Any) -> Verdict:
-    return Verdict(effect, where, _SURE, (), (), (), 0.0, facts=Facts(**facts))
+    return Verdict(effect, where, Temperatures().sure, (), (), (), 0.0, facts=Facts(**facts))
 
 
 def _spread(split: Split, drive: int) -> float:

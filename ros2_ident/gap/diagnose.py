@@ -417,7 +417,7 @@ class _Passes:
         verdict = judge(found, begun.encoders)
         if not clock.stopped():
             found, verdict = of_what_is_left(
-                selector.split, selector.fits.floor, found, verdict, begun.report
+                selector.split, selector.fits.floor, found, verdict, begun.report, _RULES
             )
             found, verdict = self._of_the_file(begun, found, verdict)
         return found, verdict

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ros2_ident.arrays import NORMAL
 from ros2_ident.gap.hypothesis import Hypothesis, Round
+from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
 
 # Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
@@ -16,20 +17,35 @@ TIE = 20.0
 class Rules:
     """Thresholds: shares, or RMS in units of the floor; see `docs/diagnosis.md`.
 
+    Where each is from stands behind it: practice cases of another simulator (labelled, none of
+    the blind ones), with the date, or by hand.
+
     Attributes:
-        material: Gap of a drive, RMS, below which nothing is missing.
+        material: Gap of a drive, RMS, below which nothing is missing: imperfections of any real
+            machine. Practice cases, 2026-11-22.
         step: Least RMS that the first effect has to take away from a drive's gap. For every
             further one it is `material`: the first one's real form differs from the catalogue's.
+            Practice cases, 2026-11-22.
         unknown: Gap of a drive from which something is called missing though nothing closes it.
+            Practice cases, 2026-11-21.
         share: Least share of the explainable gap, on held-out data, that an effect has to close.
+            By hand.
         closed: Least share that all effects together have to close for their names to be believed:
-            most of the gap is theirs.
+            most of the gap is theirs. By its meaning.
         rival: How much less of the gap than the best an effect may close and still be taken for
-            confusable.
+            confusable. Practice cases, 2026-11-21.
         alike: Share of the gap by which two laws may differ and be taken for forms of one effect:
             then the one with fewer numbers is named. So much the right effect leaves, its real
-            form being another one, and a further one at its place has to close more.
-        most: Most effects; the same one on several drives counts once.
+            form being another one, and a further one at its place has to close more. Practice
+            cases, 2026-11-23.
+        most: Most effects; the same one on several drives counts once. By hand.
+        shaken: RMS that a drive shaken by its encoder's steps puts on the others, as a share of
+            its own. By hand.
+        floors: Gap from which, with every effect found, a model is another machine's. By hand.
+        varies: The same as a share of how the drive's effort varies. By hand.
+        slow: Share of that variation from which what is left, and slow, is no noise of a log even
+            where nothing predicts it; of drives of one make the others tell what noise is. By
+            hand.
     """
 
     material: float = MATERIAL
@@ -40,6 +56,10 @@ class Rules:
     rival: float = 0.12
     alike: float = 0.02
     most: int = 4
+    shaken: float = 0.25
+    floors: float = FLOORS
+    varies: float = 0.1
+    slow: float = 0.5
 
     def open(self, e: Hypothesis) -> bool:
         """Whether what is left counts, so that more may be missing."""
@@ -128,6 +148,8 @@ class Temperatures:
         power: Exponent of the share that a candidate leaves open: half as much weighs 2^power
             times.
         restless: Probability that something moves where the floor is too large and slow for noise.
+        sure: Probability of what a measure shows by itself, with hardly any doubt: steps of an
+            encoder, a contradiction of log and machine file. By hand.
     """
 
     size: float = 0.04
@@ -136,3 +158,4 @@ class Temperatures:
     believed: float = 0.9
     power: float = 5.0
     restless: float = 0.7
+    sure: float = 0.95

@@ -20,8 +20,6 @@ NONE, UNKNOWN = 'none', 'unknown'
 # said then.
 BOOKKEEPING, WRONG_MODEL = 'bookkeeping', 'model'
 REFUSED = frozenset({BOOKKEEPING, WRONG_MODEL})
-# RMS that a drive shaken by its encoder's steps puts on the others, as a share of its own.
-_SHAKEN = 0.25
 # Answers that name no effect.
 NAMELESS = REFUSED | {NONE, UNKNOWN}
 
@@ -129,7 +127,7 @@ def _with_encoder_steps(
     coarse = tuple(r.at for r in encoders)
     plain = _judge(found, rules, t)
     chain = found.chain[-1].effects
-    shaken = (_SHAKEN**2) * float(after[drives.index(strongest.drive)])
+    shaken = (rules.shaken**2) * float(after[drives.index(strongest.drive)])
     least = max(rules.unknown**2, shaken)
     unexplained = float(after[rest].max(initial=0.0)) >= least
     first = strongest.at
@@ -147,7 +145,7 @@ def _with_encoder_steps(
     return Verdict(
         first.effect,
         (first.where,),
-        0.95 * sure,
+        t.sure * sure,
         also,
         (),
         plain.ranking,
