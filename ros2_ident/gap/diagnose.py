@@ -303,7 +303,7 @@ class _Passes:
                 begun = self._begin(Split(fit + check, conditions=self.conditions))
             elif left < _RULES.material:
                 begun = replace(begun, base=whole)
-        return self._composed(begun, *self._explained(begun))
+        return self._composed(begun, *self._selected(begun))
 
     def _begin(self, split: Split) -> _Pass:
         """Fit the nominal parameters, estimate the floor, ask the gates."""
@@ -400,7 +400,7 @@ class _Passes:
         )
         return fits.ended_at((), found.unit)
 
-    def _explained(self, begun: _Pass) -> tuple[Selection, Verdict]:
+    def _selected(self, begun: _Pass) -> tuple[Selection, Verdict]:
         """Select the effects and turn them into a verdict."""
         clock, selector = self.clock, begun.selector
         clock.rounds(begun.base.size if begun.material else 0.0)
@@ -413,7 +413,7 @@ class _Passes:
 
         candidates = selector.split.candidates(self.without)
         limited = selector.limited(candidates, SEARCH, self.seed)
-        found = selector.explain(begun.base, candidates, note, limited)
+        found = selector.select(begun.base, candidates, note, limited)
         verdict = judge(found, begun.encoders)
         if not clock.stopped():
             found, verdict = of_what_is_left(

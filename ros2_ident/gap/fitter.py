@@ -2,7 +2,7 @@
 """Which effect explains the gap: each at each place, fitted with the nominal parameters.
 
 One round screens all candidates against the present residual, fits the promising ones jointly on
-the fit part, and scores every fit on the part held out. `explain` runs rounds until nothing is
+the fit part, and scores every fit on the part held out. `selection` runs rounds until nothing is
 left or nothing gains.
 """
 

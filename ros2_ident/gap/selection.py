@@ -78,7 +78,7 @@ class Selector(Fitter):
 
     # ------------------------------------------------------------------ selection
 
-    def explain(
+    def select(
         self,
         base: Hypothesis,
         candidates: Sequence[EffectAt],

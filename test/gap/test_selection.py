@@ -38,7 +38,7 @@ def test_what_the_fit_before_closes_on_its_way_is_no_merit_of_an_effect(selector
     selector.with_new_floor = lambda chain, rounds: (chain, rounds)
     for left, names in ((0.3, ()), (1.9, (STRIBECK,))):
         selector.refit = lambda effects, theta, left=left: made((left, 0.0), effects)
-        said = selector.explain(base, [STRIBECK], lambda e: None)
+        said = selector.select(base, [STRIBECK], lambda e: None)
         assert (said.chain[-1].effects, float(said.chain[0].fit[0])) == (
             names, SAMPLES * (1.0 + left),
         )  # fmt: skip
