@@ -36,7 +36,7 @@ _FLIPS = 3999
 # False findings among the findings, in the mean.
 LEVEL = 0.05
 # What explains less than this, as RMS over the floor, is of no matter, however certain.
-MATERIAL = 0.2
+LEAST = 0.2
 # A coordinate with this share leads: what it leaves is taken for the noise.
 _LEADING = 0.4
 # A block is so many times as long as the residual's memory.
@@ -87,7 +87,7 @@ def coarse_of(row: Array, cycle: float, noise: float) -> Coarse | None:
     value = mean * np.sqrt(weight)
     block, widen = blocks_of(mean, at, cycle, row.size)
     explainable = float(value @ value) - noise**2 * value.size
-    least = (MATERIAL * noise) ** 2 * float(weight.sum())
+    least = (LEAST * noise) ** 2 * float(weight.sum())
     return Coarse(at, value, weight, block, max(explainable, least), widen)
 
 
@@ -261,13 +261,13 @@ def localise(
     certain = [
         f
         for f, p in zip(found, chance, strict=True)
-        if p <= LEVEL * (1.0 + 1e-9) and f.over_floor >= MATERIAL
+        if p <= LEVEL * (1.0 + 1e-9) and f.over_floor >= LEAST
     ]
     settled = {f.drive for f in certain}
     for drive in (name for name in motion.drives if name not in settled):
         best = max((f for f in found if f.drive == drive), key=lambda f: f.statistic, default=None)
         # One that leads a large gap is told where none is certain among so many.
-        if best and min(best.over_floor / MATERIAL, best.statistic / _LEADING) >= 1.0:
+        if best and min(best.over_floor / LEAST, best.statistic / _LEADING) >= 1.0:
             certain += [replace(best, likely=True)] if best.p_value <= LEVEL else []
     size = np.sqrt(np.nanmean(residual**2, axis=1)) / floor.per_drive
     gap = dict(zip(motion.drives, size.tolist(), strict=True))
