@@ -252,17 +252,17 @@ def small_memory(path, text, code=ErrorCode.DAMAGED_BAG):
 
 
 @pytest.mark.parametrize('claimed', [None, 1000])
-def test_a_block_that_unpacks_to_gigabytes_is_refused(tmp_path, claimed):
-    packed = b''.join([zstandard.ZstdCompressor().compress(bytes(1 << 28))] * 16)
-    head = struct.pack('<QQQI', 0, 0, claimed or 1 << 32, 0) + struct.pack('<I', 4) + b'zstd'
+def test_a_block_that_unpacks_to_more_than_the_bound_is_refused(tmp_path, claimed):
+    packed = zstandard.ZstdCompressor().compress(bytes(129 << 20))
+    head = struct.pack('<QQQI', 0, 0, claimed or 129 << 20, 0) + struct.pack('<I', 4) + b'zstd'
     chunk = record(6, head + struct.pack('<Q', len(packed)) + packed)
     path = file_of(tmp_path, MAGIC + record(1, bytes(8)) + definitions() + chunk)
-    text = 'claims to unpack to 4 GiB, more than the 128 MiB allowed .ROS2_IDENT_MAX_CHUNK'
+    text = 'claims to unpack to 129 MiB, more than the 128 MiB allowed .ROS2_IDENT_MAX_CHUNK'
     small_memory(path, '1 block inside is damaged' if claimed else text)
 
 
 def test_a_file_that_would_fill_the_disk_is_refused(tmp_path):
-    packed = zstandard.ZstdCompressor().compress(bytes(1 << 28)) * 4
+    packed = zstandard.ZstdCompressor().compress(bytes(257 << 20))
     path = file_of(tmp_path, packed, 'a.mcap.zstd')
     text = 'unpacks from .* KiB to more than 256 MiB, the most .* raise ROS2_IDENT_MAX_UNPACKED'
     small_memory(path, text)
@@ -283,19 +283,19 @@ def joint_log(tmp_path, names, count=3):
 
 def test_names_are_bounded_in_number_and_length(tmp_path, monkeypatch):
     bad = ErrorCode.BAD_VALUES
-    raised = {'ROS2_IDENT_MAX_JOINTS': '10000', 'ROS2_IDENT_MAX_NAME': '5000'}
+    raised = {'ROS2_IDENT_MAX_JOINTS': '1001', 'ROS2_IDENT_MAX_NAME': '257'}
     for variable, value in raised.items():
         monkeypatch.setenv(variable, value)
-    path = joint_log(tmp_path, [f'j{k}' for k in range(10_000)])
+    path = joint_log(tmp_path, [f'j{k}' for k in range(1_001)])
     (tmp_path / 'long').mkdir()
-    long = joint_log(tmp_path / 'long', ['x' * 5000])
+    long = joint_log(tmp_path / 'long', ['x' * 257])
     assert read_bag(path)[0].state.stamp.size == read_bag(long)[0].state.stamp.size == 3
     for variable in raised:
         monkeypatch.delenv(variable)
     begin = time.process_time()
-    refused(path, 'names 10000 joints, more than the 1000 allowed.*ROS2_IDENT_MAX_JOINTS', bad)
+    refused(path, 'names 1001 joints, more than the 1000 allowed.*ROS2_IDENT_MAX_JOINTS', bad)
     assert time.process_time() - begin < 2.0
-    refused(long, 'name of 5000 bytes, more than the 256', bad)
+    refused(long, 'name of 257 bytes, more than the 256', bad)
 
 
 def test_control_sequences_in_names_never_reach_the_terminal(tmp_path):
