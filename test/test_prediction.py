@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 from ros2_ident.cli.main import main
+from ros2_ident.cli.predict import _picture
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.problem import problem_of
@@ -59,6 +60,9 @@ def test_errors_are_those_of_each_quantity_along_the_log() -> None:
     assert heavy.rmse == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-12)
     assert heavy.mae == pytest.approx(np.mean(np.abs(left)), rel=1e-12)
     assert true.rmse < 0.1 * heavy.rmse
+    stages = [('_a$$', [(model, theta)]), ('heavy', [(model, wrong)])]
+    legend = _picture(found, stages).axes[0].get_legend()
+    assert [x.get_text() for x in legend.get_texts()] == ['measured', '_a$$', 'heavy']
     # the model that was fitted compares what it did
     assert [o.quantity for o in model.outputs] == ['effort']
 
@@ -165,13 +169,13 @@ def test_an_effort_that_moves_the_axis_is_not_compared(pushed) -> None:
 def test_the_command_says_what_the_result_says(tmp_path: Path, capsys) -> None:
     words = ['identify', 'bags/axis_reversals', '--machine', 'config/emps.yaml', '--quiet']
     words += ['--no-report', '--no-overlay', '--population', '64', '--generations', '4']
-    assert main([*words, '--out', str(tmp_path / 'a')]) == 0
+    assert main([*words, '--out', str(tmp_path / '$$')]) == 0
     said = capsys.readouterr().out
     assert 'free run of the log fitted on, position RMSE, identified: emps_axis ' in said
-    result = load_result(tmp_path / 'a')
+    result = load_result(tmp_path / '$$')
     out = tmp_path / 'out'
-    words = ['predict', str(tmp_path / 'a'), 'bags/axis_reversals', '--out', str(out)]
-    assert main([*words, '--beside', str(tmp_path / 'a' / 'result.json')]) == 0
+    words = ['predict', str(tmp_path / '$$'), 'bags/axis_reversals', '--out', str(out)]
+    assert main([*words, '--beside', str(tmp_path / '$$' / 'result.json')]) == 0
     assert (out / 'prediction.png').read_bytes().startswith(b'\x89PNG')
     found = read(Prediction, json.loads((out / 'prediction.json').read_text(encoding='utf-8')))
     first, second = found.stages

@@ -137,7 +137,7 @@ def renamed(value, old, new):
 
 
 def test_names_in_a_result_are_only_text_on_its_page(tmp_path):
-    evil = '"><svg onload=x></script><img src=x onerror=alert(1)>'
+    evil = '"><svg onload=x></script><img src=x onerror=alert(1)>$$'
     pages = {}
     for name in ('drivex', evil):
         folder = tmp_path / str(len(pages))
@@ -161,3 +161,4 @@ def test_names_in_a_result_are_only_text_on_its_page(tmp_path):
     assert evil not in pages[evil]
     assert Tags(pages[evil]).found == Tags(pages['drivex']).found
     assert markupsafe.escape(evil) in pages[evil]
+    assert '"name":"PlainText"' in pages[evil]  # a text with $$ would be MathML

@@ -49,9 +49,12 @@ def run(args: argparse.Namespace) -> int:
             rows.append((row[0].drive, row[0].quantity, row[0].unit, name.upper(), *numbers))
     columns(rows, '<<<<' + '>' * len(found.stages))
     if folder is not None:
+        from matplotlib import rc_context
+
         content = {'format': FORMAT, 'warm_up': args.warm_up, **plain(asdict(found))}
         write_text(folder / JSON, json.dumps(content, indent=1) + '\n')
-        with replacing(folder / PICTURE) as file:
+        # Names and paths are no markup, whatever stands between two $.
+        with replacing(folder / PICTURE) as file, rc_context({'text.parse_math': False}):
             _picture(found, stages).savefig(file, format='png', metadata={'format': FORMAT})
         print(f'written: {folder / JSON}, {folder / PICTURE}')
     return 0
@@ -78,7 +81,8 @@ def _picture(found: 'Prediction', stages: 'Sequence[tuple[str, Sequence[Run]]]')
     for place, row in zip(axes, found.first, strict=True):
         place.set_ylabel(f'{row[0].drive}\n{row[0].quantity} [{row[0].unit}]')
         place.grid(lw=0.5)
-    axes[0].legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3)
+    names = [str(line.get_label()) for line in axes[0].lines]  # one with _ first would be left out
+    axes[0].legend(axes[0].lines, names, loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3)
     axes[-1].set_xlabel('time [s]')
     return figure
 

@@ -234,6 +234,7 @@ def cost_over_parameters(result: Identification) -> Picture | None:
             if math.isfinite(p.value):
                 axes.axvline(p.value, color=RED, lw=1.5, ls='--')
             axes.ticklabel_format(axis='x', scilimits=(-2, 4), useMathText=True)
+            axes.xaxis.get_offset_text().set_parse_math(True)
             axes.locator_params(axis='x', nbins=4)
             axes.set_xlim(p.lower_bound, p.upper_bound)
             axes.set_title(p.name.replace('.', '.\n'), fontsize=12.0, fontweight='bold')

@@ -16,6 +16,7 @@ from bokeh.models import (
     CrosshairTool,
     CustomJS,
     DataRange1d,
+    PlainText,
     Range1d,
     WheelZoomTool,
 )
@@ -194,7 +195,8 @@ class _Plots:
             axis.axis_line_color = axis.major_tick_line_color = LINE
             axis.update(axis_label_standoff=6, minor_tick_line_color=None, major_tick_in=0)
         made.grid.grid_line_color = GRID
-        made.yaxis.axis_label = label
+        # A text alone could be markup: names may hold $$.
+        made.yaxis.axis_label = PlainText(text=label)
         made.yaxis.ticker = BasicTicker(desired_num_ticks=ticks)
         made.xaxis.visible = False
         for start in self._starts[1:]:

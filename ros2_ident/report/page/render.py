@@ -94,7 +94,10 @@ def svg(draw: Callable[['Figure'], None], width: float, height: float) -> Markup
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'ros2_ident', 'font.size': 12.0}):
+    with rc_context({
+        'svg.fonttype': 'none', 'svg.hashsalt': 'ros2_ident', 'font.size': 12.0,
+        'text.parse_math': False,  # names are no markup, whatever stands between two $
+    }):  # fmt: skip
         made = Figure((width / 72.0, height / 72.0), layout='constrained')
         draw(made)
         file = io.StringIO()
