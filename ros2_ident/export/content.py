@@ -258,7 +258,7 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     names, middle = inertials.names, inertials.middles
     free = {p.name: n for n, p in enumerate(model.parameters)}
     columns = np.array([free[name] for name in names if name in free], dtype=np.int64)
-    sought = np.array([name in free for name in names])
+    sought = np.array([name in free for name in names], dtype=np.bool_)
     value = np.array(
         [theta[free[n]] if n in free else model.fixed[n] for n in names], dtype=np.float64
     )
