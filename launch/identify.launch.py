@@ -10,6 +10,7 @@ from typing import Any
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchContext, LaunchDescription
@@ -48,7 +49,8 @@ def _nodes(context: LaunchContext) -> list[Node]:
         machine = str(Path(FindPackageShare('ros2_ident').perform(context)) / 'config/tripod.yaml')
     values: dict[str, Any] = {'use_sim_time': given['use_sim_time'].lower() in ('true', '1')}
     if machine:
-        values['machine_file'] = machine
+        # A text alone would be read as YAML, where a: b is no path.
+        values['machine_file'] = ParameterValue(machine, value_type=str)
     topics = {
         'joint_states': given['state_topic'],
         'effort': given['effort_topic'],

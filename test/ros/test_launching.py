@@ -20,6 +20,8 @@ def started(monkeypatch):
         monkeypatch.setitem(sys.modules, name, fakes)
     monkeypatch.setitem(sys.modules, 'launch_ros.actions', SimpleNamespace(Node=dict))
     monkeypatch.setitem(sys.modules, 'launch_ros.substitutions', fakes)
+    typed = SimpleNamespace(ParameterValue=lambda value, value_type: (value, value_type))
+    monkeypatch.setitem(sys.modules, 'launch_ros.parameter_descriptions', typed)
     fakes.FindPackageShare.return_value.perform.return_value = '/share'
     fakes.LaunchConfiguration = lambda name: SimpleNamespace(perform=lambda given: given[name])
     spec = importlib.util.spec_from_file_location('identify_launch', FILE)
@@ -32,13 +34,13 @@ def started(monkeypatch):
 @pytest.mark.parametrize(
     ('given', 'parameters'),
     [
-        ({}, [{'use_sim_time': False, 'machine_file': '/share/config/tripod.yaml'}]),
-        ({'machine_file': 'a.yaml'}, [{'use_sim_time': False, 'machine_file': 'a.yaml'}]),
+        ({}, [{'use_sim_time': False, 'machine_file': ('/share/config/tripod.yaml', str)}]),
+        ({'machine_file': 'a.yaml'}, [{'use_sim_time': False, 'machine_file': ('a.yaml', str)}]),
         # a parameter file's own machine file stays
         ({'params_file': 'p.yaml'}, ['p.yaml', {'use_sim_time': False}]),
         (
             {'params_file': 'p.yaml', 'machine_file': 'a.yaml', 'use_sim_time': 'True'},
-            ['p.yaml', {'use_sim_time': True, 'machine_file': 'a.yaml'}],
+            ['p.yaml', {'use_sim_time': True, 'machine_file': ('a.yaml', str)}],
         ),
     ],
 )
