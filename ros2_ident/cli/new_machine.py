@@ -4,6 +4,7 @@
 import argparse
 import os
 from pathlib import Path
+import shlex
 import sys
 from typing import Any, TYPE_CHECKING
 
@@ -57,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
             ErrorCode.INVALID_GOAL, f'{path}: exists already; remove it or give another name'
         )
     write_text(path, text)
-    print(f'written: {path}; change its values, then: ident check --machine {path}')
+    command = shlex.join(['ident', 'check', '--machine', str(path)])
+    print(f'written: {path}; change its values, then: {command}')
     if log is not None and kind.joints is not None:
         print(new_file.ways(kind, log))
     return 0

@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+import shlex
 
 import numpy as np
 
@@ -235,7 +236,7 @@ def _scanned(files: list[Path], topics: Topics) -> Content:
             elif losses.text:
                 remedy = 'copy the file again'
                 if file.suffix == '.mcap':
-                    name = printable(file.name)
+                    name = printable(shlex.quote(file.name))
                     remedy = f'`mcap recover {name}` writes a sound file of the same content'
                 lost = f', {losses.messages} are lost' if losses.messages else ''
                 read = f'{losses.whole} whole messages were read{lost}'
@@ -255,9 +256,10 @@ def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
         text = f'{printable(kind) or "a file without a suffix"} is not a format read here; '
         text += 'write a CSV with a column map, or give a bag: .mcap, .db3, .bag, or its directory'
         return IdentError(ErrorCode.INVALID_GOAL, f'{path}: {text}')
+    name = shlex.quote(path.name)
     remedy = {
-        '.bag': f'`rosbag reindex {path.name}` writes the index of what is whole, or ',
-        '.db3': f'what is left comes out with `sqlite3 {path.name} .recover`, or ',
+        '.bag': f'`rosbag reindex {name}` writes the index of what is whole, or ',
+        '.db3': f'what is left comes out with `sqlite3 {name} .recover`, or ',
     }.get(kind, '')
     return damaged(path, f'cannot be read ({reason}); {remedy}copy or record the bag again')
 

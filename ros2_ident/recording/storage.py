@@ -9,6 +9,7 @@ import hashlib
 from io import BytesIO
 from pathlib import Path
 import re
+import shlex
 import shutil
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -174,7 +175,7 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
         said = 'does not fit the files' if there else 'is missing'
     if stated and all(x.is_file() for x in stated):
         files = list(dict.fromkeys(stated))
-    remedy = f'`ros2 bag reindex {path}` writes it anew'
+    remedy = f'`ros2 bag reindex {shlex.quote(str(path))}` writes it anew'
     return files, [f'{path}: metadata.yaml {said}; {remedy}'] if said else []
 
 

@@ -15,6 +15,7 @@ from itertools import islice
 import math
 from pathlib import Path
 import re
+import shlex
 from typing import Any
 
 import numpy as np
@@ -311,7 +312,8 @@ def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
     if not where.is_file():
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
         text = f'is a table and {where} is missing; write this map as in docs/logs.md, or by '
-        text += f'`ident new-machine --kind KIND --bag {path}`; the first line is: {names}'
+        command = shlex.join(['ident', 'new-machine', '--kind', 'KIND', '--bag', str(path)])
+        text += f'`{command}`; the first line is: {names}'
         raise refuse(path, text)
     layout = load_columns(where)
     stamp, values, warnings = _parse(path, text, layout)
