@@ -12,13 +12,14 @@ import xml.etree.ElementTree as ET
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_small
-from ros2_ident.machine.units import name_of
+from ros2_ident.machine.units import name_of, shown
+from ros2_ident.recording.limits import unfit
 
 _BYTES, _ELEMENTS, _BODIES, _DEPTH, _JOINTS = 1 << 24, 100_000, 1_000, 250, 6
-# In SI units: a limit of none is written as 1e16, squares are far from overflow; what may be a
 # MuJoCo 4.0 knows 38 of an element `general`, the most of all.
 _ATTRIBUTES = 100
 _ATTRIBUTE = re.compile(r'''=\s*("[^"]*"|'[^']*')''')
+# In SI units: a limit of none is written as 1e16, squares are far from overflow; what may be a
 # rounded 0.
 _LARGEST, _NOTHING = 1e30, -1e-9
 _INERTIAS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
@@ -97,10 +98,10 @@ def _of_text(text: str) -> Iterator[str]:
         yield 'has a DOCTYPE, whose entities can stand for text without end; remove it'
     if text.count('<') > 2 * _ELEMENTS:
         yield f'has more than {_ELEMENTS} elements; leave out what is not the machine'
-
     # No value holds a <, so that between two of them there is one element, or less.
     elif any(len(_ATTRIBUTE.findall(part)) > _ATTRIBUTES for part in text.split('<')):
         yield f'has an element of more than {_ATTRIBUTES} attributes; leave some out'
+
 
 def _problems(root: ET.Element, shapes: bool) -> Iterator[str]:
     level = [root]
@@ -129,6 +130,11 @@ def _problems(root: ET.Element, shapes: bool) -> Iterator[str]:
             )
     if root.tag == 'robot':
         yield from _of_urdf(root)
+    for joint in root.iter('joint'):
+        name = joint.get('name', '')
+        # In an MJCF a joint needs no name.
+        if (name or root.tag == 'robot') and (why := unfit(name)):
+            yield f'names a joint {shown(name)}, {why}'
     for element in root.iter():
         file = next((name for name in element.attrib if name.startswith('file')), None)
         if element.tag == 'include' or file and not shapes:

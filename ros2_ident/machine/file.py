@@ -21,6 +21,7 @@ from ros2_ident.machine.keys import DESCRIPTION_TOPIC, Key, Value
 from ros2_ident.machine.kind import Draft, Kind, Remark
 from ros2_ident.machine.machine import Box, Machine
 from ros2_ident.machine.units import effort_factors, name_of, number, plain_unit, shown
+from ros2_ident.recording.limits import unfit
 
 SECTIONS = ('geometry', 'drive', 'controller', 'parameters')
 TEMPLATE = 'start from one that `ident new-machine` writes'
@@ -298,6 +299,10 @@ def judge(data: Any, kinds: Mapping[str, Kind], folder: Path) -> Iterator[Remark
 
 def _drives(draft: Draft, kind: Kind) -> Iterator[Remark]:
     drives = draft.present.get(('drives',))
+    for name in drives if isinstance(drives, list) else ():
+        if why := unfit(name):
+            yield Remark(('drives',), f'drives names a joint {shown(name)}, {why}')
+            return
     if not isinstance(drives, list) or not drives or len(set(draft.drives)) != len(drives):
         yield Remark(('drives',), 'drives has to be a list of different joint names')
     elif kind.drives is not None and len(drives) != kind.drives:

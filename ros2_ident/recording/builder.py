@@ -10,7 +10,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.grid import sample_period
-from ros2_ident.recording.limits import limit, listed, printable, require_memory, variable_of
+from ros2_ident.recording.limits import limit, listed, require_memory, short, unfit, variable_of
 from ros2_ident.recording.outliers import leave_out
 from ros2_ident.recording.streams import (
     FIELDS,
@@ -224,14 +224,17 @@ class RecordingBuilder:
         return IdentError(code, f'{self.source}: {text}')
 
     def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the names as they may be shown, no more of them than a stream may have."""
+        """Return the names, no more of them than a stream may have."""
         known = self._tracks[role].joints
         if all(name in known for name in names):
             return tuple(names)
         if len({*known, *names}) > limit('joints'):
             text = f'{role} names more than {limit("joints")} joints; record the drives only'
             raise self._bad(f'{text}, or raise {variable_of("joints")}')
-        return tuple(printable(name, 8 * limit('name')) for name in names)
+        for name in names:
+            if why := unfit(name):
+                raise self._bad(f'{role} names a joint {short(name)}, {why}')
+        return tuple(names)
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         """Return the segments of one role."""

@@ -14,7 +14,7 @@ _USUAL = {
     'ratio': (500, 1),  # how many times larger than the file all its blocks together may become
     'memory': (8192, _MIB),  # bytes of values in memory
     'joints': (1000, 1),  # joint names, and different sets of them, on one topic
-    'name': (256, 1),  # characters of a joint's name
+    'name': (256, 1),  # bytes of a joint's name
 }
 
 
@@ -67,6 +67,20 @@ def size_text(size: float) -> str:
     return f'{size:.4g} GiB'
 
 
+def unfit(name: object) -> str:
+    """Return why what is read cannot be a joint's name, and the remedy; empty where it can."""
+    if not isinstance(name, str | int) or isinstance(name, bool):  # YAML's no, null and 1.5
+        return 'which is no text; put it into quotes'
+    name = str(name)
+    size, most = len(name.encode(errors='replace')), limit('name')
+    if size > most:
+        text = f'whose {size} bytes are more than the {most} allowed'
+        return f'{text}; shorten it, or raise {variable_of("name")}'
+    if not name.isprintable():
+        return 'which holds a line break or another control character; rename the joint'
+    return '' if name.strip() else 'which is blank; name the joint'
+
+
 def printable(text: str, limit: int = 200) -> str:
     """Return a text with all that is not printable escaped, as a terminal may be shown it.
 
@@ -77,6 +91,14 @@ def printable(text: str, limit: int = 200) -> str:
     if not text.isprintable():
         text = ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: limit + 1])
     return text if len(text) <= limit else text[: limit - 1] + '…'
+
+
+def short(value: object) -> str:
+    """Return a value as it may be shown in a sentence."""
+    try:
+        return printable(repr(value), 60)
+    except (ValueError, RecursionError):  # a number of thousands of digits, nested without end
+        return 'a value that cannot be shown'
 
 
 def listed(texts: Iterable[str], most: int = 12) -> str:

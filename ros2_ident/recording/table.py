@@ -24,7 +24,7 @@ import yaml
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_yaml
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.limits import listed, printable, require_memory
+from ros2_ident.recording.limits import listed, printable, require_memory, short, unfit
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
 from ros2_ident.recording.storage import digest
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
@@ -159,6 +159,8 @@ def load_columns(path: str | Path) -> ColumnMap:
     for joint, quantities in data['joints'].items():
         name = printable(str(joint))
         if not isinstance(quantities, Mapping) or not quantities:
+        if why := unfit(joint):
+            raise refuse(path, f'names a joint {short(joint)}, {why}')
             raise refuse(path, f'{name} has no column; write as `position: NAME`')
         _known(path, name, quantities, tuple(QUANTITIES))
         for quantity, entry in quantities.items():
@@ -195,14 +197,6 @@ def _column(
     if not math.isfinite(scale) or not scale or given.get('sign', 'velocity') != 'velocity':
         raise refuse(path, f'{what} is {short(entry)}; {_AS}')
     return Column(joint, quantity, cell(what, given.get('column')), scale, 'sign' in given)
-
-
-def short(value: object) -> str:
-    """Return a value as it may be shown in a sentence."""
-    try:
-        return printable(repr(value), 60)
-    except (ValueError, RecursionError):  # a number of thousands of digits, nested without end
-        return 'a value that cannot be shown'
 
 
 def _cell(path: object, header: bool, what: str, cell: Any) -> Cell:

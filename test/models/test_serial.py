@@ -403,6 +403,8 @@ def test_mistakes_are_told_with_the_remedy(tmp_path: Path, monkeypatch) -> None:
         ('</robot>', '', 'is no XML (no element found: line'),
         ('robot', 'model', 'has the root element model'),
         ('name="bent"', 'name="bent" xmlns:xacro="http://x.org/xacro"><xacro:arm/', 'is a xacro'),
+        ('"wrist"', '"a&#10;b"', "names a joint 'a\\nb', which holds a line break or another"),
+        ('name="wrist"', '', "names a joint '', which is blank; name the joint"),
         ('"7.5"', '"${m}"', '${m} as mass value of link column; write a number'),
         ('ixx="0.2" ', '', 'has no inertia ixx of link column; add it'),
         ('xyz="0 0.6 0.8"', 'xyz="0 0 0"', 'the axis "0 0 0" of joint slide'),

@@ -298,10 +298,14 @@ def test_names_are_bounded_in_number_and_length(tmp_path, monkeypatch):
     refused(long, 'name of 257 bytes, more than the 256', bad)
 
 
-def test_control_sequences_in_names_never_reach_the_terminal(tmp_path):
-    (read,) = read_bag(joint_log(tmp_path, ['\x1b[2J\x1b]0;owned\x07', 'b'], 50))
-    assert read.state.names[0] == r'\x1b[2J\x1b]0;owned\x07'
-    assert all(x.sentence.isprintable() for x in check([read]).findings)
+@pytest.mark.parametrize('name', ['\x1b[2J\x1b]0;owned\x07', 'x\ndrives: [y]', '', ' '])
+def test_a_name_that_cannot_be_shown_is_refused(tmp_path, name):
+    path = joint_log(tmp_path, [name, 'b'], 50)
+    said = refused(path, 'state names a joint .*; (re)?name the joint', ErrorCode.BAD_VALUES)
+    assert said.isprintable()
+
+
+def test_control_sequences_never_reach_the_terminal(tmp_path):
     kind = '\x1b[31mstd_msgs/msg/String'
     path = loose_log(tmp_path, message_record(0, START, b'x'), kind)
     assert refused(path, 'is of type', ErrorCode.MISSING_STREAM).isprintable()

@@ -125,6 +125,7 @@ MAPS = [
     ('skip is -1; write', 'skip: -1'),
     ('joints is empty', 'joints: {}'),
     ('where is 3; write', 'where: 3'),
+    ('names a joint False, which is no text; put it into quotes', 'joints: {no: {position: 2}}'),
     ('a has no column', 'joints: {a: {}}'),
     ('names a joint twice', 'joints: {1: {position: 2}, "1": {position: 3}}'),
     ('header is 0; write', 'header: 0'),
