@@ -6,15 +6,16 @@ from dataclasses import dataclass
 import json
 import math
 from pathlib import Path
+import re
 from typing import Any
 import xml.etree.ElementTree as ET
 
 import numpy as np
-import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.export.content import Content
 from ros2_ident.files import make_directory, mark, require_ours, write_text
+from ros2_ident.machine.keys import written
 from ros2_ident.models.drives.joints import Gains, Joint
 from ros2_ident.words.figures import joined
 
@@ -155,11 +156,13 @@ def isaac(_: str, content: Content) -> str:
         'dynamic_friction': lambda j: j.coulomb,
         'viscous_friction': lambda j: j.viscous,
     }
-    data: dict[str, Any] = {'joint_names_expr': [j.name for j in content.joints]}
+    # All of these names are regular expressions.
+    exact = {j.name: re.escape(j.name) for j in content.joints}
+    data: dict[str, Any] = {'joint_names_expr': [*exact.values()]}
     for name, of in fields.items():
-        values = {j.name: float(v) for j in content.joints if (v := of(j)) is not None}
+        values = {exact[j.name]: float(v) for j in content.joints if (v := of(j)) is not None}
         data |= {name: values} if values else {}
-    return f'# {mark("export")}\n{_ISAAC}' + yaml.safe_dump(data, sort_keys=False, width=99)
+    return f'# {mark("export")}\n{_ISAAC}' + written(data)
 
 
 def ros2_control(_: str, content: Content) -> str:
@@ -189,7 +192,7 @@ def ros2_control(_: str, content: Content) -> str:
     }
     if limits:
         data['joint_limits'] = limits
-    return f'# {mark("export")}\n{_ROS2_CONTROL}' + yaml.safe_dump(data, sort_keys=False, width=99)
+    return f'# {mark("export")}\n{_ROS2_CONTROL}' + written(data)
 
 
 # ---------------------------------------------------------------------- files

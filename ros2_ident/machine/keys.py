@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import functools
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 import yaml
@@ -187,6 +188,24 @@ def literal(key: Key) -> str:
     if isinstance(value, tuple):
         return f'[{", ".join(str(part) for part in value)}]'
     return digits(value) if isinstance(value, float) else str(value)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Puts into quotes, too, what readers of YAML 1.2 or ROS take for no text: 1e3, y, nan."""
+
+
+_Dumper.add_implicit_resolver('!', re.compile(r'[-+.\d]|(?i:y|n|nan|inf|infinity)$'), None)
+
+
+def written(value: Any, flow: bool = False) -> str:
+    """Return as YAML what may hold names from outside, in flow style on one line."""
+    style: dict[str, Any] = {'default_flow_style': flow, 'width': math.inf if flow else 99}
+    return str(yaml.dump(value, None, _Dumper, sort_keys=False, allow_unicode=True, **style))
+
+
+def inline(value: Any) -> str:
+    """Return a value as it may stand in a line of YAML, in a list, too."""
+    return written([value], flow=True)[1:-2]
 
 
 def digits(value: float) -> str:

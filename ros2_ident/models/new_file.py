@@ -10,7 +10,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import judged_tree
-from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, Key, literal
+from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Recording, Stream
@@ -42,7 +42,7 @@ def new_machine_file(
     """
     known = {}
     if description is not None:
-        known = {description_key(kind): named, **_boxes(kind, description)}
+        known = {description_key(kind): inline(named), **_boxes(kind, description)}
     if states is not None:
         period = float(np.median(np.diff(states.stamp))) * 1e-9
         known['cycle'] = f'{period:.4g}'
@@ -74,7 +74,7 @@ def one_joint_file(kind: Kind, drives: Sequence[str], log: Recording) -> str | N
     moved = motion.acceleration, motion.velocity
     mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
     return (
-        f'machine: {kind.name}\ndrives: [{names[0]}]\n'
+        f'machine: {kind.name}\ndrives: {inline([*names])}\n'
         f'controller: {{cycle: {motion.period:.4g}}}      # s, period of the log\n'
         'parameters:                      # of a joint that turns; a carriage: kg, N, N s/m, N\n'
         f'  moving_mass: [0.0, {mass:.3g}, kg m^2]\n'
@@ -134,8 +134,8 @@ def followed_file(
             boxes.setdefault(key, []).append(f'[{digits(low)}, {high:.3g}, {unit}]')
     lines = ['\n  - '.join([f'  {key}:', *each]) for key, each in boxes.items()]
     return (
-        f'machine: {arm_kind(True).name}\ndrives: [{", ".join(names)}]\n'
-        f'geometry: {{description: {named}}}\n'
+        f'machine: {arm_kind(True).name}\ndrives: {inline([*names])}\n'
+        f'geometry: {{description: {inline(named)}}}\n'
         'controller:      # torque kp (set-point - position) - kv velocity\n'
         f'  cycle: {sample_period(log.command.stamp):.4g}      # s, how long a set-point holds\n'
         '  # What is known of kp, kv, force_limit, velocity_feedforward, set_point_delay belongs\n'
@@ -237,7 +237,7 @@ def machine_template(
     """
     given = {**(known or {})}
     if drives:
-        given['drives'] = f'[{", ".join(drives)}]'
+        given['drives'] = inline([*drives])
     described = {key.section for key in kind.keys if key.file and key.name in given}
     lines = [
         '# SPDX-License-Identifier: Apache-2.0',

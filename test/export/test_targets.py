@@ -5,6 +5,7 @@ from dataclasses import replace
 import json
 import math
 from pathlib import Path
+import re
 import sys
 from types import SimpleNamespace
 
@@ -291,6 +292,14 @@ def test_isaac_and_ros2_control(tmp_path: Path) -> None:
     assert gains['p'] == pytest.approx(position * velocity)
     assert gains['d'] == pytest.approx(velocity)
     assert gains['ff_velocity_scale'] == pytest.approx(velocity * (share - 1.0))
+    for name in ('a.*: 1', '1e3', 'y', 'nan'):
+        odd = replace(found, joints=(replace(joint, name=name),))
+        (pattern,) = yaml.safe_load(TARGETS['isaac'].write('', odd))['joint_names_expr']
+        assert re.fullmatch(pattern, name) and not re.fullmatch(pattern, 'ab: 1')
+        text = TARGETS['ros2_control'].write('', odd)
+        told = yaml.safe_load(text)['joint_trajectory_controller']['ros__parameters']
+        # ROS reads a truth or a number of the last three where they stand without quotes.
+        assert told['joints'] == [*told['gains']] == [name] and text.count(f"'{name}'") == 3
 
 
 def test_a_target_without_its_description_is_refused(tmp_path: Path) -> None:

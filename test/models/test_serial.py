@@ -6,6 +6,7 @@ from pathlib import Path
 import re
 import sys
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pytest
@@ -20,10 +21,11 @@ from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.gates import examine  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
-from ros2_ident.models.registry import kind_of, travel_of  # noqa: E402
+from ros2_ident.models.new_file import followed_file, new_machine_file  # noqa: E402
+from ros2_ident.models.registry import kind_of, KINDS, travel_of  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
-from ros2_ident.recording import Dataset  # noqa: E402
+from ros2_ident.recording import Dataset, Recording, Stream  # noqa: E402
 
 JOINTS = ('base', 'slide', 'elbow', 'wrist')
 URDF = '''<robot name="bent">
@@ -401,10 +403,10 @@ def test_mistakes_are_told_with_the_remedy(tmp_path: Path, monkeypatch) -> None:
     ('old', 'new', 'said'),
     [
         ('</robot>', '', 'is no XML (no element found: line'),
-        ('robot', 'model', 'has the root element model'),
-        ('name="bent"', 'name="bent" xmlns:xacro="http://x.org/xacro"><xacro:arm/', 'is a xacro'),
         ('"wrist"', '"a&#10;b"', "names a joint 'a\\nb', which holds a line break or another"),
         ('name="wrist"', '', "names a joint '', which is blank; name the joint"),
+        ('robot', 'model', 'has the root element model'),
+        ('name="bent"', 'name="bent" xmlns:xacro="http://x.org/xacro"><xacro:arm/', 'is a xacro'),
         ('"7.5"', '"${m}"', '${m} as mass value of link column; write a number'),
         ('ixx="0.2" ', '', 'has no inertia ixx of link column; add it'),
         ('xyz="0 0.6 0.8"', 'xyz="0 0 0"', 'the axis "0 0 0" of joint slide'),
@@ -444,6 +446,22 @@ def test_a_giant_is_refused_where_it_is_read_and_where_it_is_heard(tmp_path, abo
     error = refused(load_machine, tmp_path / 'arm.yaml')
     assert error.code is ErrorCode.BAD_MACHINE_FILE
     assert 'arm.yaml:3: ' in error.message and 'arm.urdf has ' in error.message
+
+
+def test_odd_names_of_a_description_stand_in_a_new_file_as_they_are() -> None:
+    named = ('arm: 1', "]'#", '<&"> $$', 'null')
+    text = URDF
+    for old, new in zip(('base', 'slide', 'elbow', 'wrist'), named, strict=True):
+        text = text.replace(f'<joint name="{old}"', f'<joint name={quoteattr(new)}')
+    made = yaml.safe_load(new_machine_file(KINDS['serial'], (), text, 'a: #.urdf'))
+    assert (tuple(made['drives']), made['geometry']['description']) == (named, 'a: #.urdf')
+    wave = np.sin(0.01 * np.arange(300))[:, None] * np.ones(4)
+    stamp = 10_000_000 * np.arange(300)
+    log = Recording(
+        Stream(named, stamp, wave, wave, wave), command=Stream(named, stamp, 1.1 * wave)
+    )
+    made = yaml.safe_load(followed_file((), text, 'a: #.urdf', log))
+    assert (tuple(made['drives']), made['geometry']['description']) == (named, 'a: #.urdf')
 
 
 def test_a_description_is_read_without_a_bag(tmp_path, capsys) -> None:

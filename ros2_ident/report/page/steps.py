@@ -11,7 +11,7 @@ from ros2_ident.effects import CATALOGUE, Effect
 from ros2_ident.gap.result import Cause, Diagnosis, Value
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.identify.result import Identification, Outcome
-from ros2_ident.machine.keys import digits
+from ros2_ident.machine.keys import digits, inline
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import LIVE
 from ros2_ident.report.diagnosis import Written
@@ -183,7 +183,7 @@ def _line(name: str, d: Diagnosis) -> str:
     v = d.parameters[name]
     value, old = _plain(v.value), _plain(d.nominal[name])
     unit = '' if v.unit == '1' else f'{v.unit}; '
-    return f'{name}: {value}  # {unit}{old} before'
+    return f'{inline(name)}: {value}  # {unit}{old} before'
 
 
 def _plain(value: float) -> str:
