@@ -68,7 +68,8 @@ def read_estimate(path: str | Path) -> Estimate:
         of.settings,
         of.provenance.source,
     )
-    several = [name for name in found.values if '@' in name]
+    # Without --each an @ belongs to a joint's name.
+    several = [name for name in found.values if of.settings.get('each') and '@' in name]
     if several:
         raise IdentError(
             ErrorCode.INVALID_GOAL,

@@ -338,6 +338,10 @@ def test_a_diagnosis_brings_its_effects(tmp_path: Path) -> None:
     assert np.isinf(estimate.deviations['elbow.stribeck.size'])
     assert estimate.fixed == {'payload_mass': 1.0}
     # Values of single recordings are none of the machine's.
-    write_found(**{'payload_mass@log': Value(1.0, 'kg', 0.0, 2.0)})
+    mass = {'payload_mass@log': Value(1.0, 'kg', 0.0, 2.0)}
+    write_found(**mass)
+    assert 'payload_mass@log' in read_estimate(tmp_path).values  # a joint `payload_mass@log`
+    settings['each'] = ['payload_mass']
+    write_found(**mass)
     with pytest.raises(IdentError, match='is the value of one recording'):
         read_estimate(tmp_path)
