@@ -54,6 +54,7 @@ _WORDS = {
 }
 # What a word of a column's name stands for; other words name its joint.
 _MEANT = {word: what for what, words in _WORDS.items() for word in words.split()}
+_WORD = re.compile(r'[A-Z]?[^\W\d_A-Z]+|[A-Z]+|\d+')
 _TIMES = {'time', 't', 'stamp', 'timestamp', 'clock'}
 _TIME_UNITS = ('s', 'ms', 'us', 'ns')
 _TO_SI = {'deg': 0.017453292519943295, 'rpm': 0.10471975511965977, 'mm': 1e-3, 'ma': 1e-3}
@@ -158,9 +159,9 @@ def load_columns(path: str | Path) -> ColumnMap:
     columns = []
     for joint, quantities in data['joints'].items():
         name = printable(str(joint))
-        if not isinstance(quantities, Mapping) or not quantities:
         if why := unfit(joint):
             raise refuse(path, f'names a joint {short(joint)}, {why}')
+        if not isinstance(quantities, Mapping) or not quantities:
             raise refuse(path, f'{name} has no column; write as `position: NAME`')
         _known(path, name, quantities, tuple(QUANTITIES))
         for quantity, entry in quantities.items():
@@ -214,11 +215,14 @@ def drafted_columns(path: str | Path) -> str:
         IdentError: INVALID_GOAL where there is no line of names above the numbers, no time among
             them, or nothing of a joint.
     """
-    with Path(path).open(encoding='utf-8-sig', errors='replace', newline='') as file:
-        lines = list(islice(file, _HEAD))
+    lines = list(islice(io.StringIO(_text(Path(path)), newline=''), _HEAD))
     delimiter = max(',;\t', key=lambda x: sum(line.count(x) for line in lines))
     decimal = ',' if delimiter != ',' and re.search(r'\d,\d', ''.join(lines[-3:])) else '.'
-    rows = [[x.strip() for x in row] for row in csv.reader(lines, delimiter=delimiter)]
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    try:
+        rows = [[x.strip() for x in row] for row in reader]
+    except csv.Error as exc:
+        raise _bad(path, f'its first lines cannot be read ({exc}); correct them') from None
     first = next((n for n, row in enumerate(rows) if _numeric(row, decimal)), 0)
     wide = [n for n in range(first) if len(rows[n]) == len(rows[first])]
     where = f'write {Path(path).stem}{MAP_SUFFIX}, as in docs/logs.md'
@@ -230,7 +234,7 @@ def drafted_columns(path: str | Path) -> str:
     for n, (name, below) in enumerate(zip(names, units or [''] * len(names), strict=True), 1):
         stem, unit = _parted(name)
         unit = (below.strip('[]() ') or unit).lower().removesuffix('/s')
-        parts = [re.findall(r'[A-Z]?[a-z]+|[A-Z]+|\d+', x) for x in re.split(r'[\W_]+', stem)]
+        parts = [_WORD.findall(x) for x in re.split(r'[\W_]+', stem)]
         words = [word.lower() for part in parts for word in part]
         meant = {_MEANT[x] for x in words if x in _MEANT}
         quantity = next((x for x in ('velocity', 'effort', 'position') if x in meant), '')
@@ -239,6 +243,9 @@ def drafted_columns(path: str | Path) -> str:
         # A joint is spelled as in the header, for descriptions that know it by that name.
         spelled = [''.join(x for x in part if x.lower() not in _MEANT) for part in parts]
         joint = '_'.join(filter(None, spelled))
+        found = re.fullmatch(r'(.+?)(?: - |[\W_])([A-Za-z]+)', stem)
+        if found and found[2].lower() in _MEANT and not _MEANT.keys() & set(words[:-1]):
+            joint = found[1]
         own = joints.setdefault(f'joint_{joint}' if joint.isdigit() else joint or 'joint_1', {})
         # A time without a name is known by its unit.
         timed = _TIMES & set(words) or (not words and unit in _TIME_UNITS)
@@ -260,8 +267,8 @@ def drafted_columns(path: str | Path) -> str:
     told |= {'skip': wide[max(-2, -len(wide))], 'skip_below': 1 if units else 0}
     notes += f'# Not read: {listed(unread, 30)}\n' if unread else ''
     return (
-        f'# From the names in {Path(path).name}: look whether columns and units are right.\n'
-        f'{notes}{yaml.safe_dump(told, sort_keys=False)}'
+        f'# From the names in {printable(Path(path).name)}: look whether columns and units are '
+        f'right.\n{notes}{yaml.safe_dump(told, sort_keys=False)}'
     )
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables with a column map: the same streams as from a bag, and sentences for what is wrong."""
 
+import csv
 import re
 
 from identify_cases import ROOT
@@ -124,8 +125,8 @@ MAPS = [
     ('delimiter is 5; write', 'delimiter: 5'),
     ('skip is -1; write', 'skip: -1'),
     ('joints is empty', 'joints: {}'),
-    ('where is 3; write', 'where: 3'),
     ('names a joint False, which is no text; put it into quotes', 'joints: {no: {position: 2}}'),
+    ('where is 3; write', 'where: 3'),
     ('a has no column', 'joints: {a: {}}'),
     ('names a joint twice', 'joints: {1: {position: 2}, "1": {position: 3}}'),
     ('header is 0; write', 'header: 0'),
@@ -284,6 +285,31 @@ def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
     with pytest.raises(IdentError, match=said) as caught:
         drafted_columns(tmp_path / 'log.csv')
     assert caught.value.code == ErrorCode.INVALID_GOAL
+
+
+ODD = (
+    'arm: 1', 'true', 'j,1', '#x', 'no', '1e3', 'null', '[a]', "it's", '{x}', '*a', '肘', '$$',
+    '"b"', 'a - b', '%a', 'Größe',
+)  # fmt: skip
+
+
+def test_odd_names_come_through_a_table_and_a_machine_file(tmp_path):
+    times = 0.01 * np.arange(200)
+    rows = np.stack([times, np.sin(times), 2.0 * np.cos(times)], axis=1).tolist()
+    for number, name in enumerate(ODD):
+        table, out = tmp_path / f'{number}.csv', tmp_path / f'{number}.yaml'
+        with table.open('w', newline='', encoding='utf-8') as file:
+            csv.writer(file).writerows([['time', f'{name}.position', f'{name} tau'], *rows])
+        words = ['new-machine', '--kind', 'linear_axis', '--bag', str(table), '--out', str(out)]
+        assert main(words) == 0
+        assert load_machine(out).drives == read_bag(table)[0].state.names == (name,)
+
+
+def test_names_of_a_table_that_windows_wrote_are_found_again(tmp_path):
+    table = tmp_path / 'log.csv'
+    table.write_bytes('t,Größe_pos\n0,1\n0.01,2\n'.encode('latin-1'))
+    table.with_suffix('.columns.yaml').write_text(drafted_columns(table))
+    assert read_bag(table)[0].state.names == ('Größe',)
 
 
 def test_a_table_of_one_joint_becomes_map_and_machine_file(tmp_path, capsys):
