@@ -11,9 +11,14 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from models.test_serial import BOXES, described, middle, moving  # noqa: E402
 from ros2_ident.export.content import effort_of, links_of  # noqa: E402
-from ros2_ident.models import make_model  # noqa: E402
+from ros2_ident.models import machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.serial.cone import nearest, pseudo_inertia  # noqa: E402
+from ros2_ident.recording import Dataset  # noqa: E402
 
+VERTICAL = '''<robot name="r"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.15"/></inertial></link>
+  <joint name="a" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+  </joint></robot>'''
 ROTORS = {**BOXES, 'drive_inertia': [0.0, 1.0, 'kg m^2']}
 
 
@@ -50,6 +55,20 @@ def test_links_ask_what_the_candidate_asks(model) -> None:
     np.testing.assert_allclose(asked, expected, rtol=0, atol=1e-9)
     # Flat: its inertia about z is the sum of the two others.
     assert found.mended == ('upper',)
+
+
+def test_an_arm_none_of_whose_inertias_shows_keeps_its_links(tmp_path) -> None:
+    """A joint about the vertical, whose one inertia is its motor's."""
+    (tmp_path / 'arm.urdf').write_text(VERTICAL)
+    plain = {
+        'machine': 'serial', 'drives': ['a'], 'geometry': {'description': 'arm.urdf'},
+        'controller': {'cycle': 0.01}, 'parameters': {'drive_inertia': [0.0, 1.0, 'kg m^2']},
+    }  # fmt: skip
+    machine = machine_from_mapping(plain, 'arm', tmp_path)
+    still = np.zeros((1, 50))
+    model = make_model(machine, Dataset(('a',), 0.01, 0, still, still, still, still, still))
+    found = links_of(model, np.array([0.5]), np.eye(1), 0.3)
+    assert found.theta == pytest.approx([0.5])
 
 
 def test_friction_moves_with_what_it_is_correlated_with(model) -> None:
