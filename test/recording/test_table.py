@@ -188,6 +188,15 @@ def test_the_map_in_the_documentation_is_one(tmp_path):
     assert cells['drive_1', 'command_velocity'] == (9, 1.0)
 
 
+def test_a_path_in_a_command_to_type_is_quoted(tmp_path, capsys):
+    (tmp_path / 'my $log.csv').write_text('time,q1\n0,1\n')
+    with pytest.raises(IdentError, match=r"--bag '.*/my \$log.csv'`; the first line"):
+        read_bag(tmp_path / 'my $log.csv')
+    out = tmp_path / 'my axis.yaml'
+    assert main(['new-machine', '--kind', 'linear_axis', '--out', str(out)]) == 0
+    assert f"ident check --machine '{out}'\n" in capsys.readouterr().out
+
+
 def test_a_table_without_a_map(tmp_path):
     with pytest.raises(IdentError, match='log.csv: does not exist'):
         read_bag(tmp_path / 'log.csv')
