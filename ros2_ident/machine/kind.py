@@ -13,7 +13,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.keys import Key, literal
 from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.units import angular, number, plain_unit
+from ros2_ident.machine.units import angular, number, plain_unit, shown
 
 Path = tuple[str, ...]
 
@@ -53,7 +53,8 @@ class Draft:
     def drives(self) -> tuple[str, ...]:
         """Joint names of the drives; empty where the list is not in order."""
         drives = self.present.get(('drives',))
-        return tuple(map(str, drives)) if isinstance(drives, list) else ()
+        named = drives if isinstance(drives, list) else ()
+        return tuple(x if isinstance(x, str) else shown(x) for x in named)
 
     @property
     def effort_unit(self) -> str:

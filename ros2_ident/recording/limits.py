@@ -69,7 +69,8 @@ def size_text(size: float) -> str:
 
 def unfit(name: object) -> str:
     """Return why what is read cannot be a joint's name, and the remedy; empty where it can."""
-    if not isinstance(name, str | int) or isinstance(name, bool):  # YAML's no, null and 1.5
+    # YAML's no, null and 1.5; Python prints no number of thousands of digits
+    if type(name) not in (str, int) or isinstance(name, int) and name.bit_length() > 64:
         return 'which is no text; put it into quotes'
     name = str(name)
     size, most = len(name.encode(errors='replace')), limit('name')

@@ -158,9 +158,9 @@ def load_columns(path: str | Path) -> ColumnMap:
     at, digits = cell('time', time['column']), _DIGITS[unit]
     columns = []
     for joint, quantities in data['joints'].items():
-        name = printable(str(joint))
         if why := unfit(joint):
             raise refuse(path, f'names a joint {short(joint)}, {why}')
+        name = str(joint)
         if not isinstance(quantities, Mapping) or not quantities:
             raise refuse(path, f'{name} has no column; write as `position: NAME`')
         _known(path, name, quantities, tuple(QUANTITIES))

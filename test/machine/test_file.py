@@ -121,6 +121,7 @@ def changed(path: Path, old: str, new: str, kind: str = 'linear_axis') -> tuple[
             "machine is 'polar'; write one",
         ),
         ('drives: [axis]', 'drives: axis', 'BAD_MACHINE_FILE', 'a list of different joint names'),
+        ('drives: [axis]', f'drives: [0x{"f" * 5000}]', 'BAD_MACHINE_FILE', 'which is no text'),
         ('drives: [axis]', 'drives: [no]', 'BAD_MACHINE_FILE', 'False, which is no text; put it'),
         ('drives: [axis]', r'drives: ["a\nb"]', 'BAD_MACHINE_FILE', 'a line break or another'),
         ('unit: N m ', 'unit: Nm ', 'WRONG_UNITS', "effort unit is 'Nm'; write one of N m"),

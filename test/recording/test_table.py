@@ -125,6 +125,7 @@ MAPS = [
     ('delimiter is 5; write', 'delimiter: 5'),
     ('skip is -1; write', 'skip: -1'),
     ('joints is empty', 'joints: {}'),
+    ('a value that cannot be shown, which is no text', f'joints:\n  ? 0x{"f" * 5000}\n  : {{}}'),
     ('names a joint False, which is no text; put it into quotes', 'joints: {no: {position: 2}}'),
     ('where is 3; write', 'where: 3'),
     ('a has no column', 'joints: {a: {}}'),
