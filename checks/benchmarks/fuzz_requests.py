@@ -6,8 +6,9 @@ odd one; so are a URDF and an MJCF, whose elements are also repeated, nested and
 JointState messages are damaged and given to what the node feeds them to; goals get odd values in
 one to four fields; files of results are damaged or get an odd value before page, tables or
 estimate are made of them; a checkpoint's records get odd values under valid checksums before a run
-goes on from it. Each has to be taken, or refused in one printable sentence with a code, within ten
-seconds of CPU time and 2 GiB. Whatever else is raised is printed.
+goes on from it; column maps and the metadata of LeRobot folders are damaged or get odd values
+before their logs are read. Each has to be taken, or refused in one printable sentence with a code,
+within ten seconds of CPU time and 2 GiB. Whatever else is raised is printed.
 
 Example: python checks/benchmarks/fuzz_requests.py --machines 200000 --messages 100000 --goals 1000
 """
@@ -16,6 +17,7 @@ import argparse
 from collections import Counter
 from collections.abc import Callable
 import copy
+from functools import partial
 import json
 from pathlib import Path
 import random
@@ -35,7 +37,7 @@ import yaml
 sys.path.insert(0, str(Path(__file__).parents[2] / 'test'))
 
 from identify_cases import axis, axis_data  # noqa: E402
-from reader_cases import damage, make_recording, raw_messages  # noqa: E402
+from reader_cases import COLUMNS, damage, make_recording, raw_messages, table_text  # noqa: E402
 from report_cases import write_diagnosed, write_identified  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
@@ -45,9 +47,9 @@ from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
-from ros2_ident.recording import RecordingBuilder  # noqa: E402
+from ros2_ident.recording import read_bag, RecordingBuilder, Topics  # noqa: E402
 from ros2_ident.recording.cdr import decode  # noqa: E402
-from ros2_ident.report.page import write_report  # noqa: E402
+from ros2_ident.report.page import write_comparison, write_report  # noqa: E402
 from ros2_ident.search import GeneticSettings, journal  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
@@ -207,6 +209,67 @@ def changed(text: str, generator: random.Random) -> str:
     return text[: place.start()] + generator.choice(PARTS) + text[place.start() :]
 
 
+def written(path: Path, text: str, generator: random.Random) -> None:
+    """Write JSON or YAML with damaged bytes, or with an odd value or two."""
+    if generator.random() < 0.4:
+        path.write_bytes(damage(text.encode(), generator))
+        return
+    plain = swapped(yaml.safe_load(text), generator)
+    if plain and generator.random() < 0.3:
+        plain = swapped(plain, generator)
+    dump = json.dumps if path.suffix == '.json' else partial(yaml.safe_dump, allow_unicode=True)
+    path.write_text(dump(plain))
+
+
+class Columns:
+    """Damaged column maps."""
+
+    def __init__(self, room: Path) -> None:
+        self.path = room / 'a.csv'
+        self.path.write_text(table_text(make_recording(24)))
+        options = '{skip: 0, skip_below: 0, header: true, delimiter: ",", decimal: ".", where: {}}'
+        self.texts = COLUMNS, yaml.safe_dump(yaml.safe_load(COLUMNS) | yaml.safe_load(options))
+
+    def __call__(self, generator: random.Random) -> str:
+        """Read a table by one."""
+        text = generator.choice(self.texts)
+        written(self.path.with_name('a.columns.yaml'), text, generator)
+        read_bag(self.path)
+        return 'taken'
+
+
+class Lerobot:
+    """Damaged metadata of LeRobot folders, and calibrations."""
+
+    def __init__(self, room: Path) -> None:
+        import pyarrow
+        from pyarrow import parquet
+
+        self.room, self.calibration = room / 'log', room / 'so101.json'
+        (self.room / 'meta').mkdir(parents=True)
+        (self.room / 'data/chunk-000').mkdir(parents=True)
+        features = 'observation.state', 'observation.effort', 'action'
+        count = np.arange(24)
+        columns = {x: [[0.1 * n] for n in count] for x in features}
+        table = pyarrow.table({**columns, 'frame_index': count, 'episode_index': 0 * count})
+        parquet.write_table(table, self.room / 'data/chunk-000/file-000.parquet')
+        about = {'dtype': 'float32', 'shape': [1], 'names': ['pan.pos']}
+        info = {'codebase_version': 'v3.0', 'fps': 30, 'features': dict.fromkeys(features, about)}
+        motor = {'pan': {'id': 1, 'range_min': 1500, 'range_max': 2524}}
+        self.texts = json.dumps(info), json.dumps(motor)
+
+    def __call__(self, generator: random.Random) -> str:
+        """Read a folder."""
+        info = self.room / 'meta' / 'info.json'
+        for path, text in zip((info, self.calibration), self.texts, strict=True):
+            path.write_text(text)
+        which = int(generator.random() < 0.3)
+        written((info, self.calibration)[which], self.texts[which], generator)
+        unit = 'percent' if which else generator.choice(('rad', 'deg', ''))
+        read_bag(self.room, Topics(columns=str(self.calibration), position_unit=unit))
+        return 'taken'
+
+
 class Messages:
     """Damaged JointState messages, a hundred to a recording."""
 
@@ -293,7 +356,8 @@ class Results:
             path.write_text(json.dumps(swapped(json.loads(self.whole[path]), generator)))
         else:
             path.write_bytes(damage(self.whole[path], generator))
-        generator.choice((write_report, read_estimate))(self.room)
+        readers = write_report, read_estimate, lambda room: write_comparison([room, room])
+        generator.choice(readers)(self.room)
         return 'taken'
 
 
@@ -385,7 +449,8 @@ def main() -> int:
     parser.add_argument('--urdf', type=int, default=1000, help='needs pinocchio')
     parser.add_argument('--mjcf', type=int, default=1000, help='needs pinocchio')
     parser.add_argument('--simulators', type=int, default=0, help='needs MuJoCo')
-    for name in ('machines', 'messages', 'goals'):
+    parser.add_argument('--lerobot', type=int, default=1000, help='needs pyarrow')
+    for name in ('machines', 'columns', 'messages', 'goals'):
         parser.add_argument(f'--{name}', type=int, default=1000)
     parser.add_argument('--results', type=int, default=100)
     parser.add_argument('--checkpoints', type=int, default=10)
@@ -401,6 +466,8 @@ def main() -> int:
         ('urdf', Urdf),
         ('mjcf', Mjcf),
         ('simulators', Simulators),
+        ('columns', Columns),
+        ('lerobot', Lerobot),
         ('messages', Messages),
         ('goals', Goals),
         ('results', Results),

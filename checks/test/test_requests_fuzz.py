@@ -25,11 +25,15 @@ def fuzz():
 
 @pytest.mark.parametrize(
     ('kind', 'count'),
-    [('Machines', 150), ('Urdf', 80), ('Mjcf', 80), ('Messages', 2000), ('Goals', 100)],
+    [
+        *(('Machines', 150), ('Urdf', 80), ('Mjcf', 80), ('Columns', 60), ('Lerobot', 60)),
+        *(('Messages', 2000), ('Goals', 100)),
+    ],
 )
 def test_odd_requests_are_answered(fuzz, kind, count, tmp_path):
-    if kind in ('Urdf', 'Mjcf'):
-        pytest.importorskip('pinocchio', reason='pinocchio is not installed')
+    needed = {'Urdf': 'pinocchio', 'Mjcf': 'pinocchio', 'Lerobot': 'pyarrow'}.get(kind)
+    if needed:
+        pytest.importorskip(needed, reason=f'{needed} is not installed')
     take = getattr(fuzz, kind)(tmp_path)
     outcomes = set()
     for number in range(count):
