@@ -38,6 +38,8 @@ _ENDINGS = {'pos': 'position', 'vel': 'velocity'} | dict.fromkeys(
 )
 # Beyond its ends by this share of its travel a joint is not; through less of it none is moved.
 _BEYOND, _MOVED = 0.05, 0.04
+# What JSON of another content raises: a number may be too large for a float, too.
+_UNFIT = (LookupError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 # Without ends: what is farther off than this was not logged in rad.
 _TURN = 1.1 * math.tau
 
@@ -76,7 +78,7 @@ def read_lerobot(
             one unit is possible, or none.
     """
     rate, columns = _described(path, roles)
-    files = sorted(path.glob('data/*/*.parquet'))
+    files = sorted(filter(Path.is_file, path.glob('data/*/*.parquet')))
     if not files:
         text = f'{path}: holds no data/*/*.parquet; fetch or record it again'
         raise IdentError(ErrorCode.NO_DATA, text)
@@ -110,7 +112,7 @@ def _described(path: Path, roles: Container[str]) -> tuple[float, _Columns]:
         version, rate = str(info['codebase_version']), float(info['fps'])
         features = {k: v for k, v in info['features'].items() if k in _FEATURES}
         pairs = [x for k, v in features.items() for x in _columns(k, v) if x[0][0] in roles]
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as exc:
+    except _UNFIT as exc:
         text = f'is no description of a LeRobot folder ({printable(str(exc), 80)})'
         raise damaged(file, f'{text}; fetch it again') from None
     if not version.startswith(('v2.', 'v3.')) or not 0.0 < rate < 1e6:
@@ -177,7 +179,7 @@ def _calibrated(file: Path) -> dict[str, tuple[float, float]]:
     try:
         motors = json.loads(read_small(file))
         turns = {k: (x['range_max'] - x['range_min']) / _COUNTS for k, x in motors.items()}
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as exc:
+    except _UNFIT as exc:
         text = f'is no calibration of LeRobot ({printable(str(exc), 80)})'
         text = f'{file}: {text}; give the file with range_min and range_max of each motor'
         raise IdentError(ErrorCode.INVALID_GOAL, text) from None

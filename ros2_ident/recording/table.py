@@ -22,7 +22,7 @@ import numpy as np
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import read_yaml
+from ros2_ident.files import read_yaml, unreadable
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.limits import listed, printable, require_memory, short, unfit
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
@@ -305,12 +305,12 @@ def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
             remedy.
     """
     path = Path(path)
-    if not path.is_file():
-        text = f'{path}: does not exist; give the path of a bag or a CSV file'
+    if why := unreadable(path):
+        text = f'{path}: {why}; give the path of a bag or a CSV file'
         raise IdentError(ErrorCode.NO_DATA, text)
     text = _text(path)
     where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
-    if not where.is_file():
+    if not where.exists():
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
         text = f'is a table and {where} is missing; write this map as in docs/logs.md, or by '
         command = shlex.join(['ident', 'new-machine', '--kind', 'KIND', '--bag', str(path)])
@@ -355,7 +355,8 @@ def _parse(
     except csv.Error as exc:
         raise _bad(path, f'the line of names cannot be read ({exc})') from None
     for _ in range(layout.skip_below):
-        next(reader, None)
+        if next(reader, None) is None:
+            break
     cells = [layout.time, *(x.cell for x in layout.columns)]
     time, *where = (_find(path, cell, names) for cell in cells)
     asked = {_find(path, cell, names): value for cell, value in layout.where}

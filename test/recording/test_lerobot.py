@@ -161,6 +161,8 @@ def test_names_may_stand_in_groups_and_say_what_they_are(tmp_path):
         ('meta/info.json', b'{"fps": 30', 'is no description of a LeRobot folder'),
         ('meta/info.json', b'{"codebase_version": "v9", "fps": 1, "features": {}}', 'v2.1 and v3'),
         ('meta/info.json', b'{"codebase_version": "v3.0", "fps": 1, "features": {}}', 'no joints'),
+        ('meta/info.json', b'{"codebase_version": "v3.0", "fps": 1%0999d}' % 0, 'too large'),
+        ('so101.json', b'{"a": {"range_max": 1%0999d, "range_min": 0}}' % 0, 'no calibration'),
         ('data/chunk-000/file-000.parquet', b'PAR1', 'cannot be read'),
         ('data/chunk-000/file-000.parquet', None, 'holds no data'),
         ('so101.json', b'{"a": 1}', 'is no calibration of LeRobot'),

@@ -414,6 +414,17 @@ def test_the_command(tmp_path, capsys):
     assert 'give a directory that `ident identify`' in capsys.readouterr().err
 
 
+def test_a_diagnosis_whose_parts_do_not_fit_together_is_refused(tmp_path):
+    """Each has its type: a traceback came of drawing them."""
+    write_diagnosed(tmp_path)
+    path = tmp_path / 'diagnosis.json'
+    data = json.loads(path.read_text())
+    del data['maps'][0]['before'][0]['half'][0]
+    path.write_text(json.dumps(data))
+    with pytest.raises(IdentError, match=r'is incomplete or changed \(ValueError: .*; write it'):
+        write_report(tmp_path)
+
+
 @pytest.mark.parametrize('read', [write_report, read_estimate, lambda x: write_comparison([x, x])])
 def test_a_diagnosis_that_was_changed_is_refused(tmp_path, read):
     write_diagnosed(tmp_path)

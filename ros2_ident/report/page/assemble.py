@@ -26,6 +26,7 @@ from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.render import Picture, render
 from ros2_ident.report.page.several import write_fleet
+from ros2_ident.report.schema import intact
 from ros2_ident.report.signals import load_signals
 from ros2_ident.words import verdict as words
 from ros2_ident.words.finding import where
@@ -57,11 +58,14 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     """
     folder = Path(directory)
     if not holds_results(folder) and (folder / FLEET).exists():
-        return write_fleet(folder, page)
+        with intact(folder / FLEET):
+            return write_fleet(folder, page)
     result, diagnosis = load(folder)
     target = folder / PAGE if page is None else Path(page)
     make_directory(target.parent)
-    return write_text(target, _render(folder, result, diagnosis))
+    with intact(folder):  # what was read fits its types, and may still not fit together
+        page_text = _render(folder, result, diagnosis)
+    return write_text(target, page_text)
 
 
 def _render(folder: Path, result: Identification | None, w: Written | None) -> str:

@@ -19,6 +19,7 @@ from ros2_ident.report.files import content, FLEET, load, PAGE
 from ros2_ident.report.page import answer, steps
 from ros2_ident.report.page.numbers import change, percent, quantity, some
 from ros2_ident.report.page.render import render
+from ros2_ident.report.schema import intact
 from ros2_ident.words.figures import capital
 from ros2_ident.words.verdict import named
 
@@ -176,7 +177,10 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
         IdentError: NO_DATA where a directory holds nothing, BAD_VALUES where a file in one cannot
             be read, INVALID_GOAL where the page cannot be written.
     """
-    runs = [_run(Path(d)) for d in directories]
+    runs = []
+    for folder in map(Path, directories):
+        with intact(folder):
+            runs.append(_run(folder))
     alike = [(r.label, r.parameters) for r in runs if r.effects == runs[0].effects]
     made, pairs = strips([(r.label, r.parameters) for r in runs], differing(alike)), _pairs(alike)
     shared = len({name for _, name, _, _ in pairs})
