@@ -136,8 +136,8 @@ def topics_of(args: argparse.Namespace) -> Any:
     )
 
 
-def with_effort(machine: Any, args: argparse.Namespace) -> Any:
-    """Return a machine with the effort unit of parsed arguments.
+def effort_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the effort unit of parsed arguments, as fields of a machine; none where not given.
 
     Raises:
         IdentError: WRONG_UNITS for a unit that lacks its constant.
@@ -151,9 +151,14 @@ def with_effort(machine: Any, args: argparse.Namespace) -> Any:
             'or `--effort-unit percent`',
         )
     if args.effort_unit is None:
-        return machine
+        return {}
     scale = effort_factors(args.effort_unit, args.torque_constant, args.rated_torque)
-    return replace(machine, effort_unit=args.effort_unit, effort_scale=scale)
+    return {'effort_unit': args.effort_unit, 'effort_scale': scale}
+
+
+def with_effort(machine: Any, args: argparse.Namespace) -> Any:
+    """Return a machine with the effort unit of parsed arguments; raises as `effort_of`."""
+    return replace(machine, **effort_of(args))
 
 
 def wished(args: argparse.Namespace) -> dict[str, Any]:

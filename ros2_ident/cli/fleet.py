@@ -6,7 +6,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import wished
+from ros2_ident.cli.arguments import effort_of, wished
 from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
@@ -24,7 +24,13 @@ def run(args: argparse.Namespace) -> int:
 
     entries = read_fleet(args.list, args.machine)
     budget = Budget(evaluations=args.evaluations, seconds=args.seconds)
-    how = {'settings': IdentifySettings(budget=budget), **wished(args)}
+    how = {
+        'settings': IdentifySettings(budget=budget),
+        'diagnosed': not args.no_diagnosis,
+        'effort': effort_of(args),
+        'without': args.without,
+        **wished(args),
+    }
     rows: list[Row] = []
 
     def begun(entry: 'Row') -> None:
@@ -42,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         run_fleet(
             entries,
             args.out,
-            {**how, 'diagnosed': not args.no_diagnosis},
+            how,
             scheduler=args.scheduler,
             cancel=cancel,
             on_start=begun,

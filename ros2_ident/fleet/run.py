@@ -34,8 +34,10 @@ from ros2_ident.search.evaluators import Cancel
 if TYPE_CHECKING:
     from ros2_ident.jobs import Request
 
-# How every bag is run: fields of a `jobs.Request`, and whether it is `diagnosed`, too.
+# How every bag is run: fields of a `jobs.Request`, whether it is `diagnosed`, too, and the
+# `effort` that replaces fields of each machine.
 How = Mapping[str, Any]
+_NOT_ASKED = ('diagnosed', 'effort')
 Tasks = Sequence[tuple[Row, Row | None]]
 _LARGEST = 1 << 24  # of a list, bytes
 _KEYS = {'bag', 'check', 'machine_file', 'machine', 'date', 'labels'}
@@ -236,7 +238,8 @@ def key_of(entry: Row, how: How) -> str:
     from ros2_ident.recording.storage import digest, storage_files
 
     asked = {k: v for k, v in vars(_request(entry, how)).items() if k != 'machine'}
-    total = hashlib.sha256(f'{json.dumps(entry)}{asked}{how.get("diagnosed", True)}'.encode())
+    beside = how.get('diagnosed', True), how.get('effort', {})
+    total = hashlib.sha256(f'{json.dumps(entry)}{asked}{beside}'.encode())
     total.update(sources().encode())
     total.update(Path(entry['machine_file']).read_bytes())
     for bag in filter(None, (entry['bag'], *entry['more'], entry['check'])):
@@ -249,11 +252,11 @@ def _request(entry: Row, how: How) -> 'Request':
     from ros2_ident.models import load_machine
 
     return Request(
-        load_machine(entry['machine_file']),
+        replace(load_machine(entry['machine_file']), **how.get('effort', {})),
         bags=(entry['bag'], *entry['more']),
         check=(entry['check'],) if entry['check'] else (),
         machine_file=entry['machine_file'],
-        **{name: value for name, value in how.items() if name != 'diagnosed'},
+        **{name: value for name, value in how.items() if name not in _NOT_ASKED},
     )
 
 

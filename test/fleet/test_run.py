@@ -13,6 +13,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.fleet import run as fleet
 from ros2_ident.fleet.summary import Row, summarise
+from ros2_ident.models import load_machine
 
 ROOT = Path(__file__).parents[2]
 
@@ -181,6 +182,23 @@ def test_where_nothing_is_missing_the_values_of_the_identification_stay(listed: 
     diagnosed = fleet.run_entry(entry, {})
     assert diagnosed['effect'] == 'none'
     assert diagnosed['parameters'] == alone['parameters']
+
+
+def test_unit_of_the_effort_and_effects_left_out_are_those_of_the_command(
+    listed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = []
+    monkeypatch.setattr(fleet, 'run_fleet', lambda entries, out, how, **_: told.append(how) or [])
+    words = ['fleet', str(listed), '--out', str(tmp_path / 'out')]
+    unit = ['--effort-unit', 'A', '--torque-constant', '0.5']
+    assert main([*words, *unit, '--without', 'backlash']) == main(words) == 1
+    good = fleet.read_fleet(listed)[0]
+    given, plain = (fleet._request(good, how) for how in told)
+    np.testing.assert_array_equal(given.machine.effort_scale, 0.5)
+    assert (given.machine.effort_unit, given.without) == ('A', ('backlash',))
+    assert plain.machine == load_machine(good['machine_file']) and plain.without == ()
+    keys = {fleet.key_of(good, told[1] | {'effort': how['effort']}) for how in told}
+    assert len(keys) == 2
 
 
 def test_a_worker_with_other_sources_is_refused(listed: Path) -> None:
