@@ -44,7 +44,7 @@ def mark(kind: str) -> str:
 
 def kind_of(path: str | Path) -> bytes:
     """Return the kind that a file's mark names; empty where it has none."""
-    with suppress(OSError), _regular(path) as file:
+    with suppress(OSError), regular(path) as file:
         found = _MARK.search(file.read(_MARKED))
         return found[found.lastindex or 0] if found else b''
     return b''
@@ -92,7 +92,7 @@ def make_directory(path: str | Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as exc:
-        why = f'cannot be made ({exc.strerror})'
+        why = 'is no folder' if path.exists() else f'cannot be made ({exc.strerror})'
     if not why and not os.access(path, os.W_OK):
         why = 'cannot be written to'
     if why:
@@ -240,6 +240,17 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     return Path(path)
 
 
+def unreadable(path: str | Path) -> str:
+    """Return why nothing can be read at a path, in words that follow it; empty where it can.
+
+    What is neither file nor folder, as a pipe, may never begin or never end.
+    """
+    path = Path(path)
+    if path.is_file() or path.is_dir():
+        return ''
+    return 'is no regular file or folder' if path.exists() else 'does not exist'
+
+
 def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
     """Return the content of a file that people write, as a configuration.
 
@@ -249,7 +260,7 @@ def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
     Raises:
         OSError: It cannot be read, is no regular file (which might never end), or is larger.
     """
-    with _regular(path) as file:
+    with regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size > most:
             raise OSError(errno.EFBIG, f'it has {size} bytes and may have {most}')
@@ -329,7 +340,7 @@ class Growing:
 
 
 @contextmanager
-def _regular(path: str | Path) -> Iterator[IO[bytes]]:
+def regular(path: str | Path) -> Iterator[IO[bytes]]:
     """Open a regular file to read; a pipe is not waited for."""
     with open(path, 'rb', opener=lambda x, flags: os.open(x, flags | os.O_NONBLOCK)) as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):

@@ -12,6 +12,7 @@ from ros2_ident import files
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.report.files import OF_DIAGNOSIS, OF_RESULT
+from ros2_ident.report.signals import read_arrays
 
 BAG = ROOT / 'bags/axis_reversals'
 SEARCH = ['--population', '32', '--survivors', '4', '--generations', '2', '--no-report', '--quiet']
@@ -169,6 +170,30 @@ def test_what_is_read_is_not_replaced_even_where_ident_wrote_it(tmp_path):
     files.require_ours([path])
     with pytest.raises(IdentError, match=r'robot.xml: is what is read and will not be replaced'):
         files.require_ours([path], [path])
+
+
+def test_a_pipe_is_told_from_nothing_and_not_waited_for(tmp_path, monkeypatch, capsys):
+    """It was said not to exist, or read until the run was killed."""
+    monkeypatch.chdir(tmp_path)
+    for name in ('pipe', 'pipe.csv', 'result.json', 'history.npz'):
+        os.mkfifo(name)
+    Path('zero.mcap').symlink_to('/dev/zero')
+    Path('log.csv').write_text('t,q\n0,1\n')
+    machine = ['--machine', str(AXIS_FILE)]
+    for words, said in (
+        (['check', 'pipe'], 'pipe: is no regular file or folder; give the path of a bag'),
+        (['check', 'pipe.csv'], 'pipe.csv: is no regular file or folder; give the path of a bag'),
+        (['check', 'zero.mcap'], 'zero.mcap: is no regular file or folder; give'),
+        (['check', 'log.csv', '--columns', 'pipe'], 'pipe: cannot be read (it is no regular'),
+        (['check', '--machine', 'pipe'], 'pipe: cannot be read (it is no regular file)'),
+        (['identify', str(BAG), *machine, '--out', 'pipe'], 'pipe: is no folder; give another'),
+        (['report', '.'], 'result.json: cannot be read (it is no regular file)'),
+        (['predict', 'pipe', str(BAG)], 'pipe: cannot be read (it is no regular file)'),
+    ):
+        assert main(words) == 2
+        assert said in capsys.readouterr().err
+    with pytest.raises(IdentError, match='history.npz: is damaged .*it is no regular file'):
+        read_arrays(Path('history.npz'), '')
 
 
 def test_a_file_takes_the_place_of_its_own_kind_only(tmp_path):

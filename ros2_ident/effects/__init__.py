@@ -25,6 +25,7 @@ from ros2_ident.effects.effect import Effect as Effect
 from ros2_ident.effects.effect import EffectParameter as EffectParameter
 from ros2_ident.effects.effect import Hook as Hook
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import unreadable
 
 # Paths of files with effects, separated as in PATH.
 VARIABLE = 'ROS2_IDENT_EFFECTS'
@@ -121,9 +122,8 @@ def _imported(path: Path) -> ModuleType:
     What numba keeps of a kernel says where its parts came from by the names of their modules.
     """
     if not path.is_file():
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'there is no file {path}; name the file that defines EFFECT'
-        )
+        text = f'{path}: {unreadable(path) or "is a folder"}; name the file that defines EFFECT'
+        raise IdentError(ErrorCode.INVALID_GOAL, text)
     name = f'ros2_ident_effect_{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}'
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:

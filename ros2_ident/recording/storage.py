@@ -19,6 +19,7 @@ import yaml
 from zstandard import ZstdDecompressor, ZstdError
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import unreadable
 from ros2_ident.recording.limits import limit, size_text, total_of, variable_of
 
 ZSTD = b'\x28\xb5\x2f\xfd'
@@ -161,8 +162,8 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
     if path.is_file():
         return [path], []
     if not path.is_dir():
-        text = 'does not exist; give the path of a bag directory or an .mcap, .db3 or .bag file'
-        raise IdentError(ErrorCode.NO_DATA, f'{path}: {text}')
+        text = 'give the path of a bag directory or an .mcap, .db3 or .bag file'
+        raise IdentError(ErrorCode.NO_DATA, f'{path}: {unreadable(path)}; {text}')
     files = [x for x in path.iterdir() if x.suffix in (*SUFFIXES, '.zstd') and x.is_file()]
     if not files:
         text = 'holds no .mcap, .db3 or .bag file; give what `ros2 bag record` wrote'

@@ -19,6 +19,7 @@ from ros2_ident.effects import CATALOGUE, EffectParameter
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import (
     make_directory,
+    regular,
     remove_file,
     write_arrays,
     write_text,
@@ -203,13 +204,14 @@ def content(path: Path, whose: str) -> Any:
         IdentError: NO_DATA or BAD_VALUES, with whose directory is wanted.
     """
     try:
-        return json.loads(path.read_text(encoding='utf-8'))
+        with regular(path) as file:
+            return json.loads(file.read().decode())
     except OSError as exc:
         raise IdentError(
             ErrorCode.NO_DATA,
             f'{path}: cannot be read ({exc.strerror}); give a directory that {whose}',
         ) from None
-    except ValueError as exc:
+    except (ValueError, RecursionError) as exc:
         said = ' '.join(str(exc).split())
         raise IdentError(
             ErrorCode.BAD_VALUES, f'{path}: is damaged ({said}); write the result anew'

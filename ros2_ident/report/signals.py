@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import write_arrays
+from ros2_ident.files import regular, write_arrays
 from ros2_ident.gap.coordinates import following_error
 from ros2_ident.gap.result import Diagnosis
 from ros2_ident.identify.problem import Problem
@@ -145,7 +145,7 @@ def read_arrays(path: Path, remedy: str) -> dict[str, npt.NDArray[Any]]:
         IdentError: BAD_VALUES with what helps beside deleting it.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with regular(path) as source, np.load(source, allow_pickle=False) as file:
             return dict(file)
     except Exception as exc:  # zipfile, zlib and numpy each have their own
         raise IdentError(

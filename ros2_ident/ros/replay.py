@@ -15,6 +15,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from ros2_ident.cli.arguments import positive
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.files import unreadable
 from ros2_ident.ros.identifier import missing, Stop
 
 TYPE = 'sensor_msgs/msg/JointState'
@@ -47,10 +48,10 @@ def opened(path: str | Path, topics: Sequence[str] = ()) -> tuple[AnyReader, lis
         IdentError: NO_DATA, MISSING_STREAM or DAMAGED_BAG.
     """
     path = Path(path).expanduser()
-    if not path.exists():
-        raise IdentError(
-            ErrorCode.NO_DATA, f'{path}: does not exist; give a bag directory or an .mcap file'
-        )
+    for place in (path, *path.glob('*')):
+        if why := unreadable(place):
+            text = f'{place}: {why}; give a bag directory or an .mcap file'
+            raise IdentError(ErrorCode.NO_DATA, text)
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()

@@ -18,7 +18,7 @@ import yaml
 
 from ros2_ident import jobs
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import Growing, remove_file, write_text
+from ros2_ident.files import Growing, remove_file, unreadable, write_text
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.identify.problem import sources
 from ros2_ident.jobs import Diagnosed, Identified, Request
@@ -153,7 +153,7 @@ def allowed(path: str, directory: str, *, there: bool = True) -> Path:
     found = expanded(path)
     try:
         real = found.resolve()
-        exists = real.exists()
+        why = unreadable(real) if there else ''
     except (OSError, RuntimeError) as exc:
         raise _no_path(path[:80], getattr(exc, 'strerror', None) or exc) from None
     if directory and not real.is_relative_to(expanded(directory).resolve()):
@@ -162,10 +162,10 @@ def allowed(path: str, directory: str, *, there: bool = True) -> Path:
             f'{path} lies outside of allowed_directory {directory}; move it there or have the '
             'parameter changed',
         )
-    if there and not exists:
+    if why:
         raise IdentError(
             ErrorCode.NO_DATA,
-            f"{path}: does not exist on the node's machine; give the path of a bag there",
+            f"{path}: {why} on the node's machine; give the path of a bag there",
         )
     return found
 

@@ -106,5 +106,7 @@ def test_what_is_wrong_with_a_file_is_said(
     with pytest.raises(IdentError, match=message):
         Catalogue('ros2_ident.effects', [str(ROOT / 'ros2_ident/effects')]).add_files([str(path)])
     assert VARIABLE not in os.environ
-    with pytest.raises(IdentError, match='there is no file .*; name the file'):
+    with pytest.raises(IdentError, match='does not exist; name the file'):
         Catalogue('ros2_ident.effects', []).add_files([str(tmp_path / 'nowhere.py')])
+    with pytest.raises(IdentError, match='/dev/zero: is no regular file or folder; name the file'):
+        Catalogue('ros2_ident.effects', []).add_files(['/dev/zero'])

@@ -9,17 +9,25 @@ from identify_cases import After, AXIS_FILE, ROOT
 import numpy as np
 import pytest
 
+from ros2_ident.errors import IdentError
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.report.overlay import SAMPLES
-from ros2_ident.ros.run import carry_out, checkpoint_of, MOST, save, Wanted
+from ros2_ident.ros.run import allowed, carry_out, checkpoint_of, MOST, save, Wanted
 from ros2_ident.search import GeneticSettings
 from ros2_ident.search.journal import Journal
 
 BAG = ROOT / 'bags/axis_reversals'
 identify, diagnose = partial(carry_out, 'identify'), partial(carry_out, 'diagnose')
+
+
+def test_a_pipe_in_a_goal_is_told_from_nothing(tmp_path):
+    os.mkfifo(tmp_path / 'pipe')
+    for name, said in (('pipe', 'is no regular file or folder'), ('none', 'does not exist')):
+        with pytest.raises(IdentError, match=f"{name}: {said} on the node's machine; give"):
+            allowed(str(tmp_path / name), '')
 
 
 @pytest.fixture(scope='module')
