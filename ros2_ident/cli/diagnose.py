@@ -51,7 +51,7 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     """Print a diagnosis on standard output, the answer first."""
     from ros2_ident.cli.table import alarming, free_run
     from ros2_ident.gap.verdict import REFUSED
-    from ros2_ident.words.figures import compared, figure
+    from ros2_ident.words.figures import compared, figure, interval
     from ros2_ident.words.finding import where
     from ros2_ident.words.verdict import advice, sentence
 
@@ -84,7 +84,8 @@ def print_diagnosis(d: 'Diagnosis') -> None:
         moves = abs(d.moved.get(name, 0.0)) >= 0.01
         before = f'  {d.nominal[name]:.5g} before' if moves else ''
         end = '  at its bound' if v.at_bound else ''
-        print(f'  {name:45s} {v.value:12.5g} [{v.low:.5g}, {v.high:.5g}] {v.unit}{before}{end}')
+        told = interval(v.value, v.low, v.high)
+        print(f'  {name:45s} {v.value:12.5g} {told} {v.unit}{before}{end}')
     for text in advice(d):
         print(f'advice: {text}')
     print(f'{d.seconds:.0f} s, seed {d.seed}')

@@ -8,7 +8,7 @@ import sys
 from ros2_ident.cli.progress import coloured
 from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.prediction import Prediction
-from ros2_ident.words.figures import duration, figure
+from ros2_ident.words.figures import duration, figure, interval
 from ros2_ident.words.identification import message
 
 # A half width beyond this share of the value, in percent, is told by itself.
@@ -39,16 +39,6 @@ def _number(value: float) -> str:
     return f'{value:.5g}' if math.isfinite(value) else '-'
 
 
-def _interval(estimate: ParameterEstimate) -> str:
-    """Return an interval about its value."""
-    less, more = estimate.reach
-    if not math.isfinite(less + more):
-        return '-'
-    if estimate.lopsided:
-        return f'-{figure(less)} +{figure(more)}'
-    return f'± {figure(0.5 * (less + more))}'
-
-
 def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     half = 0.5 * (estimate.high - estimate.low)
     noise = 0.5 * (estimate.noise_high - estimate.noise_low)
@@ -57,9 +47,11 @@ def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     return (
         estimate.name,
         _number(estimate.value),
-        _interval(estimate),
+        interval(estimate.value, estimate.low, estimate.high),
         f'{figure(share)} %' if small else '',
-        f'± {figure(noise)}' if half > WIDER * noise else '',
+        interval(estimate.value, estimate.noise_low, estimate.noise_high)
+        if half > WIDER * noise
+        else '',
         estimate.unit if estimate.unit != '1' else '',
         estimate.note,
     )

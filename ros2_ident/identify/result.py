@@ -17,9 +17,6 @@ from ros2_ident.gates import Gate
 from ros2_ident.machine.machine import Kind
 from ros2_ident.prediction import Prediction
 
-# An interval that reaches so many times as far to one side as to the other is lopsided.
-LOPSIDED = 2.0
-
 State = Literal['identified', 'bounded', 'not determined']
 
 
@@ -93,16 +90,6 @@ class ParameterEstimate:
     def bound(self) -> str:
         """The interval's ends inside the box, in words; empty where there are none."""
         return bound_of(self.low, self.high, self.lower_bound, self.upper_bound, self.unit)
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """How far the interval reaches below and above the value."""
-        return self.value - self.low, self.high - self.value
-
-    @property
-    def lopsided(self) -> bool:
-        """Whether the interval is to be told by its two sides."""
-        return max(self.reach) > LOPSIDED * max(0.0, min(self.reach))
 
 
 def bound_of(low: float, high: float, lower: float, upper: float, unit: str) -> str:

@@ -7,6 +7,8 @@ import re
 
 from ros2_ident.gates.scale import figure as figure
 
+# Two digits of a half do not tell halves apart that are closer than this, as a share.
+_ALIKE = 0.05
 _METRES = {'um': 1e-6, 'mm': 1e-3, 'm': 1.0}
 _LENGTH = re.compile(r'(\d+(?:\.\d+)?)(?: to (\d+(?:\.\d+)?))? (um|mm|m)(?=/s|\b)')
 
@@ -14,6 +16,21 @@ _LENGTH = re.compile(r'(\d+(?:\.\d+)?)(?: to (\d+(?:\.\d+)?))? (um|mm|m)(?=/s|\b
 def length(value: float, unit: str) -> str:
     """Return a small length: micrometres of one in m, else its own unit."""
     return f'{1e6 * value:.3g} um' if unit == 'm' else f'{value:.3g} {unit}'
+
+
+def interval(value: float, low: float, high: float) -> str:
+    """Return an interval: half of it after a ± where both halves are alike, else its ends.
+
+    A dash where it is not known.
+    """
+    half = 0.5 * (high - low)
+    if not math.isfinite(half):
+        return '-'
+    if not half > 0.0 or math.isclose(value - low, high - value, rel_tol=_ALIKE):
+        return f'± {figure(half)}'
+    digits = 2 + math.floor(math.log10(max(abs(low), abs(high))) - math.log10(half))
+    digits = min(max(3, digits), 15)
+    return f'[{low:.{digits}g}, {high:.{digits}g}]'
 
 
 def in_travel(text: str, unit: str, per_metre: float) -> str:

@@ -11,7 +11,16 @@ from ros2_ident.gates import GateReport
 from ros2_ident.gates.asked import Event
 from ros2_ident.models import EffectAt
 from ros2_ident.recording.limits import enumerated
-from ros2_ident.words.figures import capital, compared, figure, in_travel, joined, length, quantity
+from ros2_ident.words.figures import (
+    capital,
+    compared,
+    figure,
+    in_travel,
+    interval,
+    joined,
+    length,
+    quantity,
+)
 from ros2_ident.words.finding import instants
 
 # A gap below this share of the measured output is called small.
@@ -161,8 +170,9 @@ def sentence(d: Diagnosis) -> str:
         text = f'{text[:-1]}; this motion {_unseen(d)}'
     lead = 'Alternatively, ' if d.facts.cause == Cause.EFFECT else 'Or '
     text += ''.join(
-        f' {lead}{c.key} of the machine file is wrong: {c.value:.4g} [{c.low:.4g}, {c.high:.4g}] '
-        f'{c.unit} closes {100.0 * min(c.closed, 1.0):.0f} % of the gap.'
+        f' {lead}{c.key} of the machine file is wrong: {c.value:.4g} '
+        f'{interval(c.value, c.low, c.high)} {c.unit} closes '
+        f'{100.0 * min(c.closed, 1.0):.0f} % of the gap.'
         for c in facts.constants
     )
     return f'{_contradiction(d)} {_small(d)}{text}{bound}'.lstrip()
@@ -291,7 +301,7 @@ def _wrong(facts: Facts, size: float) -> str:
 
 def _stated(c: WrongConstant) -> str:
     unit = '' if c.unit == '1' else f' {c.unit}'
-    found = f'{c.value:.4g} [{c.low:.4g}, {c.high:.4g}]{unit}'
+    found = f'{c.value:.4g} {interval(c.value, c.low, c.high)}{unit}'
     return f'{c.key} is {quantity(c.stated, c.unit)} in the machine file, and {found}'
 
 

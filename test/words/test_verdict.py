@@ -10,6 +10,7 @@ from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.result import Cause, Ranked
 from ros2_ident.models import EffectAt
 from ros2_ident.words import verdict as words
+from ros2_ident.words.figures import interval
 
 FILTER = EffectAt('effort_smoothing', 'all')
 ONE = 'Stribeck friction on drive_1 is missing in the simulation'
@@ -18,6 +19,24 @@ MANY = (
     EffectAt('asymmetric_friction', 'wrist_1_joint'),
     EffectAt('load_dependent_friction', 'shoulder_lift_joint'),
 )
+
+
+@pytest.mark.parametrize(
+    ('value', 'low', 'high', 'told'),
+    [
+        (95.106, 95.072, 95.140, '± 0.034'),
+        (95.106, 95.072, 95.160, '[95.072, 95.16]'),
+        (-1.0999, -1.9, 0.324, '[-1.9, 0.324]'),
+        (0.0018, 0.0, 0.08, '[0, 0.08]'),
+        (2.0, 2.0, 2.0, '± 0'),
+        (2.0, 1.0, 1.0, '± 0'),
+        (1.0, float('-inf'), 2.0, '-'),
+        (1.0, float('nan'), 2.0, '-'),
+        (5e-324, 0.0, 1e300, '[0, 1e+300]'),
+    ],
+)
+def test_an_interval_is_told_by_its_ends_where_its_halves_differ(value, low, high, told):
+    assert interval(value, low, high) == told
 
 
 @pytest.mark.parametrize(

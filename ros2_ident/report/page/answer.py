@@ -263,7 +263,7 @@ def _doubts(result: Identification) -> Iterator[str]:
     if loose and result.outcome is not Outcome.NOT_IDENTIFIABLE:
         yield f'This recording does not determine {some(loose)}.'
     known = [p for p in result.parameters if p.identifiable and not p.at_bound]
-    wide = [f'{p.name} {precision(width(p))}' for p in known if WIDE < width(p) <= UNKNOWN]
+    wide = [f'{p.name} {precision(p)}' for p in known if WIDE < width(p) <= UNKNOWN]
     if wide:
         yield f'Poorly known: {some(wide)}.'
     close = np.nan_to_num(np.triu(result.correlation, 1))

@@ -9,6 +9,7 @@ from markupsafe import escape, Markup
 
 from ros2_ident.identify.result import ParameterEstimate
 from ros2_ident.recording.limits import enumerated
+from ros2_ident.words.figures import interval
 
 RAISED = str.maketrans('0123456789-', '⁰¹²³⁴⁵⁶⁷⁸⁹⁻')
 # Shares below and above these are said in words: their digits tell nothing.
@@ -98,15 +99,22 @@ def width(estimate: ParameterEstimate) -> float:
     return half / abs(estimate.value) if estimate.value else math.inf
 
 
-def precision(half: float | None) -> str:
-    """Return half an interval as a share of the value; in words where it exceeds the value."""
-    if half is None or math.isnan(half):
+def precision(estimate: ParameterEstimate) -> str:
+    """Return an interval, half of it as a share of the value; in words where that exceeds it."""
+    half = width(estimate)
+    if math.isnan(half):
         return '–'
-    return f'± {percent(half)}' if half <= UNKNOWN else 'not determined'
+    if half > UNKNOWN:
+        return 'not determined'
+    told = interval(estimate.value, estimate.low, estimate.high)
+    return f'± {percent(half)}' if told.startswith('±') else told.replace('-', '−')
 
 
-def plus_minus(value: float, half: float, unit: str) -> str:
-    """Return a value with half its interval, both to the second digit of the latter."""
+def plus_minus(value: float, low: float, high: float, unit: str) -> str:
+    """Return a value with half its interval, both to its second digit, or with its ends."""
+    half, told = 0.5 * (high - low), interval(value, low, high)
+    if told.startswith('['):
+        return f'{number(value)} {told} {unit_of(unit)}'.replace('-', '−').rstrip()
     top = math.floor(math.log10(max(abs(value), half))) if half > 0.0 else 0
     if not half > 0.0 or not math.isfinite(half):
         return f'{number(value, 3)} ± {quantity(half, unit, 2)}'

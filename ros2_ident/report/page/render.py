@@ -131,7 +131,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         'prose': numbers.prose,
         'undetermined': steps.undetermined,
         'unit': numbers.unit_of,
-        'width': numbers.width,
     }
     folder = resources('ros2_ident.report.page')
     library = Resources(mode='inline', components=['bokeh']).render() if plots else ''

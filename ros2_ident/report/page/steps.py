@@ -79,12 +79,13 @@ def _value(v: Value) -> str:
     half = 0.5 * (v.high - v.low)
     if math.isnan(half) or math.isnan(v.value):
         return text
-    return f'{text}, {LOOSE}' if undetermined(v) else plus_minus(v.value, half, v.unit)
+    return f'{text}, {LOOSE}' if undetermined(v) else plus_minus(v.value, v.low, v.high, v.unit)
 
 
 def undetermined(v: Value) -> bool:
-    """Whether a parameter's interval is wider than its value."""
-    return 0.5 * (v.high - v.low) > abs(v.value)
+    """Whether a parameter's interval is wider than its value, or all of its search."""
+    everything = v.low <= v.lower_bound and v.high >= v.upper_bound
+    return everything or 0.5 * (v.high - v.low) > abs(v.value)
 
 
 def of_diagnosis(w: Written, out: str) -> Iterator[Step]:
