@@ -229,7 +229,8 @@ def _values(
     selector: Selector, e: Hypothesis, evidence: Evidence | None = None
 ) -> dict[str, Value]:
     joint = selector.split.fit.with_effects(e.effects)
-    low, high, *noise = selector.ends(e, evidence)
+    # What the log does not say the box does: an interval ends where its parameter was searched.
+    low, high, *noise = np.clip(selector.ends(e, evidence), joint.low, joint.high)
     # Those of the effects come last; the bounds of the others are the machine file's matter.
     sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
     first = len(joint.parameters) - len(sizes)

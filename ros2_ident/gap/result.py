@@ -132,7 +132,7 @@ class Value:
     Attributes:
         value: Estimate.
         unit: Its unit.
-        low: Lower end of the 95 % interval, NaN where not known.
+        low: Lower end of the 95 % interval, within its search; NaN where not known.
         high: Upper end.
         at_bound: Whether it is the size of an effect and ended at a bound of its search.
         noise_low: Lower end of the interval if the model lacked nothing: noise alone.

@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rules of the diagnosis, one by one, on fits made of numbers: nothing is simulated here."""
 
+from dataclasses import replace
 import math
 from pathlib import Path
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ros2_ident.effects import get_effect
+from ros2_ident.gap.assemble import _values
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Samples, Selection
 from ros2_ident.gap.rules import Rules, Temperatures
 from ros2_ident.gap.suspects.encoder_steps import EncoderSteps
 from ros2_ident.gap.verdict import judge, NONE, UNKNOWN
-from ros2_ident.models import EffectAt
+from ros2_ident.models import EffectAt, Parameter
+from ros2_ident.report.page.steps import undetermined
 
 ROOT = Path(__file__).parents[2]
 DRIVES = ('one', 'two')
@@ -22,6 +26,21 @@ RULES = Rules(
     material=0.5, unknown=0.8, step=0.4, share=0.1, closed=0.6, rival=0.1, alike=0.02, most=3
 )
 STRIBECK, DRAG = EffectAt('stribeck', 'one'), EffectAt('quadratic_drag', 'two')
+
+
+def test_an_interval_ends_where_its_parameter_was_searched():
+    """The end that noise alone allows was kept, 50 times as far as the box goes."""
+    box = Parameter('measurement_delay', 's', 0.0, 0.08, 'measurement', '')
+    joint = SimpleNamespace(parameters=(box,), low=np.array([0.0]), high=np.array([0.08]))
+    ends = [np.array([x]) for x in (0.0, 4.46, -4.46, 4.46)]
+    selector = SimpleNamespace(
+        split=SimpleNamespace(fit=SimpleNamespace(with_effects=lambda effects: joint)),
+        ends=lambda e, evidence: ends,
+    )
+    found = _values(selector, SimpleNamespace(effects=(), theta=np.array([0.07])))
+    value = found['measurement_delay']
+    assert (value.low, value.high, value.noise_low, value.noise_high) == (0.0, 0.08, 0.0, 0.08)
+    assert undetermined(value) and not undetermined(replace(value, low=0.05))
 
 
 def made(gap, effects=()):
