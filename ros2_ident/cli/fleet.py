@@ -24,13 +24,8 @@ def run(args: argparse.Namespace) -> int:
 
     entries = read_fleet(args.list, args.machine)
     budget = Budget(evaluations=args.evaluations, seconds=args.seconds)
-    how = {
-        'settings': IdentifySettings(budget=budget),
-        'diagnosed': not args.no_diagnosis,
-        'effort': effort_of(args),
-        'without': args.without,
-        **wished(args),
-    }
+    how = {'settings': IdentifySettings(budget=budget), 'without': args.without, **wished(args)}
+    how |= {'diagnosed': not args.no_diagnosis, 'effort': effort_of(args)}
     rows: list[Row] = []
 
     def begun(entry: 'Row') -> None:

@@ -36,6 +36,7 @@ def test_messages_come_in_order_and_at_their_times() -> None:
     ('path', 'topics', 'code'),
     [
         ('/nowhere', [], ErrorCode.NO_DATA),
+        ('/dev/zero', [], ErrorCode.NO_DATA),
         (__file__, [], ErrorCode.DAMAGED_BAG),
         (BAG, ['/x'], ErrorCode.MISSING_STREAM),
     ],
