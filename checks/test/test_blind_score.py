@@ -5,7 +5,6 @@ from blind_rows import effect, fault, gate, row, table
 import numpy as np
 import pytest
 
-from checks.blind.calibrate import closed_share, material_size, propose, temperature
 from checks.blind.page import went_wrong, write_page
 from checks.blind.score import (
     calibration,
@@ -100,31 +99,6 @@ def test_calibrated_probabilities_have_no_error() -> None:
     assert brier == pytest.approx(0.1825, abs=0.02)  # mean of p (1 - p)
     assert sum(n for _, _, n in bins) == 4000
     assert math.isnan(calibration([])[0])
-
-
-def test_a_scale_is_found_again() -> None:
-    rng = np.random.default_rng(2)
-    distance = rng.uniform(-1.0, 1.0, 6000)
-    good = rng.random(6000) < 1.0 / (1.0 + np.exp(-distance / 0.1))
-    found = temperature(distance, good.astype(float), np.geomspace(0.01, 0.5, 80))
-    assert found == pytest.approx(0.1, rel=0.15)
-
-
-def test_thresholds_keep_false_alarms_and_misflags_low() -> None:
-    nulls = np.linspace(0.0, 0.4, 200)
-    threshold = material_size(nulls, 0.5)
-    assert np.mean(nulls >= threshold) <= 0.025
-    assert material_size(np.array([]), 0.5) == 0.5
-    known, unknown = np.linspace(0.8, 1.0, 100), np.linspace(0.0, 0.5, 50)
-    closed = closed_share(known, unknown, 0.7)
-    assert 0.5 <= closed <= 0.81
-
-
-def test_a_proposal_comes_from_any_table() -> None:
-    found = propose(table())
-    assert found.rules.material > 0.0
-    assert any('Temperatures' in line for line in found.lines)
-    assert propose([]).rules.closed == propose([]).rules.closed
 
 
 def test_page_shows_what_is_missed(tmp_path) -> None:
