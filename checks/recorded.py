@@ -144,7 +144,7 @@ def fitting(drawn: Drawn, found: Diagnosis) -> Effect | None:
     theta = np.array([known.get(p.name, 0.5 * (p.low + p.high)) for p in nominal.parameters])
     for _ in range(TRIES):
         name, drive = str(rng.choice(names)), str(rng.choice(drawn.machine.drives))
-        effect = draw_effect(name, rng, rng.uniform(0.0, 1.0), (drive,), drawn.machine, 'same')
+        effect = draw_effect(name, rng, rng.uniform(0.0, 1.0), (drive,), drawn.machine)
         with suppress(IdentError):
             size = left(drawn, effect, theta) / float(found.floor.per_drive.max())
             if SIZE[0] < size < SIZE[1]:

@@ -59,15 +59,13 @@ def drive_law(
         forces: (FORCES,) output.
     """
     place, speed, rail_place, rail_speed = motion[0], motion[1], motion[2], motion[3]
-    kept = own.size > 0
     torque = rotor_torque(held, place, delivered, own, d)
     if d[at.BACK_EMF] != 0.0:
         torque -= d[at.BACK_EMF] * speed
-    beside = carriage_force(rail_place, rail_speed, own[at.CABLE_STATE] if kept else 0.0, d)
+    beside = carriage_force(rail_place, d)
     load, lever = 0.0, 1.0
     if shared[at.RIGID] == 0.0:
-        slip = own[at.SLIP] if kept else 0.0
-        load, lever = gear_force(place, speed, rail_place, rail_speed, slip, d)
+        load, lever = gear_force(place, speed, rail_place, rail_speed, d)
     elif d[at.LOAD_SHARE] > 0.0:
         load = load_force(place - rail_place, speed - rail_speed, d)
     elif d[at.LAW] == 2.0:
@@ -77,8 +75,8 @@ def drive_law(
     forces[TORQUE], forces[FRICTION] = torque, friction
     forces[LOAD], forces[LEVER] = load, lever
     forces[BESIDE] = beside
-    if kept:
-        internal_rates(speed, rail_speed, load, held, friction, own, d, rates)
+    if own.size > 0:
+        internal_rates(speed, held, own, d, rates)
 
 
 settled(drive_law, SIGNATURE)

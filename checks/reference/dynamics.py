@@ -271,8 +271,8 @@ def derivative(
             if share == 0.0:
                 dx[m + count + i] = dx[m + i]
         else:
-            inertia = d[at.MOTOR_MASS] * (1.0 + d[at.SPEED_INERTIA] * motion[1] ** 2)
-            dx[m + i] = (d[at.GEAR] * (torque - friction) - forces[LEVER] * load) / inertia
+            driven = d[at.GEAR] * (torque - friction) - forces[LEVER] * load
+            dx[m + i] = driven / d[at.MOTOR_MASS]
             held_up = gravity * weight_of_drive(i, x[count + i], shared, drive)
             side[i] = load + beside - held_up - pull_of_arm(motion[2], d)
             frame_load += 0.0 if rotary else load + beside

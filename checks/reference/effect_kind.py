@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a kind of effect is to the reference: its quantities, its two equations, who writes it."""
+"""What a kind of effect is to the reference: its quantities, its equation, who writes it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,8 +11,6 @@ import numpy as np
 from checks.reference.plant import Plant
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
-
-Group = Literal['structure', 'drive', 'controller', 'measurement', 'nuisance', 'outside']
 
 # The table's torques and forces suit the tripod of config/tripod.yaml; other machines scale them.
 TRIPOD_LIMIT = 6.0  # N m
@@ -59,7 +57,7 @@ class Quantity:
         return limit * float(machine.numbers('gear_factor').max()) / TRIPOD_FORCE
 
 
-Write = Callable[[Plant, int, Mapping[str, float], bool, int], None]
+Write = Callable[[Plant, int, Mapping[str, float]], None]
 
 
 @dataclass(frozen=True)
@@ -68,12 +66,10 @@ class Kind:
 
     Attributes:
         name: The effect's id.
-        group: What it sits on; `nuisance` and `outside` are not in the catalogue.
+        law: Its equation.
+        write: Writes it into a plant: plant, drive's index (-1 for the machine), values.
         size: The quantity that the size draws, geometrically from low to high.
         others: Quantities drawn beside it, uniformly.
-        same: Equation of the catalogue's form.
-        other: Equation of the other form.
-        write: Writes it into a plant: plant, drive's index, values, whether the other form, seed.
         place: `drive` where each drive can have it, `all` where the machine has one.
         needs: What the machine has to have: `gear`, `rigid` (no gear that gives, and no weight),
             `platform`, `integral`, `drives` (more than one), `supply` (motors fed with a
@@ -81,20 +77,9 @@ class Kind:
     """
 
     name: str
-    group: Group
-    size: Quantity
-    others: tuple[Quantity, ...]
-    same: str
-    other: str
+    law: str
     write: Write
+    size: Quantity
+    others: tuple[Quantity, ...] = ()
     place: Literal['drive', 'all'] = 'drive'
     needs: str = ''
-
-
-def column_writer(column: int, quantity: str, factor: float = 1.0) -> Write:
-    """Return a `write` that adds one value to one column of a drive, in either form."""
-
-    def write(plant: Plant, i: int, values: Mapping[str, float], other: bool, seed: int) -> None:
-        plant.drive[i, column] += factor * values[quantity]
-
-    return write

@@ -12,11 +12,9 @@ Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 
 @compiled
-def smooth_sign(speed: float, width: float, form: float) -> float:
-    """Return a sign that passes zero with slope 1/width: tanh (form 0) or arctan (form 1)."""
-    if form == 0.0:
-        return math.tanh(speed / width)
-    return 2.0 / math.pi * math.atan(0.5 * math.pi * speed / width)
+def smooth_sign(speed: float, width: float) -> float:
+    """Return a sign that passes zero with slope 1/width."""
+    return math.tanh(speed / width)
 
 
 @compiled
@@ -53,23 +51,15 @@ def coulomb_sign(speed: float, sign: float, internals: Array, d: Array) -> float
     length = d[at.PRESLIDE_LENGTH]
     if length == 0.0:
         return sign
-    first: float = internals[at.BRISTLE_A]
-    if d[at.PRESLIDE_FORM] == 0.0:
-        return first
-    if d[at.PRESLIDE_FORM] == 1.0:
-        # LuGre's micro-damping as a time, falling off with speed to stay passive (Olsson 1996).
-        return first + 1e-3 * math.exp(-((speed / 0.01) ** 2)) * bristle_rate(first, speed, length)
-    spread: float = 0.4 * first + 0.35 * internals[at.BRISTLE_B] + 0.25 * internals[at.BRISTLE_C]
-    return spread
+    bristle: float = internals[at.BRISTLE]
+    damping: float = d[at.PRESLIDE_DAMPING] * math.exp(-((speed / 0.01) ** 2))
+    return bristle + damping * bristle_rate(bristle, speed, length)
 
 
 @compiled
-def fall_off(speed: float, scale: float, form: float) -> float:
+def fall_off(speed: float, scale: float) -> float:
     """Return what is left of friction at a speed; all of it where `scale` is 0."""
-    if scale == 0.0:
-        return 1.0
-    ratio = (speed / scale) ** 2
-    return math.exp(-ratio) if form == 0.0 else 1.0 / (1.0 + ratio)
+    return 1.0 if scale == 0.0 else math.exp(-((speed / scale) ** 2))
 
 
 @compiled
@@ -103,80 +93,34 @@ def friction_torque(
     Returns:
         Torque against the motion [N m].
     """
-    width = d[at.SIGN_WIDTH]
-    sign = smooth_sign(speed, width, d[at.SIGN_FORM])
+    sign = smooth_sign(speed, d[at.SIGN_WIDTH])
     coulomb: float = d[at.COULOMB]
     friction: float = coulomb * coulomb_sign(speed, sign, internals, d) + d[at.VISCOUS] * speed
     if d[at.EXTRA_COULOMB] != 0.0:
-        friction += d[at.EXTRA_COULOMB] * smooth_sign(speed, width, d[at.EXTRA_COULOMB_FORM])
+        friction += d[at.EXTRA_COULOMB] * sign
     if d[at.EXTRA_VISCOUS] != 0.0:
-        rise = abs(speed) ** d[at.EXTRA_VISCOUS_EXPONENT]
-        friction += d[at.EXTRA_VISCOUS] * math.copysign(rise, speed)
+        friction += d[at.EXTRA_VISCOUS] * speed
     if d[at.STRIBECK_TORQUE] != 0.0:
-        ratio = (speed / d[at.STRIBECK_SPEED]) ** 2
-        if d[at.STRIBECK_FORM] == 0.0:
-            friction += d[at.STRIBECK_TORQUE] * math.exp(-ratio) * sign
-        else:
-            friction += d[at.STRIBECK_TORQUE] / (1.0 + ratio) * sign
+        friction += d[at.STRIBECK_TORQUE] * fall_off(speed, d[at.STRIBECK_SPEED]) * sign
     if d[at.LOAD_FRICTION] != 0.0:
-        loaded = load / d[at.GEAR]
-        if d[at.LOAD_FRICTION_FORM] == 1.0:
-            loaded = 0.5 * (loaded + torque)
-        friction += d[at.LOAD_FRICTION] * abs(loaded) * sign
+        friction += d[at.LOAD_FRICTION] * abs(load / d[at.GEAR]) * sign
     if d[at.PRESS_MOTOR] != 0.0 or d[at.PRESS_LOAD] != 0.0:
         pressed = abs(d[at.PRESS_MOTOR] * torque + d[at.PRESS_LOAD] * load / d[at.GEAR])
-        friction += pressed * fall_off(speed, d[at.PRESS_SPEED], d[at.PRESS_FORM]) * sign
+        friction += pressed * fall_off(speed, d[at.PRESS_SPEED]) * sign
     if d[at.SQUARE_MOTOR] != 0.0 or d[at.SQUARE_LOAD] != 0.0:
         pressed = squared_press(torque, load / d[at.GEAR], d)
-        friction += pressed * fall_off(speed, d[at.SQUARE_SPEED], d[at.SQUARE_FORM]) * sign
+        friction += pressed * fall_off(speed, d[at.SQUARE_SPEED]) * sign
     if d[at.DRAG] != 0.0:
-        friction += d[at.DRAG] * math.copysign(abs(speed) ** d[at.DRAG_EXPONENT], speed)
+        friction += d[at.DRAG] * abs(speed) * speed
     if d[at.DEGRESSIVE_TORQUE] != 0.0:
-        ratio = speed / d[at.DEGRESSIVE_SPEED]
-        if d[at.DEGRESSIVE_FORM] == 0.0:
-            friction += d[at.DEGRESSIVE_TORQUE] * math.tanh(ratio)
-        else:
-            friction += 0.5 * d[at.DEGRESSIVE_TORQUE] * math.asinh(2.0 * ratio)
+        friction += d[at.DEGRESSIVE_TORQUE] * math.tanh(speed / d[at.DEGRESSIVE_SPEED])
     if d[at.PLACE_SLOPE] != 0.0:
-        away = place - d[at.PLACE_MIDDLE]
-        if d[at.PLACE_FORM] == 1.0:
-            away = 0.05 * math.tanh(away / 0.05)
-        friction += coulomb * d[at.PLACE_SLOPE] * away * sign
+        friction += coulomb * d[at.PLACE_SLOPE] * (place - d[at.PLACE_MIDDLE]) * sign
     if d[at.ASYMMETRY] != 0.0:
-        if d[at.ASYMMETRY_WIDTH] > 0.0:
-            friction *= 1.0 + d[at.ASYMMETRY] * smooth_sign(speed, d[at.ASYMMETRY_WIDTH], 1.0)
-        else:
-            level = coulomb + d[at.VISCOUS] * abs(speed)
-            friction += d[at.ASYMMETRY] * level * abs(sign)
+        level = coulomb + d[at.VISCOUS] * abs(speed)
+        friction += d[at.ASYMMETRY] * level * abs(sign)
     if d[at.DRIFT_RATE] != 0.0:
         friction *= max(0.0, 1.0 + d[at.DRIFT_RATE] * time)
-    if d[at.DRIFT_SHARE] != 0.0:
-        friction /= 1.0 + d[at.DRIFT_SHARE] * internals[at.HEAT]
-    return friction + outside_friction(time, place, speed, sign, internals, d)
-
-
-@compiled
-def outside_friction(
-    time: float, place: float, speed: float, sign: float, internals: Array, d: Array
-) -> float:
-    """Return the friction torque of the effects that no catalogue lists [N m]."""
-    friction = 0.0
-    if d[at.BUMP_TORQUE] != 0.0:
-        friction += (
-            d[at.BUMP_TORQUE]
-            * math.exp(-(((place - d[at.BUMP_PLACE]) / d[at.BUMP_WIDTH]) ** 2))
-            * sign
-        )
-    if d[at.LAG_TORQUE] != 0.0:
-        friction += (
-            d[at.LAG_TORQUE] / (1.0 + (internals[at.LAGGED_SPEED] / d[at.LAG_SPEED]) ** 2) * sign
-        )
-    if d[at.BRAKE_TORQUE] != 0.0:
-        friction += (
-            d[at.BRAKE_TORQUE] * window(time, d[at.BRAKE_FROM], d[at.BRAKE_UNTIL], 0.15) * sign
-        )
-    if d[at.DWELL_TORQUE] != 0.0:
-        friction += d[at.DWELL_TORQUE] * internals[at.REST] * sign
     return friction
 
 
@@ -194,76 +138,27 @@ def rotor_torque(held: float, place: float, delivered: float, internals: Array, 
     Returns:
         Torque before friction [N m].
     """
-    torque: float = held
-    if d[at.CURRENT_LAG] > 0.0:
-        torque = (
-            internals[at.CURRENT_B] if d[at.CURRENT_LAG_FORM] == 1.0 else internals[at.CURRENT_A]
-        )
+    torque: float = internals[at.CURRENT] if d[at.CURRENT_LAG] > 0.0 else held
     torque *= (1.0 + d[at.ACTUATOR_GAIN]) * delivered
-    ripple: float = 0.0
-    if d[at.RIPPLE_TORQUE] != 0.0 or d[at.RIPPLE_CURRENT] != 0.0:
-        angle = d[at.RIPPLE_ORDER] * d[at.GEAR] * place
-        phase = d[at.RIPPLE_PHASE]
-        ripple = d[at.RIPPLE_TORQUE] * (
-            math.sin(angle + phase)
-            + d[at.RIPPLE_SECOND] * math.sin(2.0 * angle + 2.3 * phase)
-            + d[at.RIPPLE_THIRD] * math.sin(3.0 * angle + 0.7 * phase)
-        ) + d[at.RIPPLE_CURRENT] * held * math.sin(angle + 1.9 * phase)
-    return torque + ripple
+    if d[at.RIPPLE_TORQUE] != 0.0:
+        angle = d[at.RIPPLE_ORDER] * d[at.GEAR] * place + d[at.RIPPLE_PHASE]
+        torque += d[at.RIPPLE_TORQUE] * math.sin(angle)
+    return torque
 
 
 @compiled
-def internal_rates(
-    speed: float,
-    rail_speed: float,
-    load: float,
-    held: float,
-    friction: float,
-    internals: Array,
-    d: Array,
-    rates: Array,
-) -> None:
+def internal_rates(speed: float, held: float, internals: Array, d: Array, rates: Array) -> None:
     """Write the time derivatives of one drive's internal states.
 
     Args:
         speed: Motor speed at the rail [m/s].
-        rail_speed: Carriage speed relative to the frame [m/s].
-        load: Gear force [N].
         held: The controller's torque of this cycle [N m].
-        friction: Friction torque [N m].
         internals: (INTERNALS,) internal states.
         d: (DRIVE_COLUMNS,) the drive's numbers.
         rates: (INTERNALS,) output, per second.
     """
     rates[:] = 0.0
     if d[at.PRESLIDE_LENGTH] > 0.0:
-        scale = 0.3 if d[at.PRESLIDE_FORM] == 2.0 else 1.0
-        rates[at.BRISTLE_A] = bristle_rate(
-            internals[at.BRISTLE_A], speed, scale * d[at.PRESLIDE_LENGTH]
-        )
-        rates[at.BRISTLE_B] = bristle_rate(internals[at.BRISTLE_B], speed, d[at.PRESLIDE_LENGTH])
-        rates[at.BRISTLE_C] = bristle_rate(
-            internals[at.BRISTLE_C], speed, 3.0 * d[at.PRESLIDE_LENGTH]
-        )
+        rates[at.BRISTLE] = bristle_rate(internals[at.BRISTLE], speed, d[at.PRESLIDE_LENGTH])
     if d[at.CURRENT_LAG] > 0.0:
-        lag = d[at.CURRENT_LAG] * (0.5 if d[at.CURRENT_LAG_FORM] == 1.0 else 1.0)
-        rates[at.CURRENT_A] = (held - internals[at.CURRENT_A]) / lag
-        rates[at.CURRENT_B] = (internals[at.CURRENT_A] - internals[at.CURRENT_B]) / lag
-    if d[at.DRIFT_SHARE] != 0.0:
-        power = abs(friction * speed * d[at.GEAR]) / d[at.DRIFT_POWER]
-        rates[at.HEAT] = (power - internals[at.HEAT]) / d[at.DRIFT_TIME]
-    if d[at.CABLE_HYSTERESIS] != 0.0:
-        rates[at.CABLE_STATE] = bristle_rate(
-            internals[at.CABLE_STATE], rail_speed, d[at.CABLE_LENGTH]
-        )
-    if d[at.SLIP_FORCE] > 0.0:
-        excess = max(0.0, abs(load) / d[at.SLIP_FORCE] - 1.0)
-        rates[at.SLIP] = math.copysign(d[at.SLIP_SPEED] * excess, load)
-    if d[at.LAG_TORQUE] != 0.0:
-        rates[at.LAGGED_SPEED] = (speed - internals[at.LAGGED_SPEED]) / d[at.LAG_TIME]
-    if d[at.DWELL_TORQUE] != 0.0:
-        still = math.exp(-((speed / d[at.DWELL_SPEED]) ** 2))
-        broken = abs(speed) / 1e-3  # a millimetre of travel wears the bond off
-        rates[at.REST] = (
-            still * (1.0 - internals[at.REST]) / d[at.DWELL_TIME] - broken * internals[at.REST]
-        )
+        rates[at.CURRENT] = (held - internals[at.CURRENT]) / d[at.CURRENT_LAG]

@@ -16,7 +16,6 @@ zero are never read.
     COULOMB,  # N m
     VISCOUS,  # N m s/m
     SIGN_WIDTH,  # m/s, regularisation of the sign
-    SIGN_FORM,  # 0 tanh, 1 arctan
     RAIL_X,  # m, rail foot
     RAIL_Y,  # m
     ROD_LENGTH,  # m
@@ -33,84 +32,41 @@ zero are never read.
     ENCODER_STEP,  # m
     ENCODER_PHASE,  # steps, where within a step the reading jumps, less one half
     ENCODER_VELOCITY,  # s, lag of the coarse position's error in the speed; 0: true speed
-    INTEGRATOR_LEAK,  # 1/s
-    MAGNETIC_TORQUE,  # N m
-    MAGNETIC_WIDTH,  # N m
     # Friction effects.
     ASYMMETRY,  # 1
-    ASYMMETRY_WIDTH,  # m/s, 0: the catalogue's form
     STRIBECK_TORQUE,  # N m
     STRIBECK_SPEED,  # m/s
-    STRIBECK_FORM,  # 0 Gaussian, 1 Lorentzian
     LOAD_FRICTION,  # 1
-    LOAD_FRICTION_FORM,  # 0 by gear force, 1 by the mean of motor torque and gear torque
     PRESLIDE_LENGTH,  # m
-    PRESLIDE_FORM,  # 0 Dahl, 1 LuGre, 2 three parallel elements
+    PRESLIDE_DAMPING,  # s
     DRAG,  # N m s^2/m^2
-    DRAG_EXPONENT,  # 1
     EXTRA_COULOMB,  # N m
-    EXTRA_COULOMB_FORM,  # 0 tanh, 1 arctan
     EXTRA_VISCOUS,  # N m s/m
-    EXTRA_VISCOUS_EXPONENT,  # 1
     DEGRESSIVE_TORQUE,  # N m
     DEGRESSIVE_SPEED,  # m/s
-    DEGRESSIVE_FORM,  # 0 levels off, 1 rises with the logarithm of the speed
     PLACE_SLOPE,  # 1/m, Coulomb friction along the rail
     PLACE_MIDDLE,  # m
-    PLACE_FORM,  # 0 linear, 1 levelling off
     DRIFT_RATE,  # 1/s, linear in time
-    DRIFT_SHARE,  # 1, loss at the rated dissipated power
-    DRIFT_TIME,  # s
-    DRIFT_POWER,  # W
-    BUMP_TORQUE,  # N m
-    BUMP_PLACE,  # m
-    BUMP_WIDTH,  # m
-    LAG_TORQUE,  # N m, frictional lag
-    LAG_SPEED,  # m/s
-    LAG_TIME,  # s
-    BRAKE_TORQUE,  # N m
-    BRAKE_FROM,  # s
-    BRAKE_UNTIL,  # s
-    DWELL_TORQUE,  # N m
-    DWELL_TIME,  # s
-    DWELL_SPEED,  # m/s
     # Torque between controller and rotor.
     CURRENT_LAG,  # s
-    CURRENT_LAG_FORM,  # 0 one lag, 1 two lags of half the time
     ACTUATOR_GAIN,  # 1, less one
     RIPPLE_TORQUE,  # N m
     RIPPLE_ORDER,  # periods per motor turn
     RIPPLE_PHASE,  # rad
-    RIPPLE_SECOND,  # share of the second harmonic
-    RIPPLE_THIRD,  # share of the third harmonic
-    RIPPLE_CURRENT,  # 1, ripple proportional to the torque
-    SPEED_INERTIA,  # s^2/m^2
     # Transmission.
     BACKLASH,  # m, full width
-    BACKLASH_FORM,  # 0 linear contact, 1 soft contact with unequal damping
     STIFFNESS_SLOPE,  # 1/m
     STIFFNESS_PLACE,  # m
-    STIFFNESS_FORM,  # 0 stiffness linear in the place, 1 compliance linear
-    HARDENING,  # 1/m^2
     ECCENTRICITY,  # m
     ECCENTRICITY_PHASE,  # rad
-    ECCENTRICITY_SECOND,  # share of the second harmonic
-    SLIP_FORCE,  # N, 0: no slip
-    SLIP_SPEED,  # m/s
     LOAD_SHARE,  # 1, of a rigid drive's mass, behind a spring; 0: none
     LOAD_RATE,  # rad/s, of motor and load against each other
     LOAD_DAMPING,  # 1
     LOAD_HARDENING,  # 1/m^2
     # Forces on the carriage.
     CONSTANT_FORCE,  # N, a load against the positive direction
-    CONSTANT_SLOPE,  # N/m
     CABLE_STIFFNESS,  # N/m
     CABLE_PLACE,  # m
-    CABLE_CUBIC,  # 1/m^2
-    CABLE_HYSTERESIS,  # N
-    CABLE_LENGTH,  # m
-    BUMPER_STIFFNESS,  # N/m^2
-    BUMPER_PLACE,  # m
     # A servo, whose controller asks for a share of its supply.
     DRIVE_GAIN,  # N m, torque at the full supply, standing
     BACK_EMF,  # N m s/rad, by which it falls
@@ -119,11 +75,9 @@ zero are never read.
     PRESS_MOTOR,  # 1, friction by the motor's torque
     PRESS_LOAD,  # 1, by the load's
     PRESS_SPEED,  # rad/s, at which that has fallen off; 0: never
-    PRESS_FORM,  # 0 Gaussian, 1 Lorentzian
     SQUARE_MOTOR,  # 1/(N m), friction by the square of the motor's torque
     SQUARE_LOAD,  # 1/(N m), by that of the load's
     SQUARE_SPEED,  # rad/s
-    SQUARE_FORM,  # 0 Gaussian, 1 Lorentzian
     # An arm on a shaft at RAIL_X, RAIL_Y, whose angle takes the place of a carriage's height.
     ARM_X,  # m, from the shaft outwards
     ARM_Y,  # m
@@ -131,7 +85,7 @@ zero are never read.
     ARM_MOMENT,  # kg m, its first moment, of the same sign
     ARM_ZERO,  # rad, where it lies level
     DRIVE_COLUMNS,
-) = range(116)
+) = range(70)
 
 # Shared by the machine.
 (
@@ -165,15 +119,7 @@ SHARED_COLUMNS = PAYLOAD_FROM + 2 * PAYLOAD_TURNS
 
 # Internal states of one drive, behind positions and velocities.
 (
-    BRISTLE_A,
-    BRISTLE_B,
-    BRISTLE_C,
-    CURRENT_A,  # N m
-    CURRENT_B,  # N m
-    HEAT,  # 1
-    CABLE_STATE,  # 1
-    SLIP,  # m
-    LAGGED_SPEED,  # m/s
-    REST,  # 1
+    BRISTLE,
+    CURRENT,  # N m
     INTERNALS,
-) = range(11)
+) = range(3)

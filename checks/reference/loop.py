@@ -15,7 +15,7 @@ from checks.reference.stepper import advance, STAGES
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 # Memory of one drive's controller.
-INTEGRAL, SEEN, SEEN_ERROR, SEEN_FILTERED, SEEN_SPEED, MAGNETIC, LAST_TORQUE, MEMORY = range(8)
+INTEGRAL, SEEN, SEEN_ERROR, SEEN_FILTERED, SEEN_SPEED, MEMORY = range(6)
 
 
 @compiled
@@ -79,30 +79,12 @@ def control(
     else:
         error = d[at.POSITION_GAIN] * (target - seen) + d[at.FEEDFORWARD] * target_speed - speed
         memory[INTEGRAL] += d[at.INTEGRAL_GAIN] * error * cycle
-        memory[INTEGRAL] *= 1.0 - d[at.INTEGRATOR_LEAK] * cycle
         torque = d[at.VELOCITY_GAIN] * error + memory[INTEGRAL]
     limit = d[at.TORQUE_LIMIT]
     if d[at.TORQUE_FADE] != 0.0 or d[at.TORQUE_SKEW] != 0.0:
         fade = max(0.1, 1.0 - d[at.TORQUE_FADE] * abs(speed))
         limit *= fade * (1.0 + math.copysign(d[at.TORQUE_SKEW], torque))
     return limited(torque, limit, d[at.TORQUE_KNEE])
-
-
-@compiled
-def magnetised(torque: float, memory: Array, d: Array) -> float:
-    """Return what iron with hysteresis makes of a commanded torque (after Coleman and Hodgdon)."""
-    if d[at.MAGNETIC_TORQUE] == 0.0:
-        return torque
-    change = torque - memory[LAST_TORQUE]
-    state = (
-        memory[MAGNETIC]
-        + change / d[at.MAGNETIC_WIDTH]
-        - abs(change) / d[at.MAGNETIC_WIDTH] * memory[MAGNETIC]
-    )
-    memory[MAGNETIC] = min(1.0, max(-1.0, state))
-    memory[LAST_TORQUE] = torque
-    kept: float = d[at.MAGNETIC_TORQUE] * memory[MAGNETIC]
-    return torque - kept
 
 
 @compiled
@@ -162,7 +144,7 @@ def run(
                 memory[i],
                 drive[i],
             )
-            held[i] = magnetised(torque[i, k], memory[i], drive[i])
+            held[i] = torque[i, k]
             if drive[i, at.LAW] == 2.0:
                 off = shared[at.RELEASE] > 0.0 and k * cycle >= shared[at.RELEASE] - 0.5 * cycle
                 held[i] *= drive[i, at.DRIVE_GAIN]

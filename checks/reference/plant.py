@@ -99,7 +99,7 @@ class Plant:
     internals: int = 0
     settled: bool = False
     law: DriveLaw = drive_law
-    torques: tuple[int, ...] = (at.CURRENT_A, at.CURRENT_B)
+    torques: tuple[int, ...] = (at.CURRENT,)
 
 
 class Unmodelled(Protocol):

@@ -168,9 +168,7 @@ def holding_torque(place: float, rail: float, load: float, plant: Plant, i: int)
     d = plant.drive[i]
     rest = still(plant, i, place, rail)
     lever, idle = float(rest[LEVER]), float(rest[TORQUE])
-    order = d[at.RIPPLE_ORDER] * d[at.GEAR] * place + 1.9 * d[at.RIPPLE_PHASE]
-    gain = 1.0 + d[at.ACTUATOR_GAIN] + d[at.RIPPLE_CURRENT] * np.sin(order)
-    return float((lever * load / d[at.GEAR] - idle) / gain)
+    return float((lever * load / d[at.GEAR] - idle) / (1.0 + d[at.ACTUATOR_GAIN]))
 
 
 def _on_frame(plant: Plant, x: Array, load: Array) -> float:
@@ -228,7 +226,6 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
         if plant.settled:
             hold = holding_torque(x[i], x[count + i], load[i], plant, i)
         memory[i, loop.INTEGRAL] = hold if d[at.LAW] == 0.0 else 0.0
-        memory[i, loop.LAST_TORQUE] = hold
         quantum = d[at.ENCODER_STEP]
         seen = quantum * np.floor(x[i] / quantum + 0.5) if quantum > 0.0 else x[i]
         memory[i, [loop.SEEN, loop.SEEN_FILTERED]] = seen
@@ -236,7 +233,6 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
         if plant.internals:
             own = x[2 * m + i * plant.internals : 2 * m + (i + 1) * plant.internals]
             own[list(plant.torques)] = hold
-            own[at.REST] = 1.0
     return x, memory
 
 

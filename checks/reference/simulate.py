@@ -32,14 +32,6 @@ def late(torque: Array, delay: Array, cycle: float) -> Array:
     )
 
 
-class SettledStart:
-    """Let the machine have stood until its controllers hold what they truly have to hold."""
-
-    def apply(self, plant: Plant) -> None:
-        """Write it into a plant."""
-        plant.settled = True
-
-
 def with_effects(nominal: Plant, effects: Sequence[Unmodelled]) -> Plant:
     """Return a copy of a machine with effects in it."""
     plant = replace(

@@ -19,14 +19,12 @@ def kinematic_error(place: float, d: Array) -> tuple[float, float]:
         return 0.0, 0.0
     gear = d[at.GEAR]
     angle = gear * place + d[at.ECCENTRICITY_PHASE]
-    second = d[at.ECCENTRICITY_SECOND]
-    error = amplitude * (math.sin(angle) + second * math.sin(2.0 * angle))
-    return error, amplitude * gear * (math.cos(angle) + 2.0 * second * math.cos(2.0 * angle))
+    return amplitude * math.sin(angle), amplitude * gear * math.cos(angle)
 
 
 @compiled
 def gear_force(
-    place: float, speed: float, rail_place: float, rail_speed: float, slip: float, d: Array
+    place: float, speed: float, rail_place: float, rail_speed: float, d: Array
 ) -> tuple[float, float]:
     """Return the force that the gear passes to the carriage, and its lever on the motor.
 
@@ -38,7 +36,6 @@ def gear_force(
         speed: Motor speed at the rail [m/s].
         rail_place: Carriage position relative to the frame [m].
         rail_speed: Its speed [m/s].
-        slip: Slip between motor and carriage so far [m].
         d: (DRIVE_COLUMNS,) the drive's numbers.
 
     Returns:
@@ -46,27 +43,18 @@ def gear_force(
     """
     error, slope = kinematic_error(place, d)
     lever = 1.0 + slope
-    stretch = place + error - slip - rail_place
+    stretch = place + error - rail_place
     rate = lever * speed - rail_speed
     stiffness = d[at.STIFFNESS]
     damping = d[at.DAMPING]
     if d[at.STIFFNESS_SLOPE] != 0.0:
-        change = d[at.STIFFNESS_SLOPE] * (rail_place - d[at.STIFFNESS_PLACE])
-        stiffness *= 1.0 / (1.0 - change) if d[at.STIFFNESS_FORM] == 1.0 else 1.0 + change
+        stiffness *= 1.0 + d[at.STIFFNESS_SLOPE] * (rail_place - d[at.STIFFNESS_PLACE])
     if d[at.BACKLASH] == 0.0:
-        return stiffness * stretch * (1.0 + d[at.HARDENING] * stretch**2) + damping * rate, lever
+        return stiffness * stretch + damping * rate, lever
     depth = abs(stretch) - 0.5 * d[at.BACKLASH]
     if depth <= 0.0:
         return 0.0, lever
-    side = math.copysign(1.0, stretch)
-    if d[at.BACKLASH_FORM] == 0.0:
-        return side * stiffness * depth + damping * rate, lever
-    # The flanks meet gradually, and the trailing one damps less than the leading one.
-    ground = 0.1 * d[at.BACKLASH]
-    damping *= depth**2 / (depth**2 + ground**2) * (1.0 if side > 0.0 else 0.6)
-    stiffness *= depth / (depth + ground)
-    # A flank can push, never pull.
-    return side * max(0.0, stiffness * depth + damping * rate * side), lever
+    return math.copysign(stiffness * depth, stretch) + damping * rate, lever
 
 
 @compiled
@@ -93,27 +81,18 @@ def load_force(stretch: float, rate: float, d: Array) -> float:
 
 
 @compiled
-def carriage_force(rail_place: float, rail_speed: float, cable_state: float, d: Array) -> float:
-    """Return the force between frame and carriage beside the gear's: offset, cable, end cushion.
+def carriage_force(rail_place: float, d: Array) -> float:
+    """Return the force between frame and carriage beside the gear's: offset and cable.
 
     Args:
         rail_place: Carriage position relative to the frame [m].
-        rail_speed: Its speed [m/s], kept for rate-dependent forms.
-        cable_state: The cable's hysteresis, -1 to 1.
         d: (DRIVE_COLUMNS,) the drive's numbers.
 
     Returns:
         Force on the carriage, positive along the rail [N].
     """
-    force = 0.0
-    if d[at.CONSTANT_FORCE] != 0.0:
-        force -= d[at.CONSTANT_FORCE] + d[at.CONSTANT_SLOPE] * rail_place
-    if d[at.CABLE_STIFFNESS] != 0.0:
-        stretch = rail_place - d[at.CABLE_PLACE]
-        force -= d[at.CABLE_STIFFNESS] * stretch * (1.0 + d[at.CABLE_CUBIC] * stretch**2)
-        force -= d[at.CABLE_HYSTERESIS] * cable_state
-    if d[at.BUMPER_STIFFNESS] != 0.0:
-        force -= d[at.BUMPER_STIFFNESS] * max(0.0, rail_place - d[at.BUMPER_PLACE]) ** 2
+    force: float = -d[at.CABLE_STIFFNESS] * (rail_place - d[at.CABLE_PLACE])
+    force -= d[at.CONSTANT_FORCE]
     return force
 
 

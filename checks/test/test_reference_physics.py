@@ -71,10 +71,17 @@ def energy(log, plant, hold):
     return total
 
 
-RODS = Effect('rod_mass', ('all',), {'mass': 0.1}, 'other')
-FRAME = Effect(
-    'frame_resonance', ('all',), {'mass': 25.0, 'frequency': 14.0, 'damping': 0.0}, 'same'
-)
+class Rods:
+    """Uniform rods of 0.1 kg."""
+
+    def apply(self, plant):
+        plant.shared[at.ROD_MASS] = 0.1
+        plant.shared[[at.ROD_AT_CARRIAGE, at.ROD_AT_PLATFORM]] = 1.0 / 3.0
+        plant.shared[[at.ROD_BETWEEN, at.ROD_CENTRE]] = 1.0 / 6.0, 0.5
+
+
+RODS = Rods()
+FRAME = Effect('frame_resonance', ('all',), {'mass': 25.0, 'frequency': 14.0, 'damping': 0.0})
 
 
 @pytest.mark.parametrize(
@@ -83,7 +90,7 @@ FRAME = Effect(
 def test_energy_is_kept_without_friction_and_controller(machine, effects):
     # Loads that the constant motor torques do not know let the machine fall over its rods.
     loads = [
-        Effect('constant_force', (name,), {'force': force}, 'same')
+        Effect('constant_force', (name,), {'force': force})
         for name, force in zip(machine.drives, (5.0, -3.0, 2.0), strict=True)
     ]
     plant = without_controller(tripod_plant(machine, FRICTIONLESS))
@@ -150,18 +157,13 @@ def test_settled_machine_stays_at_rest(machine):
     drives = tuple(machine.drives)
     effects = [
         RODS,
-        Effect('cable_spring', drives, {'stiffness': 60.0, 'place': 0.44}, 'same'),
-        Effect('constant_force', drives[:1], {'force': 7.0}, 'other'),
-        Effect('torque_ripple', drives[1:], {'torque': 0.05, 'order': 2.0, 'phase': 1.0}, 'other'),
-        Effect('transmission_eccentricity', drives, {'amplitude': 1e-4, 'phase': 2.0}, 'other'),
-        Effect('backlash', drives[2:], {'width': 2e-4}, 'other'),
-        Effect('rail_radius_error', ('all',), {'length': 4e-3}, 'other'),
-        Effect(
-            'frame_resonance',
-            ('all',),
-            {'mass': 25.0, 'frequency': 14.0, 'damping': 0.05},
-            'other',
-        ),
+        Effect('cable_spring', drives, {'stiffness': 60.0, 'place': 0.44}),
+        Effect('constant_force', drives[:1], {'force': 7.0}),
+        Effect('torque_ripple', drives[1:], {'torque': 0.05, 'order': 2.0, 'phase': 1.0}),
+        Effect('transmission_eccentricity', drives, {'amplitude': 1e-4, 'phase': 2.0}),
+        Effect('backlash', drives[2:], {'width': 2e-4}),
+        Effect('rail_radius_error', ('all',), {'length': 4e-3}),
+        Effect('frame_resonance', ('all',), {'mass': 25.0, 'frequency': 14.0, 'damping': 0.05}),
     ]
     position = np.repeat(np.array([[0.45], [0.50], [0.47]]), 400, axis=1)
     log = simulate(plant, position, 0.0 * position, effects)
@@ -239,9 +241,7 @@ def test_other_coordinates_and_scipy_agree(machine):
 
 def test_heavy_stiff_frame_is_no_frame(machine):
     motion = draw_motion('multi_point', machine, 1.0, 5)
-    frame = Effect(
-        'frame_resonance', ('all',), {'mass': 1e7, 'frequency': 30.0, 'damping': 0.5}, 'same'
-    )
+    frame = Effect('frame_resonance', ('all',), {'mass': 1e7, 'frequency': 30.0, 'damping': 0.5})
     plain = simulate_tripod(machine, TRUTH, motion.position, motion.velocity)
     framed = simulate_tripod(machine, TRUTH, motion.position, motion.velocity, [frame])
     assert np.max(np.abs(plain.torque - framed.torque)) < 1e-5

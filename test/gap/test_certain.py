@@ -42,14 +42,14 @@ def recording(seed: int, effects: tuple[str, ...] = (), kind: str = 'mixed') -> 
 
 EFFECTS = {
     'ripple': Effect(
-        'torque_ripple', ('drive_3',), {'torque': 0.035, 'phase': 0.6, 'order': 12.47}, 'same'
+        'torque_ripple', ('drive_3',), {'torque': 0.035, 'phase': 0.6, 'order': 12.47}
     ),
-    'limit': Effect('torque_saturation', ('drive_2',), {'limit': 1.7}, 'same'),
+    'limit': Effect('torque_saturation', ('drive_2',), {'limit': 1.7}),
     **{
-        f'gain {i}': Effect('position_gain_error', (f'drive_{i}',), {'share': share}, 'same')
+        f'gain {i}': Effect('position_gain_error', (f'drive_{i}',), {'share': share})
         for i, share in enumerate((0.3, 0.34, 0.4), 1)
     },
-    'low limit': Effect('torque_saturation', ('drive_2',), {'limit': 1.2}, 'same'),
+    'low limit': Effect('torque_saturation', ('drive_2',), {'limit': 1.2}),
 }
 
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from checks.blind.forms import FORMS
+from checks.blind.forms.form import Hidden
 from checks.reference.axis import simulate_axis
-from checks.reference.effects import Effect
+from checks.reference.plant import Unmodelled
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.diagnose import diagnose
@@ -55,7 +57,7 @@ TRUTH = {
 
 
 def recording(
-    seed: int, effects: tuple[Effect, ...] = (), scale: float = 1.0, noise: float = NOISE
+    seed: int, effects: tuple[Unmodelled, ...] = (), scale: float = 1.0, noise: float = NOISE
 ) -> Dataset:
     rng = np.random.default_rng(seed)
     time = np.arange(5000) * CYCLE
@@ -88,8 +90,10 @@ def coloured(data: Dataset, size: float, rho: float) -> Dataset:
     return replace(data, effort=data.effort + size * NOISE * noise)
 
 
-def stribeck() -> Effect:
-    return Effect('stribeck', ('lift',), {'torque': 0.08, 'speed': 0.03}, 'other')
+def stribeck() -> Hidden:
+    """Return friction that falls off otherwise than the catalogue's."""
+    values = {'torque': 0.08, 'speed': 0.03, 'exponent': 1.25}
+    return Hidden(FORMS['stribeck.exponential'], 'lift', values, 0.5, 0)
 
 
 @pytest.fixture(scope='module')

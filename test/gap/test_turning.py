@@ -56,8 +56,8 @@ def recording(seed: int, effect: Effect) -> Dataset:
     )
 
 
-def diagnosed(name: str, values: dict[str, float], form: str = 'same') -> Diagnosis:
-    effect = Effect(name, JOINT.drives, values, form)
+def diagnosed(name: str, values: dict[str, float]) -> Diagnosis:
+    effect = Effect(name, JOINT.drives, values)
     return diagnose(JOINT, [recording(1, effect)], [recording(2, effect)], seed=1)
 
 
@@ -73,7 +73,7 @@ def test_stribeck_friction_of_half_a_radian_a_second_is_found() -> None:
 
 def test_steps_of_an_encoder_of_twelve_bits_are_found() -> None:
     # The controller smooths the speed it reads, as those of coarse encoders do.
-    found = diagnosed('encoder_quantisation', {'step': 1.5e-3}, 'other')
+    found = diagnosed('encoder_quantisation', {'step': 1.5e-3})
     assert (found.effect, found.where) == ('encoder_quantisation', JOINT.drives)
     step = found.parameters['joint.encoder_quantisation.step']
     assert step.unit == 'rad' and step.value == pytest.approx(1.5e-3, rel=0.01)

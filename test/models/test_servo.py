@@ -131,7 +131,7 @@ def test_a_motor_that_is_switched_off_neither_drives_nor_brakes() -> None:
     ],
 )
 def test_friction_acts_as_in_the_twin(effect, values, theta, apart) -> None:
-    unmodelled = (Effect(effect, ('joint',), values, 'same'),)
+    unmodelled = (Effect(effect, ('joint',), values),)
     at = (EffectAt(effect, 'joint'),)
     log, out = beside(machine(), at, theta, unmodelled)
     plain, _ = beside(machine())
@@ -141,7 +141,7 @@ def test_friction_acts_as_in_the_twin(effect, values, theta, apart) -> None:
 
 def test_backlash_lies_between_motor_and_encoder() -> None:
     one = machine({**FRICTION, **GEAR})
-    unmodelled = (Effect('backlash', ('joint',), {'width': 0.02}, 'same'),)
+    unmodelled = (Effect('backlash', ('joint',), {'width': 0.02}),)
     log, out = beside(one, (EffectAt('backlash', 'joint'),), (0.02,), unmodelled)
     plain, _ = beside(one)
     assert np.abs(log.carriage - plain.carriage).max() > 5e-3

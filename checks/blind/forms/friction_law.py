@@ -62,7 +62,7 @@ def dry_sign(speed: float, own: Array, d: Array) -> float:
     """Return what multiplies the Coulomb torque, about -1 to 1."""
     kind = d[at.BRISTLE_KIND]
     if kind == 0.0:
-        return smooth_sign(speed, d[nominal.SIGN_WIDTH], d[nominal.SIGN_FORM])
+        return smooth_sign(speed, d[nominal.SIGN_WIDTH])
     z: float = own[at.BRISTLE_1]
     if kind == ELEMENTS:
         for number in range(1, 4):
@@ -156,7 +156,7 @@ def friction_with_forms(
     Returns:
         Torque against the motion [N m].
     """
-    sign = smooth_sign(speed, d[nominal.SIGN_WIDTH], d[nominal.SIGN_FORM])
+    sign = smooth_sign(speed, d[nominal.SIGN_WIDTH])
     dry: float = d[nominal.COULOMB] * dry_sign(speed, own, d)
     if d[at.PLACE_SHARE] != 0.0:
         dry *= 1.0 + d[at.PLACE_SHARE] * math.sin(

@@ -5,7 +5,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from checks.blind.forms.form import Form, Range, Values, Write
-from checks.reference.effect_writers import lagged
+from checks.reference.effect_table import lagged
 from checks.reference.plant import Array, Plant
 
 
