@@ -29,7 +29,9 @@ for name; do
   SECONDS=0
   case $name in
     peers) with_peers checks/benchmarks/peers.py ;;
-    mujoco_blind) with_peers checks/benchmarks/mujoco_blind.py ;;
+    mujoco_blind)
+      with_peers -m checks.blind --generator mujoco --cases 200 --seed 2026 --out build/mujoco_blind
+      ;;
     *) python "checks/benchmarks/$name.py" ;;
   esac || { echo "bench: $name failed." >&2; failed=1; }
   printf '```\n\n%d s\n' "$SECONDS"

@@ -2,6 +2,7 @@
 """`python -m checks.blind`: the diagnosis judged on cases whose answer it cannot see."""
 
 import argparse
+import importlib
 from pathlib import Path
 import shlex
 from typing import Any, TYPE_CHECKING
@@ -10,7 +11,7 @@ from ros2_ident.cli.arguments import count, whole
 from ros2_ident.errors import ErrorCode, IdentError
 
 if TYPE_CHECKING:
-    from checks.blind.run import BlindCheck
+    from checks.blind.run import BlindCheck, Generator
 
 DESCRIPTION = (
     'Draw machines with and without unmodelled effects, seal what was put into them, diagnose '
@@ -27,6 +28,11 @@ EXAMPLES = (
     'writes to DIR: the bags in cases/, the seals in sealed/ and seals.json, table.jsonl with one '
     'line a case, blind.md with pictures\n'
 )
+# Where each generator of cases stands: in the name GENERATOR.
+GENERATORS = {
+    'reference': 'checks.blind.run',
+    'mujoco': 'checks.generators.mujoco_cases',
+}
 EXIT_CODES = {0: 'scored, drawn, or verified', 1: 'stopped; the same command goes on'}
 # Share of each sort of case, as `planning.Shares` has it, and what the sort is.
 SHARES = {
@@ -46,6 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--cases', type=count, default=20, metavar='N', help='20 by default')
     parser.add_argument('--seed', type=whole, default=1, help='of everything drawn; 1 by default')
     parser.add_argument('--out', metavar='DIR', help='directory of the run; blind_SEED by default')
+    parser.add_argument(
+        '--generator',
+        choices=GENERATORS,
+        default='reference',
+        help='what simulates; the slow reference by default, all others need MuJoCo',
+    )
     parser.add_argument(
         '--machine',
         default='config/tripod.yaml',
@@ -107,6 +119,12 @@ def numbers(text: str | None) -> tuple[int, ...]:
     return tuple(out)
 
 
+def generator_of(name: str) -> 'Generator':
+    """Return a generator by its name."""
+    found: Generator = importlib.import_module(GENERATORS[name]).GENERATOR
+    return found
+
+
 def run(args: argparse.Namespace) -> int:
     """Run, rescore or verify, and write the page."""
     from checks.blind.keep import verify
@@ -119,15 +137,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from checks.blind.keep import keep_all
-    from checks.blind.page import write_page
     from checks.blind.run import BlindCheck, Stopped
-    from checks.blind.score import score, sentences
+    from checks.blind.store import Store
     from ros2_ident.cli.progress import Meter
     from ros2_ident.cli.runs import interrupts
 
     root = Path(args.rescore or args.out or f'blind_{args.seed}')
+    name = Store(root).about().get('generator', 'reference') if args.rescore else args.generator
+    generator = generator_of(name)
     with Meter(quiet=args.quiet) as meter, interrupts() as cancel:
-        check = BlindCheck(root, args.processes, meter, cancel.is_set)
+        check = BlindCheck(root, args.processes, meter, cancel.is_set, generator)
         try:
             rows = _rows(check, args)
         except Stopped:
@@ -135,9 +154,7 @@ def _run(args: argparse.Namespace) -> int:
             return 1
     if rows is None:
         return 0
-    found = score(rows)
-    print(*sentences(found), sep='\n')
-    print(f'written: {write_page(root / "blind.md", rows, found, check.store.about())}')
+    print(*generator.told(check.store, rows), sep='\n')
     if args.keep:
         print(f'kept: {keep_all(check.store, args.keep, rows)}')
     return 0
@@ -152,7 +169,8 @@ def _rows(check: 'BlindCheck', args: argparse.Namespace) -> list[dict[str, Any]]
         return check.score(again=True) if args.reopen else check.store.rows()
     shares = Shares(**{name: getattr(args, name) for name in SHARES})
     command = shlex.join(args.command)
-    check.begin(args.machine, args.cases, args.seed, shares, command)
+    more = {'generator': args.generator}
+    check.begin(args.machine, args.cases, args.seed, shares, command, **more)
     digest = check.draw()
     print(f'sealed: {args.cases} cases, SHA-256 {digest}', flush=True)
     if args.keep:

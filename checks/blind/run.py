@@ -4,6 +4,8 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from dataclasses import dataclass
+import functools
 import json
 import multiprocessing
 import os
@@ -20,7 +22,9 @@ from checks.blind.case import CHECK, FIT, MACHINE, write_case
 from checks.blind.draw import Drawer
 from checks.blind.label import to_mapping
 from checks.blind.machines import machine_of, read_plain
+from checks.blind.page import write_page
 from checks.blind.planning import plan, Shares, Wanted
+from checks.blind.score import score, sentences
 from checks.blind.store import stamp, Store, write_json
 from checks.blind.truth import make_row
 from ros2_ident.effects import CATALOGUE
@@ -53,11 +57,6 @@ def draw_case(
         store.case(wanted.case), store.clean(wanted.case), drawer, label, effects
     )
     return seal.close(to_mapping(label), seed)
-
-
-def _score_case(root: str, number: int, label: dict[str, Any]) -> dict[str, Any]:
-    store = Store(root)
-    return make_row(label, store.case(number), store.clean(number))
 
 
 @contextmanager
@@ -201,6 +200,59 @@ def ask_all(
             thread.join()
 
 
+@dataclass(frozen=True)
+class Generator:
+    """What a run is of; the functions are called in processes of their own.
+
+    Attributes:
+        plan: Returns what each case of a run shall be, by number.
+        draw: Writes such a case of a run with a seed, and returns its sealed label.
+        orders: Returns what is asked about a case, by the number under which it is answered.
+        row: Returns a case's row of the table: run, number, opened label.
+        told: Returns what came of a run as lines, from its table.
+    """
+
+    plan: Callable[[Store], Mapping[int, Any]]
+    draw: Callable[[Store, Any, int], dict[str, str]]
+    orders: Callable[[Store, int], Mapping[int, dict[str, str]]]
+    row: Callable[[Store, int, dict[str, Any]], dict[str, Any]]
+    told: Callable[[Store, Sequence[Mapping[str, Any]]], list[str]]
+
+
+def _plan(drawer: type[Drawer], store: Store) -> Mapping[int, Wanted]:
+    about = store.about()
+    names = list(drawer.known(machine_of(read_plain(store.machine))))
+    inside = [name for name in names if name in CATALOGUE]
+    outside = [name for name in names if name not in CATALOGUE]
+    shares = Shares(**about['shares'])
+    wanted = plan(inside, outside, int(about['cases']), int(about['seed']), shares)
+    return {w.case: w for w in wanted}
+
+
+def _row(store: Store, number: int, label: dict[str, Any]) -> dict[str, Any]:
+    return make_row(label, store.case(number), store.clean(number))
+
+
+def _told(store: Store, rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    found = score(rows)
+    page = write_page(store.root / 'blind.md', rows, found, store.about())
+    return [*sentences(found), f'written: {page}']
+
+
+def drawn_by(drawer: type[Drawer]) -> Generator:
+    """Return the generator of the cases that a drawer draws."""
+    return Generator(
+        functools.partial(_plan, drawer),
+        functools.partial(draw_case, drawer),
+        lambda store, number: {number: order_of(store, number)},
+        _row,
+        _told,
+    )
+
+
+GENERATOR = drawn_by(Drawer)
+
+
 class BlindCheck:
     """One run in one directory; every step goes on where it was left.
 
@@ -209,7 +261,7 @@ class BlindCheck:
         processes: How many cases at a time.
         tell: Told the share done and what is being done.
         stopped: Asked often; True ends with `Stopped`.
-        generator: Draws the cases.
+        generator: What it is of.
     """
 
     def __init__(
@@ -218,7 +270,7 @@ class BlindCheck:
         processes: int = 2,
         tell: Tell = lambda share, text: None,
         stopped: Callable[[], bool] = lambda: False,
-        generator: type[Drawer] = Drawer,
+        generator: Generator = GENERATOR,
     ) -> None:
         self.store = Store(root)
         self.generator = generator
@@ -231,27 +283,25 @@ class BlindCheck:
         self._tell(low + (high - low) * done / max(1, count), f'{part} {done} of {count} cases')
 
     def begin(
-        self, machine: str | Path, cases: int, seed: int, shares: Shares, command: str
+        self, machine: str | Path, cases: int, seed: int, shares: Shares, command: str, **more: Any
     ) -> None:
-        """Begin a run or go on with it."""
+        """Begin a run or go on with it; `more` is what its generator wants to know."""
         what = {'command': command, 'cases': cases, 'seed': seed, 'shares': vars(shares)}
-        self.store.begin(what, machine)
+        self.store.begin(what | more, machine)
 
     def draw(self) -> str:
         """Draw and seal what is not drawn yet; return the hash over all seals."""
         about = self.store.about()
         cases, seed = int(about['cases']), int(about['seed'])
-        names = list(self.generator.known(machine_of(read_plain(self.store.machine))))
-        inside = [name for name in names if name in CATALOGUE]
-        outside = [name for name in names if name not in CATALOGUE]
-        wanted = plan(inside, outside, cases, seed, Shares(**about['shares']))
-        missing = [w for w in wanted if self.store.sealed(w.case) is None]
+        wanted = self.generator.plan(self.store)
+        missing = {n: w for n, w in wanted.items() if self.store.sealed(n) is None}
         with _pool(self.processes) as pool:
             tasks = {
-                pool.submit(draw_case, self.generator, self.store, w, seed): w for w in missing
+                pool.submit(self.generator.draw, self.store, w, seed): n
+                for n, w in missing.items()
             }
             for done, task in enumerate(_finished(tasks, self._stopped)):
-                self.store.seal(tasks[task].case, task.result())
+                self.store.seal(tasks[task], task.result())
                 self._progress('drawing', cases - len(missing) + done + 1, cases)
         if 'manifest' not in about:
             self.store.note(drawn=stamp())
@@ -265,14 +315,17 @@ class BlindCheck:
         """
         cases = int(self.store.about()['cases'])
         asked = [n for n in range(1, cases + 1) if not only or n in only]
-        missing = [n for n in asked if self.store.answered(n) is None]
+        orders: dict[int, dict[str, str]] = {}
+        for number in asked:
+            orders |= self.generator.orders(self.store, number)
+        count = len(orders)
+        orders = {n: order for n, order in orders.items() if self.store.answered(n) is None}
         self.store.diagnosed_by(stamp())
-        orders = {n: order_of(self.store, n) for n in missing}
-        done = len(asked) - len(missing)
-        self._progress('diagnosing', done, len(asked))
+        done = count - len(orders)
+        self._progress('diagnosing', done, count)
         for _ in ask_all(self.store, orders, self.processes, self._stopped):
             done += 1
-            self._progress('diagnosing', done, len(asked))
+            self._progress('diagnosing', done, count)
 
     def score(self, again: bool = False) -> list[dict[str, Any]]:
         """Open the seals of the diagnosed cases and fill the table.
@@ -291,8 +344,8 @@ class BlindCheck:
         with _pool(self.processes) as pool:
             tasks = [
                 pool.submit(
-                    _score_case,
-                    str(self.store.root),
+                    self.generator.row,
+                    self.store,
                     n,
                     seal.unseal(self.store.sealed(n) or {}, seed),
                 )

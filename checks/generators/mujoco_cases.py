@@ -15,6 +15,7 @@ import numpy as np
 from checks.blind.draw import Drawer
 from checks.blind.label import MotionOrder
 from checks.blind.probe import Probe
+from checks.blind.run import drawn_by
 from checks.generators.mujoco_tripod import (
     Course,
     Drive,
@@ -371,3 +372,6 @@ class MujocoDrawer(Drawer):
     def _left(self, effects: Sequence[Any]) -> float:
         # One simulation instead of two and a fit: imperfections are small, so it is linear.
         return self.probe.linear(effects)
+
+
+GENERATOR = drawn_by(MujocoDrawer)
