@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interval of a share, for the figures of all checks."""
 
+from collections.abc import Sequence
 import math
 
 from scipy.stats import binomtest
@@ -16,3 +17,9 @@ def share_interval(hits: int, count: int) -> tuple[float, float]:
         return math.nan, math.nan
     interval = binomtest(hits, count).proportion_ci(0.95, method='wilson')
     return float(interval.low), float(interval.high)
+
+
+def told_share(hits: Sequence[bool]) -> str:
+    """Return how many hold, with the interval of their share in percent."""
+    low, high = share_interval(sum(hits), len(hits)) if hits else (0.0, 1.0)
+    return f'{sum(hits)} of {len(hits)} [{100.0 * low:.0f}, {100.0 * high:.0f} %]'

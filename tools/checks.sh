@@ -6,7 +6,7 @@ set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
 
-for seals in docs/blind/*/seals.json; do
+for seals in docs/blind/*/seals.json docs/blind/*/*/seals.json; do
   folder=${seals%/seals.json}
   printf '\n== %s\n' "$folder"
   python -m checks.blind --verify "$folder" || failed=1

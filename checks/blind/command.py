@@ -24,6 +24,7 @@ EXAMPLES = (
     '  python -m checks.blind --cases 300 --seed 7 --out blind_7 \\\n'
     '      --draw-only --keep docs/blind/reference\n'
     '  python -m checks.blind --verify docs/blind/reference\n'
+    '  python -m checks.blind --generator mjcf --mjcf ur5e.xml --cases 40 --twins 20\n'
     '\n'
     'writes to DIR: the bags in cases/, the seals in sealed/ and seals.json, table.jsonl with one '
     'line a case, blind.md with pictures\n'
@@ -32,6 +33,8 @@ EXAMPLES = (
 GENERATORS = {
     'reference': 'checks.blind.run',
     'mujoco': 'checks.generators.mujoco_cases',
+    'mjcf': 'checks.generators.mjcf_cases',
+    'suspects': 'checks.blind.suspects',
 }
 EXIT_CODES = {0: 'scored, drawn, or verified', 1: 'stopped; the same command goes on'}
 # Share of each sort of case, as `planning.Shares` has it, and what the sort is.
@@ -56,7 +59,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--generator',
         choices=GENERATORS,
         default='reference',
-        help='what simulates; the slow reference by default, all others need MuJoCo',
+        help='what simulates, the slow reference by default; `suspects` is a table of its own',
+    )
+    parser.add_argument('--mjcf', metavar='FILE', help="of `mjcf`: the arm's description")
+    parser.add_argument(
+        '--twins',
+        type=whole,
+        default=0,
+        metavar='N',
+        help="of `mjcf`: so many tripods are the package's own, too",
+    )
+    parser.add_argument(
+        '--finer',
+        type=count,
+        default=1,
+        metavar='N',
+        help="of `mjcf`: steps of RK4 in one of the description's, its own integrator by default",
     )
     parser.add_argument(
         '--machine',
@@ -169,7 +187,11 @@ def _rows(check: 'BlindCheck', args: argparse.Namespace) -> list[dict[str, Any]]
         return check.score(again=True) if args.reopen else check.store.rows()
     shares = Shares(**{name: getattr(args, name) for name in SHARES})
     command = shlex.join(args.command)
-    more = {'generator': args.generator}
+    more: dict[str, Any] = {'generator': args.generator}
+    if args.generator == 'mjcf':
+        if not args.mjcf:
+            raise IdentError(ErrorCode.INVALID_GOAL, 'no description of an arm; give --mjcf FILE')
+        more |= {'mjcf': str(Path(args.mjcf).resolve()), 'twins': args.twins, 'finer': args.finer}
     check.begin(args.machine, args.cases, args.seed, shares, command, **more)
     digest = check.draw()
     print(f'sealed: {args.cases} cases, SHA-256 {digest}', flush=True)

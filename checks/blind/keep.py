@@ -5,14 +5,14 @@ Before the first diagnosis: `seals.json`. Afterwards beside it: `labels.jsonl.gz
 label and its nonce, `table.jsonl` with every row, `run.json` with command, seed and commits.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import gzip
 import json
 from pathlib import Path
 from typing import Any
 
-from checks.blind import seal
-from checks.blind.score import figure, Score, score
+from checks.blind import mjcf, seal, suspects
+from checks.blind.score import figure, score
 from checks.blind.store import read_json, SEALS, Store, TABLE, write_json
 from checks.blind.truth import make_row
 from ros2_ident.errors import ErrorCode, IdentError
@@ -21,6 +21,11 @@ from ros2_ident.files import make_directory, replacing, write_text
 LABELS, FIGURES = 'labels.jsonl.gz', 'figures.json'
 # Of each row so many ranked candidates are kept.
 RANKED = 5
+Labels = dict[int, dict[str, Any]]
+Judge = tuple[
+    Callable[[Mapping[str, Any]], Mapping[str, Any]],
+    Callable[[Sequence[Mapping[str, Any]]], dict[str, str]],
+]
 # What a row says of the label, as against what was answered.
 OF_LABEL = ('case', 'sort', 'generator', 'motions', 'effects', 'imperfections', 'rho', 'rho_small',
             'rho_all', 'noise', 'fault')  # fmt: skip
@@ -46,29 +51,46 @@ def keep_all(store: Store, folder: str | Path, rows: Sequence[Mapping[str, Any]]
             ErrorCode.INVALID_GOAL, f'{to} holds the seals of another run; give another directory'
         )
     keep_seals(store, to)
-    keep_labels(store, to)
+    labels = keep_labels(store, to)
     short = [{**row, 'ranking': row.get('ranking', [])[:RANKED]} for row in rows]
     write_text(to / TABLE, ''.join(json.dumps(row) + '\n' for row in short), replace=True)
     write_json(to / 'run.json', about)
-    write_json(to / FIGURES, _figures(score(short)))
+    write_json(to / FIGURES, _judge(labels)[1](short))
     return to
 
 
-def keep_labels(store: Store, folder: Path) -> None:
-    """Open every seal and write the labels with their nonces."""
+def keep_labels(store: Store, folder: Path) -> Labels:
+    """Open every seal and write the labels with their nonces; return the labels by case."""
     about = store.about()
-    lines = []
+    lines, out = [], {}
     for number in range(1, int(about['cases']) + 1):
         sealed = store.sealed(number) or {}
-        label = seal.unseal(sealed, int(about['seed']))
-        lines.append(json.dumps({'nonce': sealed['nonce'], 'label': label}))
+        out[number] = seal.unseal(sealed, int(about['seed']))
+        lines.append(json.dumps({'nonce': sealed['nonce'], 'label': out[number]}))
     packed = gzip.compress('\n'.join(lines).encode(), mtime=0)
     with replacing(folder / LABELS, replace=True) as file:
         file.write(packed)
+    return out
 
 
-def _figures(scores: Sequence[Score]) -> dict[str, str]:
-    return {s.name: f'{figure(s)} of {s.count}' for s in scores}
+def _asked(label: Mapping[str, Any]) -> dict[str, Any]:
+    # A folder without a diagnosis: only what the label says.
+    row = make_row(label, Path('none'), Path('none'))
+    return {key: row[key] for key in OF_LABEL}
+
+
+def _figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    return {s.name: f'{figure(s)} of {s.count}' for s in score(rows)}
+
+
+def _judge(labels: Labels) -> Judge:
+    """Return what a row says of its label, and the figures of a table, by what a label holds."""
+    label = labels[1]
+    if 'inertia' in label:
+        return mjcf.asked, mjcf.figures
+    if 'row' in label:
+        return suspects.asked, suspects.figures
+    return _asked, _figures
 
 
 def verify(folder: str | Path) -> list[str]:
@@ -95,9 +117,16 @@ def verify(folder: str | Path) -> list[str]:
     labels = opened_labels(at, seals['seals'])
     said.append(f'{len(labels)} labels: each is what was sealed')
     rows = [json.loads(line) for line in (at / TABLE).read_text(encoding='utf-8').splitlines()]
-    _rows_agree(rows, labels, at)
+    asked, figures = _judge(labels)
+    for row in rows:
+        label = json.loads(json.dumps(asked(labels[int(row['case'])])))
+        if any(row[key] != value for key, value in label.items()):
+            raise _broken(f'the row of case {row["case"]} does not say what its label says')
     said.append(f'{len(rows)} rows: each says of its case what the label says')
-    if _figures(score(rows)) != read_json(at / FIGURES):
+    found = figures(rows)
+    if not (at / FIGURES).exists():
+        return [*said, *(f'{name}: {figure}' for name, figure in found.items())]
+    if found != read_json(at / FIGURES):
         raise _broken(f'the figures in {at / FIGURES} are not those of the table')
     return [*said, 'the figures are those of the table']
 
@@ -106,7 +135,7 @@ def _broken(text: str) -> IdentError:
     return IdentError(ErrorCode.INVALID_GOAL, f'{text}; take the files of the commit they are in')
 
 
-def opened_labels(at: Path, seals: Sequence[str]) -> dict[int, dict[str, Any]]:
+def opened_labels(at: Path, seals: Sequence[str]) -> Labels:
     """Return the kept labels by case.
 
     Raises:
@@ -122,14 +151,3 @@ def opened_labels(at: Path, seals: Sequence[str]) -> dict[int, dict[str, Any]]:
     if len(lines) != len(seals):
         raise _broken(f'{at / LABELS} holds {len(lines)} labels of {len(seals)}')
     return out
-
-
-def _rows_agree(
-    rows: Sequence[Mapping[str, Any]], labels: Mapping[int, Mapping[str, Any]], at: Path
-) -> None:
-    for row in rows:
-        # A folder without a diagnosis: only what the label says.
-        none = at / 'none'
-        asked = json.loads(json.dumps(make_row(labels[int(row['case'])], none, none)))
-        if any(row[key] != asked[key] for key in OF_LABEL):
-            raise _broken(f'the row of case {row["case"]} does not say what its label says')

@@ -23,7 +23,7 @@ FORBIDDEN = (
     'checks.blind.forms',
     'checks.blind.seal',
     'checks.generators',
-    'checks.suspects',
+    'checks.blind.suspects',
 )
 
 
@@ -62,7 +62,8 @@ def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
     """Run one diagnosis and say how it went."""
     from ros2_ident.cli.main import main
 
-    fence.open_to = tuple(os.path.abspath(order[k]) for k in ('fit', 'check', 'machine', 'out'))
+    files = (path for key, path in order.items() if key not in ('output', 'threads'))
+    fence.open_to = tuple(map(os.path.abspath, files))
     words = ['diagnose', order['fit'], '--check', order['check'], '--machine', order['machine']]
     for name in ('output', 'threads'):
         words += [f'--{name}', order[name]] if name in order else []

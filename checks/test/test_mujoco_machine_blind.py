@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The blind cases of MJCFs: drawn by MuJoCo itself, sealed, judged."""
 
-import importlib.util
+import importlib
 import json
 from pathlib import Path
 import sys
@@ -15,6 +15,11 @@ pytest.importorskip('mujoco', reason='MuJoCo is not installed; see CONTRIBUTING.
 
 from models.test_mujoco import data_with, machine_of, MJCF  # noqa: E402
 
+from checks.blind import mjcf, seal  # noqa: E402
+from checks.blind.keep import keep_all, verify  # noqa: E402
+from checks.blind.score import exact  # noqa: E402
+from checks.blind.store import Store  # noqa: E402
+from ros2_ident.errors import IdentError  # noqa: E402
 from ros2_ident.models import load_machine, make_model  # noqa: E402
 from ros2_ident.models.mujoco.model import Mujoco  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
@@ -22,11 +27,7 @@ from ros2_ident.recording import Dataset  # noqa: E402
 
 @pytest.fixture(scope='module')
 def blind():
-    file = ROOT / 'checks/benchmarks/mujoco_machine_blind.py'
-    spec = importlib.util.spec_from_file_location('mujoco_machine_blind', file)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module('checks.generators.mjcf_cases')
 
 
 def test_blind_cases_are_what_the_machine_simulates_and_can_be_asked_for(tmp_path, blind) -> None:
@@ -68,38 +69,41 @@ def test_a_change_is_as_large_as_what_the_hidden_inertias_leave_of_it(blind) -> 
 def test_blind_cases_are_planned_half_and_half(blind) -> None:
     plan = blind.planned(40, 3)
     for tripod in (True, False):
-        names = [w.effect for w in plan if w.tripod is tripod]
+        names = [w.effect for w in plan.values() if w.tripod is tripod]
         assert len(names) == 20 and names.count(None) == 4
         assert {names.count(name) for name in blind.HIDDEN} <= {3, 4}
 
 
 def test_a_blind_case_is_sealed_and_judged(blind, tmp_path) -> None:
-    store = blind.Store(tmp_path / 'run')
-    store.begin({'cases': 1, 'seed': 5, 'shares': ''}, blind.TRIPOD)
-    wanted = blind.Wanted(False, 'coulomb_friction', 3.0)
-    closed = blind.write_case(store, 1, wanted, MJCF, 5)
+    store = Store(tmp_path / 'run')
+    store.begin({'cases': 1, 'seed': 5, 'shares': '', 'twins': 1}, blind.TRIPOD)
+    wanted = blind.Wanted(1, False, 'coulomb_friction', 3.0)
+    closed = blind.write_case(store, wanted, MJCF, 5)
     store.seal(1, closed)
     store.close_seals(1)
     case = store.case(1)
-    assert sorted(p.name for p in case.iterdir()) == ['check', 'fit', 'machine.yaml']
+    assert sorted(p.name for p in case.iterdir()) == ['check', 'fit', 'machine.yaml', 'robot.xml']
     load_machine(case / 'machine.yaml')
-    label = blind.seal.unseal(closed, 5)
+    label = seal.unseal(closed, 5)
     verdict = {'effect': label['change'][0], 'where': [label['change'][1]], 'probability': 1.0}
     # As it comes from JSON.
     label = json.loads(json.dumps(label))
     effects = [{'effect': label['change'][0], 'where': [label['change'][1]]}]
-    row = {**label, 'effects': effects, 'verdict': verdict, 'also': [], 'confusable': []}
-    assert blind.placed(row) and blind.joint_right(row) and blind.of_class(row)
+    said = {'error': '', 'verdict': verdict, 'also': [], 'confusable': []}
+    row = {**label, 'effects': effects, **said, 'twin': None}
+    assert mjcf.placed(row) and mjcf.joint_right(row) and mjcf.of_class(row)
     none = {**row, 'verdict': {'effect': 'none', 'where': [], 'probability': 1.0}}
-    assert not blind.placed(none) and blind.placed({**none, 'effects': []})
+    assert not mjcf.placed(none) and mjcf.placed({**none, 'effects': []})
     elsewhere = {**row, 'verdict': {**verdict, 'where': ['nowhere']}}
-    assert not blind.placed(elsewhere) and blind.exact(elsewhere)
-    blind.keep_seals(store, tmp_path / 'kept')
-    blind.keep(store, tmp_path / 'kept', [row], {})
-    assert blind.verified(tmp_path / 'kept')[0][0]['case'] == 1
-    (tmp_path / 'kept/table.jsonl').write_text(json.dumps({**row, 'rho': 9.0, 'twin': None}))
-    with pytest.raises(SystemExit, match='does not say what its label says'):
-        blind.verified(tmp_path / 'kept')
+    assert not mjcf.placed(elsewhere) and exact(elsewhere)
+    assert list(blind.orders(store, 1)) == [1]
+    assert mjcf.row(store, 1, label)['error'] == 'no diagnosis'
+    assert len(mjcf.told(store, [row])) == 1 + len(mjcf.figures([row]))
+    keep_all(store, tmp_path / 'kept', [row])
+    assert verify(tmp_path / 'kept')[-1] == 'the figures are those of the table'
+    (tmp_path / 'kept/table.jsonl').write_text(json.dumps({**row, 'rho': 9.0}))
+    with pytest.raises(IdentError, match='does not say what its label says'):
+        verify(tmp_path / 'kept')
 
 
 def test_a_tripod_of_the_blind_cases_is_the_packages_own_too(blind, tmp_path) -> None:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from checks.blind.store import Store
-from checks.suspects import draw, judged, order, ROWS
+from checks.blind.suspects import draw, judged, order, ROWS
 from ros2_ident.models import load_machine
 
 

@@ -12,22 +12,18 @@ to fit and 6 s to check. Rows, taking turns, so that the first N cases hold all 
     constant  a number of the machine file is wrong: of a tripod, and of a servo without effort
     outside   a cause that the catalogue lacks
 
-Effects are the blind check's own forms. All labels are sealed before the first diagnosis; the
-same command goes on. Right is: `score.right` (effect and place; `none`; `unknown`), of a pair
+Right is: `score.right` (effect and place; `none`; `unknown`), of a pair
 both in the first two, of `every` the effect first and on every drive, of `constant` the constant
 named, its true value in the interval.
 
-Example: python -m checks.suspects --seed 7 --cases 64 --out build/suspects
+Example: python -m checks.blind --generator suspects --seed 7 --cases 64 --out build/suspects
 """
 
-import argparse
 from collections.abc import Callable, Mapping, Sequence
 import copy
 from dataclasses import dataclass, replace
-import itertools
 import math
 from pathlib import Path
-import sys
 from typing import Any
 
 import numpy as np
@@ -42,9 +38,9 @@ from checks.blind.machines import file_text, machine_of, Plain, read_plain
 from checks.blind.planning import Wanted
 from checks.blind.probe import Probe
 from checks.blind.rough import Rough
-from checks.blind.run import ask_all, order_of
+from checks.blind.run import Generator, order_of
 from checks.blind.score import alike, found_names, hits_of_pair, holds, right
-from checks.blind.store import read_json, stamp, Store
+from checks.blind.store import read_json, Store
 from checks.blind.truth import answer_of
 from checks.reference.bag_making import draw_parameters
 from checks.reference.plant import Log, Plant
@@ -68,7 +64,7 @@ SIZES = {
     'outside': (1.0, 8.0),
 }
 LEAST_SHARE = 0.5
-TRIPOD, SERVO = (Path(__file__).parents[1] / f'config/{m}.yaml' for m in ('tripod', 'xl330'))
+TRIPOD, SERVO = (Path(__file__).parents[2] / f'config/{m}.yaml' for m in ('tripod', 'xl330'))
 # A constant of the true machine is off by so much, as a share, either way.
 CONSTANTS = {
     'tripod': {
@@ -300,10 +296,10 @@ def judged(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
     return right(answer)
 
 
-def line(store: Store, case: int, label: Mapping[str, Any]) -> dict[str, Any]:
+def row(store: Store, case: int, label: Mapping[str, Any]) -> dict[str, Any]:
     """Return what came of a case."""
-    out = {key: label.get(key) for key in ('row', 'sort', 'constant', 'rough', 'rho_all', 'noise')}
-    out |= {'case': case, 'effects': [{**e, 'where': [e['where']]} for e in label['effects']]}
+    out = asked(label) | {'case': case}
+    out['effects'] = [{**e, 'where': [e['where']]} for e in label['effects']]
     out |= read_json(store.case(case) / 'run.json') or {}
     found = read_json(store.case(case) / 'diagnosis' / 'diagnosis.json')
     if found is None:
@@ -312,7 +308,7 @@ def line(store: Store, case: int, label: Mapping[str, Any]) -> dict[str, Any]:
     return out | {'right': judged(label, out)}
 
 
-def told(rows: Sequence[Mapping[str, Any]]) -> str:
+def told(store: Store, rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the cases as lines, and the table."""
     out = []
     for r in rows:
@@ -321,43 +317,34 @@ def told(rows: Sequence[Mapping[str, Any]]) -> str:
         out.append(
             f'{r["case"]:3d} {r["row"]:9s}{"right" if r["right"] else "WRONG"} {true}: {said}'
         )
-    for name in ROWS:
-        own = [r['right'] for r in rows if r['row'] == name]
-        out.append(f'{name:9s}{sum(own):3d} of {len(own)}')
+    out += [f'{name:9s}{text}' for name, text in figures(rows).items()]
     used = [r['cpu_seconds'] for r in rows if r.get('cpu_seconds')] or [math.nan]
     median, most = np.quantile(used, (0.5, 0.95))
-    return '\n'.join([*out, f'processor seconds: median {median:.1f}, 95 % {most:.1f}'])
+    return [*out, f'processor seconds: median {median:.1f}, 95 % {most:.1f}']
 
 
-def main() -> int:
-    """Draw, seal, diagnose, count."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--cases', type=int, default=sum(ROWS.values()), help='the first N')
-    parser.add_argument('--out', type=Path, required=True)
-    parser.add_argument('--draw-only', action='store_true')
-    args = parser.parse_args()
-    store, cases = Store(args.out), range(1, args.cases + 1)
-    about = {'command': sys.argv, 'cases': args.cases, 'seed': args.seed, 'shares': ROWS}
-    store.begin(about, TRIPOD)
-    for case in cases:
-        if store.sealed(case) is None:
-            label = draw(store, case, args.seed)
-            store.seal(case, seal.close(label, args.seed))
-            print(f'drawn: {case} of {args.cases}', file=sys.stderr, flush=True)
-    print(f'sealed: {args.cases} cases, SHA-256 {store.close_seals(args.cases)}', flush=True)
-    if args.draw_only:
-        return 0
-    store.diagnosed_by(stamp())
-    left = {n: order_of(store, n) | {'threads': '1'} for n in cases if not store.answered(n)}
-    rows: list[dict[str, Any]] = []
-    for _ in itertools.chain([0], ask_all(store, left, 1)):
-        opened = {n: store.sealed(n) or {} for n in cases if store.answered(n)}
-        rows = [line(store, n, seal.unseal(x, args.seed)) for n, x in opened.items()]
-        store.write_rows(rows)
-    print(told(rows))
-    return 0
+def asked(label: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a row says of its label."""
+    keys = ('row', 'sort', 'constant', 'rough', 'rho_all', 'noise')
+    return {key: label.get(key) for key in keys}
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return how many cases of each row are right."""
+    own = {name: [r['right'] for r in rows if r['row'] == name] for name in ROWS}
+    return {name: f'{sum(hits):3d} of {len(hits)}' for name, hits in own.items()}
+
+
+def _plan(store: Store) -> dict[int, int]:
+    return {case: case for case in range(1, int(store.about()['cases']) + 1)}
+
+
+def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
+    return seal.close(draw(store, case, seed), seed)
+
+
+def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
+    return {case: order_of(store, case) | {'threads': '1'}}
+
+
+GENERATOR = Generator(_plan, _draw, _orders, row, told)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The diagnosis of `mujoco` machines, checked on sealed cases of tripods and of an arm's MJCF.
+"""Blind cases of `mujoco` machines: tripods, and an arm's MJCF; `blind.mjcf` judges them.
 
 A case is a machine whose inertias its owner does not know and, in four of five, one change at one
 joint that the description does not have. Its logs come from MuJoCo stepped call by call, from
@@ -7,52 +7,23 @@ rest, with dead time between two set-points, positions rounded as an encoder doe
 diagnosis simulates by `mujoco.rollout`. Integrator and time step are the description's: another
 step is a gap of its own (`--finer 4`: RK4 at a quarter of it). Logs of tripods hold efforts too,
 so that the package's own tripod can be asked about the same bags (`--twins`).
-
-Labels are sealed before the first diagnosis, which is the one of `checks.blind`: a process that is
-told the paths of a case and refused every other file of the run. The same command goes on with a
-run that was cut short.
-
-    python checks/benchmarks/mujoco_machine_blind.py ur5e.xml --cases 40 --seed 7 \
-        --out build/mjcf_40 --keep docs/blind/mjcf_7 --draw-only
-    python checks/benchmarks/mujoco_machine_blind.py --verify docs/blind/mjcf_7
 """
 
-import argparse
-from collections import Counter
 from dataclasses import dataclass
-import json
 import math
 from pathlib import Path
-import shlex
-import shutil
-import sys
 from typing import Any
 
 import mujoco
 import numpy as np
 import yaml
 
-from checks.blind import seal
-from checks.blind.keep import keep_labels, keep_seals, opened_labels
+from checks.blind import mjcf, seal
 from checks.blind.machines import draw_machine, machine_of, read_plain
 from checks.blind.planning import spread
-from checks.blind.run import ask_all, order_of
-from checks.blind.score import (
-    covered,
-    exact,
-    family,
-    figure,
-    holds,
-    named,
-    same,
-    Score,
-    verdict_of,
-)
-from checks.blind.store import read_json, stamp, Store
-from checks.blind.truth import answer_of
+from checks.blind.run import Generator, order_of
 from checks.generators.mujoco_mjcf import tripod_mjcf
-from checks.share import share_interval
-from ros2_ident.files import make_directory, replacing_directory, write_text
+from ros2_ident.files import replacing_directory, write_text
 from ros2_ident.recording import Stream, write_bag
 
 TRIPOD = Path(__file__).parents[2] / 'config/tripod.yaml'
@@ -69,8 +40,7 @@ HIDDEN = {
     'torque_saturation': (1.0, 0.05, 40.0),
     'command_delay': (0.01, 1e-3, 0.028),
 }
-# Numbers of the cases that the package's own tripod is asked about, beyond the case's.
-TWIN = 1000
+DESCRIPTION = 'robot.xml'
 
 
 @dataclass(frozen=True)
@@ -289,8 +259,9 @@ def _twin(plain):
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a case shall be: its machine, and the change and its size, or none."""
+    """What a case shall be: its number, its machine, and the change and its size, or none."""
 
+    case: int
     tripod: bool
     effect: str | None
     size: float
@@ -308,9 +279,9 @@ def planned(cases, seed):
             names += [str(name) for name in rng.permutation(list(HIDDEN))]
         sizes = spread(rng, SIZES, count - without)
         some = zip(names, sizes, strict=False)
-        out += [Wanted(tripod, name, size) for name, size in some]
-        out += [Wanted(tripod, None, 0.0)] * without
-    return [out[i] for i in rng.permutation(len(out))]
+        out += [(tripod, name, size) for name, size in some]
+        out += [(tripod, None, 0.0)] * without
+    return {n: Wanted(n, *out[i]) for n, i in enumerate(rng.permutation(len(out)), 1)}
 
 
 class Seen:
@@ -413,12 +384,9 @@ def write_machine(folder, content):
     write_text(folder / 'machine.yaml', yaml.safe_dump(content, sort_keys=False))
 
 
-def write_case(store, number, wanted, text, seed, finer=1):
-    """Write bags, machine file and description of a case, and return its sealed label.
-
-    The description lies beside the run's directory, where the diagnosis may read it: it holds
-    nothing but what the owner believes.
-    """
+def write_case(store, wanted, text, seed, finer=1):
+    """Write bags, machine file and description of a case, and return its sealed label."""
+    number = wanted.case
     rng = np.random.default_rng([seed, number])
     owned = tripod_of(rng, finer) if wanted.tripod else arm_of(text, rng, finer)
     log = owned.plant.log
@@ -426,13 +394,12 @@ def write_case(store, number, wanted, text, seed, finer=1):
     change, rho = None, 0.0
     if wanted.effect is not None:
         change, rho = drawn_change(wanted, owned, motions[0], rng)
-    described = make_directory(store.root.parent / 'descriptions') / f'case_{number:04d}.xml'
-    write_text(described, owned.plant.text)
-    way = f'../../../descriptions/{described.name}'
     with replacing_directory(store.case(number), replace=True) as new:
         new.mkdir()
         write_bags(new, owned, change, motions, rng)
-        write_machine(new, {**owned.content, 'geometry': {'description': way}})
+        # Nothing but what the owner believes.
+        write_text(new / DESCRIPTION, owned.plant.text)
+        write_machine(new, {**owned.content, 'geometry': {'description': DESCRIPTION}})
         if owned.twin is not None:
             write_text(new / 'twin.yaml', yaml.safe_dump(owned.twin, sort_keys=False))
     label = {
@@ -445,263 +412,37 @@ def write_case(store, number, wanted, text, seed, finer=1):
     return seal.close(label, seed)
 
 
-# ---------------------------------------------------------------------- judging
-
-
-def row_of(label, folder):
-    """Return what was in a case and what was answered, as the scores of `checks.blind` have it."""
-    change = label['change']
-    where = [] if change is None else [{'effect': change[0], 'where': [change[1]]}]
-    went = read_json(folder / 'run.json') or {'error': 'no diagnosis'}
-    row = {**label, 'effects': where, **went}
-    found = read_json(folder / 'diagnosis' / 'diagnosis.json')
-    if found is None:
-        return row
-    row |= answer_of(found)
-    row['ranking'] = row['ranking'][:5]
-    row['intervals'] = [
-        {'name': name, 'true': true, **{k: at.get(k) for k in ('value', 'low', 'high')}}
-        for name, true in label['inertia'].items()
-        for at in [found['parameters'][name]]
-    ]
-    return row
-
-
-def placed(row):
-    """Whether effect and joint are the true ones; without a change, whether none is named."""
-    if not row['effects']:
-        return verdict_of(row) == 'none'
-    verdict = row.get('verdict', {})
-    return named(row) and same(verdict['effect'], verdict['where'], row['effects'][0])
-
-
-def of_class(row):
-    """Whether the effect named is the true one or of its class."""
-    return exact(row) or family(verdict_of(row)) == family(row['effects'][0]['effect'])
-
-
-def joint_right(row):
-    """Whether the joint is the true one."""
-    return list(row['verdict']['where']) == row['effects'][0]['where']
-
-
-def share(name, rows, test, level='', least=0.0):
-    """Return a share of rows as a score."""
-    hits = sum(bool(test(row)) for row in rows)
-    value = hits / len(rows) if rows else math.nan
-    low, high = share_interval(hits, len(rows))
-    return Score(name, value, low, high, len(rows), level, value >= least if rows else None)
-
-
-def scores(rows):
-    """Return the quantities of a table, or of a part of it."""
-    with_one = [row for row in rows if row['effects']]
-    said = [row for row in with_one if named(row)]
-    well = [at for row in rows if placed(row) for at in row.get('intervals', [])]
-    return [
-        share('no effect: nothing named', [r for r in rows if not r['effects']], placed,
-              '97.5 %', 0.975),
-        share('effect and joint right', with_one, placed, '85 %', 0.85),
-        share('effect right', with_one, exact, '90 %', 0.9),
-        share('effect or its class', with_one, of_class, '97 %', 0.97),
-        share('joint right, where one is named', said, joint_right, '98 %', 0.98),
-        share('confusable set holds the effect', said, covered, '97 %', 0.97),
-        share('no further effect named', said, lambda row: not row['also']),
-        share('95 % intervals hold the inertias, answer right', well, holds, '90 to 98 %', 0.9),
-        share('diagnoses that ended', rows, lambda row: 'verdict' in row, 'all', 1.0),
-    ]  # fmt: skip
-
-
-def alike(row, twin):
-    """Whether the package's own tripod says the same of a case."""
-    one, other = row['verdict'], twin['verdict']
-    truth = {'effect': other['effect'], 'where': other['where']}
-    return one['effect'] == other['effect'] or same(one['effect'], one['where'], truth)
-
-
-def compatible(row, twin):
-    """Whether either names what the other calls not to be told from its own."""
-    one, other = row['verdict'], twin['verdict']
-
-    def among(verdict, said):
-        truth = {'effect': verdict['effect'], 'where': verdict['where']}
-        sets = ((c['effect'], c['where']) for c in said['confusable'])
-        return any(same(effect, where, truth) for effect, where in sets)
-
-    return alike(row, twin) or among(one, twin) or among(other, row)
-
-
-def told(row):
-    """Return a verdict in words."""
-    if 'verdict' not in row:
-        return f'failed: {row["error"][:60]}'
-    verdict = row['verdict']
-    also = ''.join(f', {a["effect"]} {" ".join(a["where"])}' for a in row['also'])
-    return f'{verdict["effect"]} {" ".join(verdict["where"])}{also} {verdict["probability"]:.2f}'
-
-
-def table(rows, twins):
-    """Return a table of all cases in Markdown."""
-    lines = ['| case | machine | truth (rho) | verdict, probability | tripod | CPU, s |',
-             '| --- | --- | --- | --- | --- | --- |']  # fmt: skip
-    for row in rows:
-        truth = 'none'
-        if row['change'] is not None:
-            effect, joint, size = row['change']
-            truth = f'{effect} {joint}, {size:g} ({row["rho"]:.1f})'
-        twin = told(twins[row['case']]) if row['case'] in twins else ''
-        mark = '' if placed(row) else ' **wrong**'
-        cost = f'{row["cpu_seconds"]:.0f}' if 'cpu_seconds' in row else ''
-        lines.append(
-            f'| {row["case"]} | {row["machine"]} | {truth} | {told(row)}{mark} | {twin} | {cost} |'
-        )
-    return lines
-
-
-def figures_of(rows, twins):
-    """Return all figures as lines of a table in Markdown."""
-    lines = [
-        '| quantity | all [95 %] | tripods | arms | level |',
-        '| --- | --- | --- | --- | --- |',
-    ]
-    kinds = [[r for r in rows if r['machine'] == kind] for kind in ('tripod', 'arm')]
-    for parts in zip(*(scores(some) for some in (rows, *kinds)), strict=True):
-        shown = ' | '.join(f'{figure(s)} of {s.count}' for s in parts)
-        lines.append(f'| {parts[0].name} | {shown} | {parts[0].level} |')
-    both = [r for r in rows if 'verdict' in r and 'verdict' in twins.get(r['case'], {})]
-    same_said = share('', both, lambda row: alike(row, twins[row['case']]))
-    lines.append(
-        f"| the package's own tripod says the same | | {figure(same_said)} of {same_said.count} | "
-        '| 95 % |'
-    )
-    near = share('', both, lambda row: compatible(row, twins[row['case']]))
-    lines.append(
-        f'| or what either cannot tell from its own | | {figure(near)} of {near.count} | | |'
-    )
-    return lines
-
-
 # ---------------------------------------------------------------------- the run
 
 
-def draw(store, args):
-    """Draw and seal what is not drawn yet; return the hash over all seals."""
-    text = args.mjcf.read_text(encoding='utf-8')
-    for number, wanted in enumerate(planned(args.cases, args.seed), 1):
-        if store.sealed(number) is None:
-            closed = write_case(store, number, wanted, text, args.seed, args.finer)
-            store.seal(number, closed)
-    if 'drawn' not in store.about():
-        store.note(drawn=stamp())
-    return store.close_seals(args.cases)
+def _plan(store):
+    about = store.about()
+    return planned(int(about['cases']), int(about['seed']))
 
 
-def twin_cases(store, numbers):
-    """Write for each tripod a case that asks the package's own one about the same bags."""
-    out = {}
-    for number in numbers:
-        folder, other = store.case(number), store.case(number + TWIN)
-        if not (folder / 'twin.yaml').exists():
-            continue
-        if not other.exists():
-            with replacing_directory(other, replace=True) as new:
-                new.mkdir()
-                for name in ('fit', 'check'):
-                    shutil.copytree(folder / name, new / name)
-                shutil.copy(folder / 'twin.yaml', new / 'machine.yaml')
-        # By what the description is judged by, or the two would not see the same.
-        out[number + TWIN] = {**order_of(store, number + TWIN), 'output': 'position'}
+def _draw(store, wanted, seed):
+    about = store.about()
+    text = Path(about['mjcf']).read_text(encoding='utf-8')
+    return write_case(store, wanted, text, seed, about['finer'])
+
+
+def orders(store, number):
+    """Return what is asked about a case; of the first tripods also the package's own."""
+    order = order_of(store, number)
+    out = {number: order | {'description': str(store.case(number).resolve() / DESCRIPTION)}}
+    about = store.about()
+    cases = range(1, int(about['cases']) + 1)
+    tripods = [n for n in cases if (store.case(n) / 'twin.yaml').exists()]
+    if number in tripods[: about['twins']]:
+        other = store.case(number + mjcf.TWIN)
+        other.mkdir(exist_ok=True)
+        out[number + mjcf.TWIN] = order | {
+            'machine': str(store.case(number).resolve() / 'twin.yaml'),
+            'out': str(other.resolve() / 'diagnosis'),
+            # By what the description is judged by, or the two would not see the same.
+            'output': 'position',
+        }
     return out
 
 
-def asked(store, orders):
-    """Diagnose what is not diagnosed yet, one case at a time."""
-    left = {n: order for n, order in orders.items() if store.answered(n) is None}
-    for number in ask_all(store, left, 1):
-        print('answered', number, store.answered(number), file=sys.stderr, flush=True)
-
-
-def keep(store, folder, rows, twins):
-    """Write labels with their nonces, and all answers, beside the seals."""
-    keep_labels(store, folder)
-    answers = [{**row, 'twin': twins.get(row['case'])} for row in rows]
-    write_text(folder / 'table.jsonl', ''.join(json.dumps(a) + '\n' for a in answers))
-    write_text(folder / 'run.json', json.dumps(store.about(), indent=1) + '\n')
-
-
-def verified(folder):
-    """Return rows and twins of a kept run whose labels and table are those that were sealed."""
-    seals = read_json(folder / 'seals.json')
-    labels = opened_labels(folder, seals['seals'])
-    if seal.manifest(seals['seals']) != seals['manifest']:
-        raise SystemExit('the labels are not those that were sealed')
-    rows = [json.loads(line) for line in (folder / 'table.jsonl').read_text().splitlines()]
-    for row in rows:
-        if any(row[key] != value for key, value in labels[row['case']].items()):
-            raise SystemExit(f'the row of case {row["case"]} does not say what its label says')
-    print('sealed:', len(labels), seals['manifest'])
-    return rows, {row['case']: row['twin'] for row in rows if row['twin']}
-
-
-def judged(store, args):
-    """Diagnose, open the seals, and return rows and the twins' by case."""
-    numbers = range(1, args.cases + 1)[: args.first]
-    store.diagnosed_by(stamp())
-    asked(store, {n: order_of(store, n) for n in numbers})
-    labels = {}
-    if args.twins:
-        asked(store, dict(list(twin_cases(store, numbers).items())[: args.twins]))
-    rows, twins = [], {}
-    for n in numbers:
-        labels[n] = seal.unseal(store.sealed(n), args.seed)
-        rows.append(row_of(labels[n], store.case(n)))
-        found = read_json(store.case(n + TWIN) / 'diagnosis' / 'diagnosis.json')
-        if found is not None:
-            went = store.answered(n + TWIN)
-            answer = answer_of(found)
-            twins[n] = {**went, **answer, 'ranking': answer['ranking'][:5]}
-        elif store.answered(n + TWIN) is not None:
-            twins[n] = store.answered(n + TWIN)
-    return rows, twins
-
-
-def arguments():
-    """Read the command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('mjcf', type=Path, nargs='?', help="the arm's description")
-    parser.add_argument('--cases', type=int, default=40)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--out', type=Path, default=Path('build/mujoco_machine_blind'))
-    parser.add_argument('--keep', type=Path, help='as of `checks.blind`')
-    parser.add_argument('--verify', type=Path, help='check a kept run and print its figures')
-    parser.add_argument('--draw-only', action='store_true')
-    parser.add_argument('--first', type=int, help='diagnose the first so many cases only')
-    parser.add_argument('--twins', type=int, default=0, help="so many tripods as the package's")
-    parser.add_argument('--finer', type=int, default=1)
-    return parser.parse_args()
-
-
-def main():
-    """Draw, seal, diagnose, open, count."""
-    args = arguments()
-    if args.verify:
-        rows, twins = verified(args.verify)
-    else:
-        store = Store(args.out / 'run')
-        what = {'command': shlex.join(['python', *sys.argv]), 'cases': args.cases}
-        store.begin({**what, 'seed': args.seed, 'shares': ''}, TRIPOD)
-        print('sealed:', args.cases, draw(store, args), flush=True)
-        if args.keep:
-            keep_seals(store, args.keep)
-        if args.draw_only:
-            return
-        rows, twins = judged(store, args)
-        if args.keep:
-            keep(store, args.keep, rows, twins)
-    print(*figures_of(rows, twins), '', *table(rows, twins), sep='\n')
-    sides = Counter(row['machine'] for row in rows)
-    print('', dict(sides), 'diagnosed', sep='\n')
-
-
-if __name__ == '__main__':
-    main()
+GENERATOR = Generator(_plan, _draw, orders, mjcf.row, mjcf.told)
