@@ -33,6 +33,7 @@ EXAMPLES = (
 GENERATORS = {
     'reference': 'checks.blind.run',
     'mujoco': 'checks.generators.mujoco_cases',
+    'arms': 'checks.generators.arm_cases',
     'mjcf': 'checks.generators.mjcf_cases',
     'suspects': 'checks.blind.suspects',
 }

@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from checks.blind import mjcf, seal, suspects
+from checks.blind import arms, mjcf, seal, suspects
 from checks.blind.score import figure, score
 from checks.blind.store import read_json, SEALS, Store, TABLE, write_json
 from checks.blind.truth import make_row
@@ -23,7 +23,7 @@ LABELS, FIGURES = 'labels.jsonl.gz', 'figures.json'
 RANKED = 5
 Labels = dict[int, dict[str, Any]]
 Judge = tuple[
-    Callable[[Mapping[str, Any]], Mapping[str, Any]],
+    Callable[[Mapping[str, Any], Mapping[str, Any]], Mapping[str, Any]],
     Callable[[Sequence[Mapping[str, Any]]], dict[str, str]],
 ]
 # What a row says of the label, as against what was answered.
@@ -73,7 +73,7 @@ def keep_labels(store: Store, folder: Path) -> Labels:
     return out
 
 
-def _asked(label: Mapping[str, Any]) -> dict[str, Any]:
+def _asked(label: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
     # A folder without a diagnosis: only what the label says.
     row = make_row(label, Path('none'), Path('none'))
     return {key: row[key] for key in OF_LABEL}
@@ -88,6 +88,8 @@ def _judge(labels: Labels) -> Judge:
     label = labels[1]
     if 'inertia' in label:
         return mjcf.asked, mjcf.figures
+    if 'truth' in label:
+        return arms.asked, arms.figures
     if 'row' in label:
         return suspects.asked, suspects.figures
     return _asked, _figures
@@ -116,10 +118,12 @@ def verify(folder: str | Path) -> list[str]:
         return [*said, 'not opened yet: there are no labels']
     labels = opened_labels(at, seals['seals'])
     said.append(f'{len(labels)} labels: each is what was sealed')
-    rows = [json.loads(line) for line in (at / TABLE).read_text(encoding='utf-8').splitlines()]
+    packed = at / f'{TABLE}.gz'
+    table = gzip.decompress(packed.read_bytes()) if packed.exists() else (at / TABLE).read_bytes()
+    rows = [json.loads(line) for line in table.decode().splitlines()]
     asked, figures = _judge(labels)
     for row in rows:
-        label = json.loads(json.dumps(asked(labels[int(row['case'])])))
+        label = json.loads(json.dumps(asked(labels[int(row['case'])], row)))
         if any(row[key] != value for key, value in label.items()):
             raise _broken(f'the row of case {row["case"]} does not say what its label says')
     said.append(f'{len(rows)} rows: each says of its case what the label says')

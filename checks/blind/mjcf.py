@@ -37,7 +37,7 @@ def _answered(store: Store, number: int) -> dict[str, Any]:
     return went | answer | ({'ranking': answer['ranking'][:RANKED]} if answer else {})
 
 
-def asked(label: Mapping[str, Any]) -> dict[str, Any]:
+def asked(label: Mapping[str, Any], row: Row) -> dict[str, Any]:
     """Return what a row says of its label."""
     return dict(label)
 

@@ -298,7 +298,7 @@ def judged(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 def row(store: Store, case: int, label: Mapping[str, Any]) -> dict[str, Any]:
     """Return what came of a case."""
-    out = asked(label) | {'case': case}
+    out = asked(label, {}) | {'case': case}
     out['effects'] = [{**e, 'where': [e['where']]} for e in label['effects']]
     out |= read_json(store.case(case) / 'run.json') or {}
     found = read_json(store.case(case) / 'diagnosis' / 'diagnosis.json')
@@ -323,7 +323,7 @@ def told(store: Store, rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return [*out, f'processor seconds: median {median:.1f}, 95 % {most:.1f}']
 
 
-def asked(label: Mapping[str, Any]) -> dict[str, Any]:
+def asked(label: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a row says of its label."""
     keys = ('row', 'sort', 'constant', 'rough', 'rho_all', 'noise')
     return {key: label.get(key) for key in keys}

@@ -59,32 +59,40 @@ def spent() -> float:
 
 
 def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
-    """Run one diagnosis and say how it went."""
-    from ros2_ident.cli.main import main
-
+    """Run one diagnosis, and an identification where one is asked for; say how they went."""
     files = (path for key, path in order.items() if key not in ('output', 'threads'))
     fence.open_to = tuple(map(os.path.abspath, files))
-    words = ['diagnose', order['fit'], '--check', order['check'], '--machine', order['machine']]
-    for name in ('output', 'threads'):
+    of_what = [order['fit'], '--machine', order['machine'], '--quiet', '--no-overlay']
+    words = ['diagnose', *of_what, '--out', order['out'], '--no-report', '--resume']
+    for name in ('check', 'output', 'threads'):
         words += [f'--{name}', order[name]] if name in order else []
+    went: dict[str, Any] = {}
+    if 'identify' in order:
+        asked = ['identify', *of_what, '--out', order['identify'], '--method', 'algebraic']
+        went = {'identify': _ran(asked)}
+    went |= _ran(words)
+    fence.open_to = ()
+    known = [name for name in sys.modules if name.startswith(FORBIDDEN)]
+    if known:
+        went['error'] = went['error'] or f'the diagnosis has loaded {known[0]}'
+    return went
+
+
+def _ran(words: list[str]) -> dict[str, Any]:
+    """Run a command; return what was wrong, and its seconds."""
+    from ros2_ident.cli.main import main
+
     text = io.StringIO()
     begin, cpu = time.monotonic(), spent()
     error = ''
     try:
         with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
-            # Overlay and page are for people.
-            quiet = ('--quiet', '--no-overlay', '--no-report', '--resume')
-            code = main([*words, '--out', order['out'], *quiet])
+            code = main(words)
         if code:
             error = f'exit code {code}: {text.getvalue().strip()[-500:]}'
     except Exception as exc:  # a crash of the diagnosis is a finding, not the end of the check
         error = f'{type(exc).__name__}: {exc}'
-    fence.open_to = ()
-    known = [name for name in sys.modules if name.startswith(FORBIDDEN)]
-    if known:
-        error = error or f'the diagnosis has loaded {known[0]}'
-    seconds, used = time.monotonic() - begin, spent() - cpu
-    return {'error': error, 'seconds': seconds, 'cpu_seconds': used}
+    return {'error': error, 'seconds': time.monotonic() - begin, 'cpu_seconds': spent() - cpu}
 
 
 def main(argv: Sequence[str]) -> int:

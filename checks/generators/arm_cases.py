@@ -2,45 +2,32 @@
 """Arms of six and seven joints from MuJoCo, with links, friction and one effect that are hidden.
 
 Every case is a bag, the description its owner has, whose masses are wrong, and a machine file, so
-that `ident` can be run on it by hand. What was drawn is sealed before anything is fitted, and
-`ident identify` and `ident diagnose` run in processes of their own that are told these files only.
-Two questions: do the intervals of `--method algebraic` hold the true base parameters, and does the
-diagnosis name the effect and its joint? Goes on where a run was left. MuJoCo and pinocchio have to
-be importable.
-
-    python checks/benchmarks/mujoco_arm_blind.py --cases 60 --seed 1 --out DIR --keep KEPT \
-        --draw-only
-    python checks/benchmarks/mujoco_arm_blind.py --cases 60 --seed 1 --out DIR --keep KEPT
-    python checks/benchmarks/mujoco_arm_blind.py --verify KEPT
+that `ident` can be run on it by hand. Two questions: do the intervals of `--method algebraic` hold
+the true base parameters, and does the diagnosis name the effect and its joint? `blind.arms` judges
+them. MuJoCo and pinocchio have to be importable.
 """
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
-import gzip
-import json
 from pathlib import Path
-import resource
-import subprocess
-import sys
 from typing import Any
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from checks.blind.run import scrubbed
-from checks.blind.seal import close, digest_of, manifest, unseal
-from checks.blind.store import read_json, stamp, write_json
-from checks.share import share_interval
-from ros2_ident.gap.verdict import NAMELESS
+from checks.blind import arms
+from checks.blind.case import FIT, MACHINE
+from checks.blind.run import Generator, order_of
+from checks.blind.score import SEEN
+from checks.blind.seal import close
+from checks.blind.store import Store
 from ros2_ident.identify.data import read_data
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.models import load_machine
 from ros2_ident.models.serial.arm import arm_of
 from ros2_ident.models.serial.parameters import Inertials
-from ros2_ident.recording import read_bag, Stream
-from ros2_ident.recording.motion import told_band
+from ros2_ident.recording import Stream
 from ros2_ident.recording.write import write_bag
 from ros2_ident.search.levenberg import difference_jacobian
 
@@ -67,8 +54,9 @@ PANDA = (
 GEAR, WIDTH, ENCODER = 50.0, 0.02, 2.0 * np.pi / 2**19
 # How far an effect stands out of what links and friction can imitate, in units of what they leave
 # without it: noise, and the encoder's steps in the acceleration. From SEEN on a name is asked for.
-VISIBLE, SEEN = (2.0, 8.0), 1.5
+VISIBLE = 2.0, 8.0
 SHARE_WITHOUT = 1.0 / 3.0
+DESCRIPTION = 'robot.xml'
 # So many draws of an effect and its joint at most, until one shows at a size that gears have.
 _TRIES = 6
 
@@ -284,20 +272,20 @@ def write_case(folder: Path, places: Array, torques: Array, noise: Array) -> Non
     stamp = 1_700_000_000_000_000_000 + np.round(kept * STEP * 1e9).astype(np.int64)
     seen = ENCODER * np.round(places[kept] / ENCODER)
     stream = Stream(names, stamp, seen, None, effort)
-    write_bag(folder / 'bag', {'/joint_states': stream}, mark='mujoco arm')
+    write_bag(folder / FIT, {'/joint_states': stream}, mark='mujoco arm')
 
 
-def write_files(folder: Path, robot: Robot, band: float) -> Path:
+def write_files(folder: Path, robot: Robot) -> Path:
     """Write a description and the machine file beside it; return the latter."""
     names = ', '.join(f'joint_{n + 1}' for n in range(len(robot.masses)))
-    (folder / 'arm.xml').write_text(robot.xml(rotors=False), encoding='utf-8')
-    path = folder / 'arm.yaml'
+    (folder / DESCRIPTION).write_text(robot.xml(rotors=False), encoding='utf-8')
+    path = folder / MACHINE
     path.write_text(
         f'machine: serial\ndrives: [{names}]\neffort_unit: N m\neffort_noise: 0.1\n'
-        'geometry: {description: arm.xml}\n'
+        'geometry: {description: robot.xml}\n'
         f'drive: {{coulomb_regularisation: {WIDTH}, gear_factor: 1.0, '
         f'travel_per_turn: {2.0 * np.pi / GEAR:.9g}}}\n'
-        f'controller: {{cycle: {STEP * STRIDE}, bandwidth: {band:.3g}}}\n'
+        f'controller: {{cycle: {STEP * STRIDE}}}\n'
         'parameters:\n'
         '  link_moment: [-10.0, 10.0, kg m]\n'
         '  link_inertia: [-10.0, 10.0, kg m^2]\n'
@@ -315,7 +303,7 @@ def truth_of(folder: Path, robot: Robot) -> dict[str, float]:
     Base parameters are those that ask MuJoCo's torques of the true arm, beside what the
     description asks: a rotor may stand for what its link is described off by.
     """
-    machine = load_machine(folder / 'arm.yaml')
+    machine = load_machine(folder / MACHINE)
     arm = arm_of(machine)
     inertials = Inertials(machine, arm)
     joints = len(robot.masses)
@@ -357,8 +345,8 @@ def shown(folder: Path, noise: Array) -> Array:
         folder: Of the case.
         noise: (D,) standard deviation of the noise that was put in.
     """
-    machine = load_machine(folder / 'arm.yaml')
-    problem = problem_of(machine, read_data(folder / 'bag', machine))
+    machine = load_machine(folder / MACHINE)
+    problem = problem_of(machine, read_data(folder / FIT, machine))
     model = problem.models[0]
     span = problem.high - problem.low
     half = np.full(len(span), 0.5)
@@ -387,9 +375,7 @@ def draw(folder: Path, seed: int, case: int) -> dict[str, Any]:
     usual = rng.uniform(0.005, 0.02) * torques.std(axis=0)
     noise = _coloured(rng, len(np.arange(STRIDE, len(places), STRIDE)), usual)
     write_case(folder, places, torques, noise)
-    states = read_bag(folder / 'bag')[0].state
-    assert states is not None
-    write_files(folder, believed, told_band(states))
+    write_files(folder, believed)
     label: dict[str, Any] = {
         'case': case,
         'effect': 'none',
@@ -431,221 +417,23 @@ def _coloured(rng: np.random.Generator, count: int, size: Array) -> Array:
     return out * size
 
 
-# ---------------------------------------------------------------------- answers
-
-PROGRAM = 'import sys; from ros2_ident.cli.main import main; sys.exit(main(sys.argv[1:]))'
-IDENTIFY = (
-    'identify bag --machine arm.yaml --method algebraic --out identified --no-overlay --quiet'
-)
-DIAGNOSE = (
-    'diagnose bag --machine arm.yaml --out diagnosis --no-overlay --no-report --quiet --resume '
-    '--threads 1'
-)
-# Parameters of the links and rotors, as against those of friction.
-BASE = ('link_moment', 'link_inertia', 'drive_inertia')
-
-
-def answer(folder: Path) -> dict[str, Any]:
-    """Identify and diagnose a case by processes that are told its files only.
-
-    Returns:
-        Of each command its exit code, the end of what it said, and its processor seconds.
-    """
-    out: dict[str, Any] = {}
-    for name, words in (('identify', IDENTIFY), ('diagnose', DIAGNOSE)):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        command = [sys.executable, '-c', PROGRAM, *words.split()]
-        done = subprocess.run(
-            command, cwd=folder, env=scrubbed(), check=False, capture_output=True, text=True
-        )
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        said = done.stderr.strip()[-500:] if done.returncode else ''
-        out[name] = {'code': done.returncode, 'said': said, 'seconds': round(used, 1)}
-    return out
-
-
-def judge(folder: Path, label: dict[str, Any]) -> dict[str, Any]:
-    """Hold the answers to a case against its label."""
-    row = {key: label[key] for key in ('case', 'effect', 'where', 'rho', 'size')}
-    row['run'] = read_json(folder / 'answer.json')
-    identified = read_json(folder / 'identified' / 'result.json') or {'parameters': {}}
-    told = {}
-    for name, found in identified['parameters'].items():
-        true = label['truth'][name]
-        width = found['high'] - found['low']
-        told[name] = {
-            'true': true, 'value': found['value'], 'low': found['low'], 'high': found['high'],
-            'held': found['low'] <= true <= found['high'],
-            'identifiable': found['identifiable'] and width > 0.0,
-        }  # fmt: skip
-    row['parameters'] = told
-    found = read_json(folder / 'diagnosis' / 'diagnosis.json')
-    row['named'] = []
-    if found is not None:
-        verdict = found['verdict']
-        every = [verdict, *found['also']]
-        row['named'] = [[at['effect'], _places(at['where'])] for at in every]
-        row['probability'] = verdict['probability']
-        row['sentence'] = verdict['sentence']
-        row['confusable'] = [[at['effect'], _places(at['where'])] for at in found['confusable']]
-    return row
-
-
-def _places(where: str | list[str]) -> list[str]:
-    return [where] if isinstance(where, str) else where
-
-
-def _commands(row: dict[str, Any]) -> list[dict[str, Any]]:
-    return [row['run']['identify'], row['run']['diagnose']]
-
-
-def figures(rows: list[dict[str, Any]]) -> dict[str, str]:
-    """Return what came of the judged cases, by name."""
-
-    def share(hits: list[bool]) -> str:
-        low, high = share_interval(sum(hits), len(hits)) if hits else (0.0, 1.0)
-        return f'{sum(hits)} of {len(hits)} [{100.0 * low:.0f}, {100.0 * high:.0f} %]'
-
-    def held(kinds: tuple[str, ...], some: list[dict[str, Any]], sure: bool = False) -> str:
-        return share(
-            [
-                p['held']
-                for row in some
-                for name, p in row['parameters'].items()
-                if name.rpartition('.')[2].startswith(kinds) and (p['identifiable'] or not sure)
-            ]
-        )
-
-    friction = ('coulomb_torque', 'viscous_torque')
-    none = [r for r in rows if r['effect'] == 'none']
-    some = [r for r in rows if r['effect'] != 'none']
-    seen = [r for r in some if r['rho'] >= SEEN]
-    first = [bool(r['named']) and r['named'][0] == [r['effect'], [r['where']]] for r in seen]
-    there = [[r['effect'], [r['where']]] in r['named'] for r in seen]
-    joint = [bool(r['named']) and r['where'] in r['named'][0][1] for r in seen]
-    near = [
-        hit or [r['effect'], [r['where']]] in r.get('confusable', [])
-        for hit, r in zip(there, seen, strict=True)
-    ]
-    return {
-        'cases judged': str(len(rows)),
-        'base parameters held, all': held(BASE, rows),
-        'base parameters held, of those called identifiable': held(BASE, rows, sure=True),
-        'base parameters held, cases without an effect': held(BASE, none),
-        'base parameters held, cases with one': held(BASE, some),
-        'friction held, cases without an effect': held(friction, none),
-        'friction held, cases with one': held(friction, some),
-        f'effect and joint named first, rho from {SEEN:g}': share(first),
-        'effect and joint among those named': share(there),
-        'effect and joint named or called confusable': share(near),
-        'joint named first': share(joint),
-        'false alarms: anything but `none`': share(
-            [not r['named'] or r['named'][0][0] != 'none' for r in none]
-        ),
-        'false alarms: an effect named': share(
-            [bool(r['named']) and r['named'][0][0] not in NAMELESS for r in none]
-        ),
-        'processor seconds of identify and diagnose, median': ', '.join(
-            f'{np.median([one["seconds"] for one in each]):.0f}'
-            for each in zip(*map(_commands, rows), strict=True)
-        ),
-        'failed': str(
-            sum(r['run'][n]['code'] != 0 for r in rows for n in ('identify', 'diagnose'))
-        ),
-    }
-
-
 # ---------------------------------------------------------------------- the run
 
 
-def drawn(out: Path, cases: int, seed: int) -> list[dict[str, str]]:
-    """Draw and seal what is not drawn yet."""
-    sealed = []
-    for case in range(1, cases + 1):
-        path = out / 'sealed' / f'{case:02d}.json'
-        if read_json(path) is None:
-            label = draw(out / f'case_{case:02d}', seed, case)
-            path.parent.mkdir(exist_ok=True)
-            write_json(path, close(label, seed))
-        sealed.append(read_json(path))
-    return sealed
+def _plan(store: Store) -> dict[int, int]:
+    return {case: case for case in range(1, int(store.about()['cases']) + 1)}
 
 
-def keep_seals(sealed: list[dict[str, str]], folder: Path) -> str:
-    """Write the digests, to be committed before the first diagnosis; return the one over them."""
-    seals = [one['sha256'] for one in sealed]
-    what = {'manifest': manifest(seals), 'cases': len(seals), 'seals': seals}
-    folder.mkdir(parents=True, exist_ok=True)
-    before = read_json(folder / 'seals.json')
-    if before not in (None, what):
-        raise SystemExit(f'{folder} holds the seals of another run')
-    write_json(folder / 'seals.json', what)
-    return what['manifest']
+def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
+    return close(draw(store.case(case), seed, case), seed)
 
 
-def keep_all(
-    sealed: list[dict[str, str]], rows: list[dict[str, Any]], seed: int, folder: Path
-) -> None:
-    """Write labels, table and figures of the judged cases beside the seals."""
-    judged = [row['case'] for row in rows]
-    labels = [
-        {'nonce': one['nonce'], 'label': unseal(one, seed)}
-        for case, one in enumerate(sealed, 1)
-        if case in judged
-    ]
-    for name, lines in (('arm_labels.jsonl', labels), ('arm_table.jsonl', rows)):
-        text = ''.join(json.dumps(line) + '\n' for line in lines)
-        packed = gzip.compress(text.encode(), mtime=0)
-        (folder / f'{name}.gz').write_bytes(packed)
-    write_json(folder / 'arm_figures.json', figures(rows))
+def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
+    folder = store.case(case).resolve()
+    more = {'description': str(folder / DESCRIPTION), 'identify': str(folder / 'identified')}
+    order = order_of(store, case) | more | {'threads': '1'}
+    del order['check']
+    return {case: order}
 
 
-def verify(folder: Path) -> None:
-    """Check a kept run: labels against seals, rows against labels, figures against rows."""
-    seals = read_json(folder / 'seals.json')
-    labels, rows = (
-        [json.loads(x) for x in gzip.decompress((folder / name).read_bytes()).splitlines()]
-        for name in ('arm_labels.jsonl.gz', 'arm_table.jsonl.gz')
-    )
-    assert manifest(seals['seals']) == seals['manifest']
-    for one, row in zip(labels, rows, strict=True):
-        label = one['label']
-        assert digest_of(label, one['nonce']) == seals['seals'][label['case'] - 1], label['case']
-        assert all(row[key] == label[key] for key in ('case', 'effect', 'where', 'rho', 'size'))
-        assert all(p['true'] == label['truth'][name] for name, p in row['parameters'].items())
-    assert figures(rows) == read_json(folder / 'arm_figures.json')
-    print(f'{len(rows)} of {seals["cases"]} cases are what was sealed; {seals["manifest"]}')
-
-
-def main() -> None:
-    """Draw, seal, let the program answer, open, tell."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--cases', type=int, default=60)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--out', type=Path, default=Path('build/mujoco_arms'))
-    parser.add_argument('--keep', type=Path, help='folder for seals, labels, table and figures')
-    parser.add_argument('--draw-only', action='store_true', help='draw and seal only')
-    parser.add_argument('--verify', type=Path, help='check a kept folder, and nothing else')
-    args = parser.parse_args()
-    if args.verify:
-        verify(args.verify)
-        return
-    sealed = drawn(args.out, args.cases, args.seed)
-    keep = args.keep or args.out
-    print(f'sealed: {args.cases} cases, SHA-256 {keep_seals(sealed, keep)}', flush=True)
-    rows: list[dict[str, Any]] = []
-    for case, one in enumerate([] if args.draw_only else sealed, 1):
-        folder = args.out / f'case_{case:02d}'
-        if read_json(folder / 'answer.json') is None:
-            write_json(folder / 'answer.json', {**answer(folder), 'by': stamp()})
-        rows.append(judge(folder, unseal(one, args.seed)))
-        keep_all(sealed, rows, args.seed, keep)
-        row = rows[-1]
-        print(case, row['effect'], row['where'], f'{row["rho"]:.2f}', row['named'], flush=True)
-    for name, value in figures(rows).items() if rows else ():
-        print(f'{name}: {value}')
-
-
-if __name__ == '__main__':
-    main()
+GENERATOR = Generator(_plan, _draw, _orders, arms.row, arms.told)
