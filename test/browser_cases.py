@@ -10,18 +10,20 @@ from typing import Any
 import pytest
 
 AXE = Path(__file__).parents[1] / 'build/axe/node_modules/axe-core/axe.min.js'
-JUDGE = '''
+JUDGE = """
 const done = arguments[arguments.length - 1]
 axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'best-practice']}).then(
   (found) => done(found.violations.flatMap((v) => v.nodes.map((n) => `${v.id}: ${n.html}`))))
-'''
+"""
 
 
 @contextmanager
 def chromium() -> Iterator[Any]:
     """Open a headless Chromium that notes what it asks for; the test is skipped without one."""
-    programs = [shutil.which('chromium') or shutil.which('google-chrome'),
-                shutil.which('chromedriver')]
+    programs = [
+        shutil.which('chromium') or shutil.which('google-chrome'),
+        shutil.which('chromedriver'),
+    ]
     if None in programs:
         pytest.skip('Chromium is not installed; `apt install chromium chromium-driver` brings it')
     webdriver = pytest.importorskip('selenium.webdriver', reason='`make setup` installs selenium')

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions, residuals and floors made for the tests of the gap's parts."""
 
-
 import numpy as np
 from scipy.signal import lfilter
 
@@ -11,6 +10,8 @@ from ros2_ident.search.noise import NoiseModel
 
 CYCLE = 5e-4
 NOISE = 0.01
+
+
 def white(deviation: float) -> NoiseModel:
     return NoiseModel(np.empty(0), deviation**2, deviation**2, 0)
 
@@ -43,15 +44,30 @@ def motion(seconds: float = 8.0, drives: int = 2, seed: int = 0) -> Motion:
     load = 0.2 + 0.03 * acceleration + 0.01 * np.sin(2.0 * position / 0.05)
     torque = load + 0.05 * np.tanh(velocity / 0.005) + 0.03 * velocity
     return Motion(
-        tuple(f'drive_{d + 1}' for d in range(drives)), CYCLE, np.full(drives, 78.54), position,
-        velocity, acceleration, np.gradient(acceleration, CYCLE, axis=1), torque, load, 'N m',
-        'm', 'N m', torque,
+        tuple(f'drive_{d + 1}' for d in range(drives)),
+        CYCLE,
+        np.full(drives, 78.54),
+        position,
+        velocity,
+        acceleration,
+        np.gradient(acceleration, CYCLE, axis=1),
+        torque,
+        load,
+        'N m',
+        'm',
+        'N m',
+        torque,
     )
 
 
 def residual(
-    of: Motion, planted: np.ndarray | None = None, drive: int = 0, *, phi: float = 0.0,
-    noise: float = NOISE, seed: int = 0,
+    of: Motion,
+    planted: np.ndarray | None = None,
+    drive: int = 0,
+    *,
+    phi: float = 0.0,
+    noise: float = NOISE,
+    seed: int = 0,
 ) -> np.ndarray:
     """Return noise sampled every other cycle, coloured by `phi`, with a signal on one drive."""
     drives, count = of.position.shape

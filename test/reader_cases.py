@@ -167,11 +167,11 @@ def table_text(recording):
     return '\n'.join(lines) + '\n'
 
 
-COLUMNS = '''time: {column: time, unit: s}
+COLUMNS = """time: {column: time, unit: s}
 joints:
   drive_1: {position: q1, effort: tau1, command_position: ref1}
   drive_2: {position: q2, effort: {column: tau2, scale: 2.0}, command_position: 7}
-'''
+"""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,11 @@ def diagnosed() -> Diagnosis:
         share_closed=Interval(0.97, 0.95, 0.98),
         held_out='blocks',
         evidence={
-            'size': 2.9, 'remaining': 0.1, 'closed': 0.97, 'material': 0.2, 'unexplained': 0.5,
+            'size': 2.9,
+            'remaining': 0.1,
+            'closed': 0.97,
+            'material': 0.2,
+            'unexplained': 0.5,
         },
         per_drive={
             'drive_1': DriveGap(0.031, 0.0101, 0.01, 0.97, 0.3, 0.097),
@@ -73,9 +77,7 @@ def diagnosed() -> Diagnosis:
         complete=True,
         seconds=12.0,
         seed=5,
-        traces=(
-            Trace(False, of, of.torque + row, of.torque + row - noise, np.isfinite(row)),
-        ),
+        traces=(Trace(False, of, of.torque + row, of.torque + row - noise, np.isfinite(row)),),
         facts=Facts(Cause.EFFECT, 'drive_1', 'N m'),
     )
 

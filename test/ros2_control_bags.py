@@ -14,7 +14,7 @@ from ros2_ident.recording.content import (
 )
 
 # Fields of the messages in control_msgs, branch jazzy.
-_CONTROLLER = '''
+_CONTROLLER = """
 std_msgs/Header header
 string[] joint_names
 trajectory_msgs/JointTrajectoryPoint reference
@@ -27,24 +27,24 @@ trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_feedback
 trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
 trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_output
 float64 speed_scaling_factor
-'''
+"""
 # Noetic's, which Foxy has too.
-_OLD_CONTROLLER = '''
+_OLD_CONTROLLER = """
 std_msgs/Header header
 string[] joint_names
 trajectory_msgs/JointTrajectoryPoint desired
 trajectory_msgs/JointTrajectoryPoint actual
 trajectory_msgs/JointTrajectoryPoint error
-'''
-_DYNAMIC = '''
+"""
+_DYNAMIC = """
 std_msgs/Header header
 string[] joint_names
 control_msgs/InterfaceValue[] interface_values
-'''
-_INTERFACE = '''
+"""
+_INTERFACE = """
 string[] interface_names
 float64[] values
-'''
+"""
 
 
 def store_of(*, old=False):

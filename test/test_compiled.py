@@ -13,22 +13,22 @@ import pytest
 from ros2_ident.compiled import _own_folder
 from ros2_ident.threads import ONE_THREAD
 
-CALLEE = '''
+CALLEE = """
 from pathlib import Path
 from ros2_ident.compiled import compiled, digest_of
 SOURCES = digest_of(Path(__file__).parent)
 def inner(x):
     return {} * x
 inner = compiled(inner, SOURCES)
-'''
-CALLER = '''
+"""
+CALLER = """
 from callee import inner, SOURCES
 from ros2_ident.compiled import compiled
 def outer(x):
     return inner(x) + 1.0
 outer = compiled(outer, SOURCES)
 print(outer(1.0), outer.stats.cache_hits)
-'''
+"""
 
 
 def test_a_changed_callee_is_never_served_from_the_cache(tmp_path):

@@ -7,6 +7,7 @@ failed=0
 mkdir -p build
 
 python -m ruff check . || failed=1
+python -m ruff format --check --quiet . || { echo 'not formatted; run: ruff format .'; failed=1; }
 python -m mypy || failed=1
 python tools/callers.py || failed=1
 lint-imports --no-cache > build/imports.log 2>&1 || { cat build/imports.log; failed=1; }

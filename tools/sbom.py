@@ -79,7 +79,11 @@ def inventory() -> dict[str, Any]:
     for name, version_ in pins:
         purl = reference(name, version_)
         entry: dict[str, Any] = {
-            'type': 'library', 'bom-ref': purl, 'name': name, 'version': version_, 'purl': purl,
+            'type': 'library',
+            'bom-ref': purl,
+            'name': name,
+            'version': version_,
+            'purl': purl,
         }
         found = installed(name, version_)
         if found and (stated := licences(found)):

@@ -261,9 +261,7 @@ class TripodDrive:
                 number('rod_length'),
             ]
         )
-        self.gains = np.array(
-            [number(f'{k}_gain') for k in ('position', 'velocity', 'integral')]
-        )
+        self.gains = np.array([number(f'{k}_gain') for k in ('position', 'velocity', 'integral')])
         self.cycle = number('cycle')
         self.limit = number('torque_limit')
         self.target = np.ascontiguousarray(position.T)

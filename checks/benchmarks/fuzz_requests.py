@@ -118,14 +118,14 @@ class Machines:
         return 'taken'
 
 
-MJCF = '''<mujoco><option timestep="0.001"/><compiler angle="radian" autolimits="true"/>
+MJCF = """<mujoco><option timestep="0.001"/><compiler angle="radian" autolimits="true"/>
 <default><joint damping="0.1"/></default><worldbody><geom type="plane" size="1 1 1"/>
 <body name="upper"><joint name="one" axis="0 1 0" range="-1 1"/>
 <inertial pos="0 0 -0.1" mass="0.5" diaginertia="0.002 0.002 0.001"/>
 <body name="lower" pos="0 0 -0.2"><joint name="two" type="slide" axis="0 1 0"/>
 <geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.1" density="900"/></body></body></worldbody>
 <actuator><position joint="one" kp="20"/><motor joint="two"/></actuator>
-<equality><joint joint1="one" joint2="two"/></equality><size memory="1M"/></mujoco>'''
+<equality><joint joint1="one" joint2="two"/></equality><size memory="1M"/></mujoco>"""
 PARTS = (
     *('<include file="/dev/null"/>', '<mesh file="/dev/stdin"/>', '<x:y/>', '<!--'),
     '<![CDATA[<]]>',
@@ -135,7 +135,7 @@ PARTS = (
     *('<key qpos="nan"/>', '<composite type="cable" count="1001 1 1"/>', '<freejoint/>'),
     *('<attach model="m"/>', '<inertial/>', '<link/>', '<joint/>', '<numeric size="-1"/>'),
     '<body><joint type="ball"/></body>',
-)  # fmt: skip
+)
 
 
 class Urdf:

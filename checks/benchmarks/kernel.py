@@ -61,7 +61,7 @@ DRIVE = (
 # Floating-point operations of one candidate, counted in `tripod_limit.c`: once a cycle (linkage,
 # controller, cost), once a step (four stages), and a hyperbolic tangent, twelve of them a step.
 CYCLE, STEP, TANGENT = 354, 402, 23
-COLD = '''
+COLD = """
 import sys, time
 from pathlib import Path
 import numpy as np
@@ -74,7 +74,7 @@ model = Tripod(machine, Dataset(machine.drives, 5e-4, 0, line, 0.0 * line, None,
 wall, cpu = time.perf_counter(), time.process_time()
 model.costs(np.array([[0.5 * (p.low + p.high) for p in model.parameters]]))
 print(time.perf_counter() - wall, time.process_time() - cpu)
-'''
+"""
 
 
 def synthetic(

@@ -50,8 +50,12 @@ FILES = {
 
 # Modules that the commands and the node load while they run.
 LOADED = [
-    'ros2_ident.cli.main', 'ros2_ident.gap.diagnose', 'ros2_ident.identify.run',
-    'ros2_ident.report.overlay', 'ros2_ident.report.page', 'checks.reference.bag_making',
+    'ros2_ident.cli.main',
+    'ros2_ident.gap.diagnose',
+    'ros2_ident.identify.run',
+    'ros2_ident.report.overlay',
+    'ros2_ident.report.page',
+    'checks.reference.bag_making',
     'ros2_ident.ros.node',
 ]
 FORKED = multiprocessing.get_context('forkserver')

@@ -277,9 +277,7 @@ def main():
             flush=True,
         )
     machine = machine_of(args.mjcf, ranked[0][2])
-    models = [
-        Mujoco(machine, part(bag(name), *ends), fixed=HELD) for name, ends in FITTED.items()
-    ]
+    models = [Mujoco(machine, part(bag(name), *ends), fixed=HELD) for name, ends in FITTED.items()]
     theirs = described(models[0])
     parameters = models[0].parameters
     found = along(models, started(parameters, *ranked[0][3:]))

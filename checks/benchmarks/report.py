@@ -29,10 +29,10 @@ from ros2_ident.report.page import write_report
 from ros2_ident.report.signals import load_signals, write_signals
 
 LONG = 100_000
-MARKS = '''
+MARKS = """
 const marks = performance.getEntriesByType('mark').map(m => [m.name, m.startTime])
 return Object.fromEntries(marks)
-'''
+"""
 
 
 def lengthen(folder: Path) -> None:
@@ -77,7 +77,7 @@ def open_page(page: Path) -> tuple[dict[str, float], float, int, int]:
 
 
 # Ten steps of zoom, each with all samples in view thinned anew and drawn.
-ZOOM = '''
+ZOOM = """
 const [name] = Object.keys(identPage.documents).filter((name) => name.endsWith('effort-plot'))
 const [range] = identPage.models(name, 'Range1d').filter((range) => range.name === 'whole')
 const start = performance.now(), width = range.end - range.start
@@ -86,7 +86,7 @@ for (let n = 1; n <= 10; n++) {
   await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 0)))
 }
 return (performance.now() - start) / 10
-'''
+"""
 
 
 def both(seconds: list[float]) -> str:

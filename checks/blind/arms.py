@@ -104,7 +104,5 @@ def figures(rows: Sequence[Row]) -> dict[str, str]:
 
 def told(store: Store, rows: Sequence[Row]) -> list[str]:
     """Return the cases and what came of them, as lines."""
-    cases = [
-        f'{r["case"]} {r["effect"]} {r["where"]} {r["rho"]:.2f}: {r["named"]}' for r in rows
-    ]
+    cases = [f'{r["case"]} {r["effect"]} {r["where"]} {r["rho"]:.2f}: {r["named"]}' for r in rows]
     return [*cases, *(f'{name}: {figure}' for name, figure in figures(rows).items())]

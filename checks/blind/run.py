@@ -47,15 +47,11 @@ def _quiet() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def draw_case(
-    generator: type[Drawer], store: Store, wanted: Wanted, seed: int
-) -> dict[str, str]:
+def draw_case(generator: type[Drawer], store: Store, wanted: Wanted, seed: int) -> dict[str, str]:
     """Draw a case, write its bags, return its sealed label."""
     drawer = generator(read_plain(store.machine), seed, wanted)
     label, effects = drawer.draw()
-    label = write_case(
-        store.case(wanted.case), store.clean(wanted.case), drawer, label, effects
-    )
+    label = write_case(store.case(wanted.case), store.clean(wanted.case), drawer, label, effects)
     return seal.close(to_mapping(label), seed)
 
 

@@ -105,12 +105,15 @@ def belt_section(findings: BeltFindings) -> str:
     ]
     seeds = len(findings.rates[20, 0.0][0])
     pictures = (f'![Figure {n}](paper/figure_{n}.png)' for n in range(4, 10))
-    return '\n\n'.join(
-        [
-            '## Section 3: the belt drive',
-            '\n'.join(facts),
-            f'Table 2 over {seeds} seeds, found within 1 % without refinement [95 %]:',
-            _table(findings),
-            *pictures,
-        ]
-    ) + '\n'
+    return (
+        '\n\n'.join(
+            [
+                '## Section 3: the belt drive',
+                '\n'.join(facts),
+                f'Table 2 over {seeds} seeds, found within 1 % without refinement [95 %]:',
+                _table(findings),
+                *pictures,
+            ]
+        )
+        + '\n'
+    )

@@ -162,9 +162,7 @@ def true_machine(machine: Machine, parameters: Mapping[str, float]) -> Machine:
     return true
 
 
-def known_names(
-    parameters: Mapping[str, float], machine: Machine, own: Sequence[str]
-) -> None:
+def known_names(parameters: Mapping[str, float], machine: Machine, own: Sequence[str]) -> None:
     """Raise an IdentError (UNKNOWN_PARAMETER) for a parameter that the machine does not have.
 
     Args:
@@ -233,9 +231,7 @@ def set_columns(
         plant.internals = max(plant.internals, at.INTERNALS)
 
 
-def platform_plant(
-    machine: Machine, parameters: Mapping[str, float]
-) -> tuple[Machine, Plant]:
+def platform_plant(machine: Machine, parameters: Mapping[str, float]) -> tuple[Machine, Plant]:
     """Begin the nominal machine of three elastic drives that carry a platform on rods.
 
     Args:

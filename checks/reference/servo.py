@@ -67,8 +67,9 @@ def servo_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
 
 def _read_motor(d: Array, machine: Machine, name: str) -> None:
     """Write what a servo has beside the drives of other machines."""
-    constant, resistance = machine.number('torque_constant', name), machine.number(
-        'resistance', name
+    constant, resistance = (
+        machine.number('torque_constant', name),
+        machine.number('resistance', name),
     )
     weighing = machine.number('load_mass', name) + 0.5 * machine.number('arm_mass', name)
     d[at.DRIVE_GAIN] = constant * machine.number('supply_voltage', name) / resistance

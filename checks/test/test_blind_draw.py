@@ -274,8 +274,7 @@ def test_what_the_logger_hides_is_not_counted_as_seen() -> None:
     assert drawer._size([step]) < 0.7 * plain
 
 
-# fmt: off
-FENCED = '''
+FENCED = """
 import os, sys
 from pathlib import Path
 from checks.blind.worker import Fence
@@ -296,8 +295,7 @@ for what in (lambda: os.listdir(root), lambda: open(f'/proc/{os.getppid()}/cmdli
         print('told')
     except PermissionError:
         print('refused')
-'''
-# fmt: on
+"""
 
 
 def test_the_diagnosing_process_reads_its_own_case_only(tmp_path) -> None:

@@ -17,8 +17,22 @@ def a_log(cycles: int = 16000, cycle: float = 5e-4) -> tuple[Log, Motion]:
     time = np.arange(cycles) * cycle
     wave = np.sin(2.0 * np.pi * np.array([[0.7], [1.1], [0.4]]) * time)
     none = np.zeros((3, 0))
-    log = Log(NAMES, cycle, wave, 0.4 + 0.1 * wave, 0.1 * wave, wave, none, none, none, none,
-              none, none, 0, 0.0)
+    log = Log(
+        NAMES,
+        cycle,
+        wave,
+        0.4 + 0.1 * wave,
+        0.1 * wave,
+        wave,
+        none,
+        none,
+        none,
+        none,
+        none,
+        none,
+        0,
+        0.0,
+    )
     return log, Motion('mixed', cycle, 0.4 + 0.1 * wave, 0.1 * wave)
 
 
@@ -124,8 +138,9 @@ def test_faults_change_what_they_say_and_nothing_else() -> None:
     long = faults.in_log(drawn_fault('unit', 'position', 1000.0), streams)
     for topic in ('/joint_states', '/joint_command'):
         np.testing.assert_allclose(long[topic].position, 1000.0 * streams[topic].position)
-    np.testing.assert_allclose(long['/joint_states'].velocity,
-                               1000.0 * streams['/joint_states'].velocity)
+    np.testing.assert_allclose(
+        long['/joint_states'].velocity, 1000.0 * streams['/joint_states'].velocity
+    )
     late = faults.in_log(drawn_fault('lag', 'command', 0.03), streams)
     assert np.all(late['/joint_command'].stamp - streams['/joint_command'].stamp == 30_000_000)
     assert late['/effort'] is streams['/effort']

@@ -130,9 +130,14 @@ def test_levels_are_those_of_the_generator() -> None:
 
 
 def test_a_fault_named_beside_a_wrong_gain_is_named() -> None:
-    wrong = row(1, 'fault', [], ('velocity_gain_error', 'drive_1'),
-                fault=fault('constant', 'velocity gain'),
-                gates=[gate('law', 'the velocity gain is 4.4 in the file and 8.6 in the log')])
+    wrong = row(
+        1,
+        'fault',
+        [],
+        ('velocity_gain_error', 'drive_1'),
+        fault=fault('constant', 'velocity gain'),
+        gates=[gate('law', 'the velocity gain is 4.4 in the file and 8.6 in the log')],
+    )
     assert fault_named(wrong) and right(wrong)
     beside = wrong | {'also': [{'effect': 'stribeck', 'where': ['drive_2']}]}
     assert not fault_named(beside) and not right(beside)

@@ -43,9 +43,7 @@ def run(args: argparse.Namespace) -> int:
     if log is not None:
         text = new_file.one_joint_file(kind, args.drives, log)
         if kind is new_file.arm_kind(True) and args.description is not None:
-            text = new_file.followed_file(
-                args.drives, known['description'], known['named'], log
-            )
+            text = new_file.followed_file(args.drives, known['description'], known['named'], log)
         known['states'] = log.state
     text = text or new_file.new_machine_file(kind, args.drives, **known)
     machine_from_mapping(yaml.safe_load(text), '--drives', folder)

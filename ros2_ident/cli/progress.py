@@ -92,9 +92,7 @@ class Meter:
             eta = gone * (1.0 - fraction) / fraction if fraction > KNOWN else math.nan
         self._tell(fraction, text, gone, eta, f'{100.0 * fraction:.0f} %, ')
 
-    def _tell(
-        self, fraction: float, text: str, gone: float, eta: float, share: str = ''
-    ) -> None:
+    def _tell(self, fraction: float, text: str, gone: float, eta: float, share: str = '') -> None:
         self._waiting.cancel()
         text = f'{text}, {duration(gone)} gone, {duration(eta)} to go'
         if self._bar is not None:

@@ -78,9 +78,7 @@ def carry_out(
     with ExitStack() as end, place as out:
         if out is not None and not args.no_overlay:
             # before any work: bags that are not ours to replace
-            overlay.require_place(
-                out / overlay.OVERLAY, logs.fit, [*request.bags, *request.check]
-            )
+            overlay.require_place(out / overlay.OVERLAY, logs.fit, [*request.bags, *request.check])
         kept = None if out is None else out / checkpoint
         if kept is not None and not args.resume:
             remove_file(kept)

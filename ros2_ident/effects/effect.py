@@ -174,9 +174,18 @@ def pressing(unit: str, high: float, sign: str) -> tuple[EffectParameter, ...]:
     """Return coefficients of the motor's torque and of the load, which press a gear together."""
     return tuple(
         EffectParameter(
-            name, unit, 0.0, high, 0.0, (0.1,), 'size', '', 'add', f'{sign}_{of}',
+            name,
+            unit,
+            0.0,
+            high,
+            0.0,
+            (0.1,),
+            'size',
+            '',
+            'add',
+            f'{sign}_{of}',
             f'coefficient of {what}',
-        )  # fmt: skip
+        )
         for name, of, what in (('motor', 'M', 'the motor torque'), ('load', 'F', 'the load'))
     )
 

@@ -132,9 +132,7 @@ def _named(elements: Iterable[ET.Element], tag: str, name: str, remedy: str) -> 
     for element in elements:
         if element.get('name') == name:
             return element
-    raise IdentError(
-        ErrorCode.BAD_MACHINE_FILE, f'the description has no {tag} {name}; {remedy}'
-    )
+    raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'the description has no {tag} {name}; {remedy}')
 
 
 def _put_inertial(body: ET.Element, new: ET.Element) -> None:

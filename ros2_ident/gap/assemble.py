@@ -137,9 +137,7 @@ def assemble(
     )
 
 
-def _facts(
-    selector: Selector, found: Selection, verdict: Verdict, gates: Sequence[Gate]
-) -> Facts:
+def _facts(selector: Selector, found: Selection, verdict: Verdict, gates: Sequence[Gate]) -> Facts:
     """Return the facts behind a verdict."""
     split, floor, base = selector.split, selector.floor, found.chain[0]
     model = split.fit.models[0]
@@ -201,9 +199,7 @@ def _traces(split: Split, found: Selection) -> tuple[Trace, ...]:
     return tuple(traces)
 
 
-def _predicted(
-    selector: Selector, chain: Sequence[Hypothesis], verdict: Verdict
-) -> Prediction:
+def _predicted(selector: Selector, chain: Sequence[Hypothesis], verdict: Verdict) -> Prediction:
     """Return how far free runs come from the recordings judged on, effect by effect.
 
     Where a number of the machine file is wrong, with what fits in its place.

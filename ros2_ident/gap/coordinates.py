@@ -301,9 +301,7 @@ def _orders(position: Array, gear: float) -> list[Coordinate]:
     orders = [k for k in range(1, ORDERS + 1) if k * turns >= _TURNS]
     if not orders:
         return []
-    columns = np.stack(
-        [f(k * angle) for k in orders for f in (np.cos, np.sin)], axis=1
-    )
+    columns = np.stack([f(k * angle) for k in orders for f in (np.cos, np.sin)], axis=1)
     # What is smooth over the stroke is the position's matter.
     smooth = np.vander((position - position.mean()) / max(np.ptp(position), 1e-300), 4)
     columns = columns - smooth @ np.linalg.lstsq(smooth, columns, rcond=None)[0]

@@ -222,8 +222,13 @@ def diagnose(
         machine, drives = at_rest(machine, fit, drives)
         first, second = (
             recordings_of(
-                machine, data,
-                drives=drives, fixed=fixed, output=output, labels=names, beside=beside,
+                machine,
+                data,
+                drives=drives,
+                fixed=fixed,
+                output=output,
+                labels=names,
+                beside=beside,
             )
             for data, names, beside in ((fit, labels, check), (check, check_labels, fit))
         )
@@ -336,12 +341,8 @@ class _Passes:
         report = GateReport()
         if not clock.stopped():
             joint = split.fit.with_effects(())
-            report = examine_models(
-                joint.models, joint.own(0, base.theta)[0], floor.per_drive
-            )
-        selector.limits = {
-            law.drive: law.limit for law in report.laws if math.isfinite(law.limit)
-        }
+            report = examine_models(joint.models, joint.own(0, base.theta)[0], floor.per_drive)
+        selector.limits = {law.drive: law.limit for law in report.laws if math.isfinite(law.limit)}
         selector.knows(first, floor)
         return _Pass(selector, base, report, encoders)
 

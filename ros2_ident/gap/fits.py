@@ -156,9 +156,7 @@ class Fits:
 
         return both if law_weight.size else outputs
 
-    def refit(
-        self, effects: Sequence[EffectAt], theta: Array, iterations: int = 40
-    ) -> Hypothesis:
+    def refit(self, effects: Sequence[EffectAt], theta: Array, iterations: int = 40) -> Hypothesis:
         """Fit a set of effects jointly from a start (N,)."""
         joint = self.split.fit.with_effects(effects)
         found = local_fit(
@@ -170,9 +168,7 @@ class Fits:
     def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Hypothesis:
         """Return what `refit` returned where the fit ended at (N,) shares of the box."""
         joint = self.split.fit.with_effects(effects)
-        return self.hypothesis(
-            joint, fit_at(self.evaluate(joint), unit, joint.low, joint.high)
-        )
+        return self.hypothesis(joint, fit_at(self.evaluate(joint), unit, joint.low, joint.high))
 
     def key(self, base: Hypothesis | None = None) -> bytes:
         """Return a digest of what a fit depends on beside its effects and start.

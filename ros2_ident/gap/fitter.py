@@ -86,9 +86,7 @@ class Fitter:
         task = self.fits.key(), tuple(effects), theta
         return self._known(*task) or self._noted(self.fits.refit(effects, theta), *task)
 
-    def _known(
-        self, fits: bytes, effects: Sequence[EffectAt], *more: object
-    ) -> Hypothesis | None:
+    def _known(self, fits: bytes, effects: Sequence[EffectAt], *more: object) -> Hypothesis | None:
         """Return a fit that an earlier run has ended, where its cost comes out again."""
         count = len(self.split.fit.with_effects(effects).low)
         wanted = {'unit': Within((count,), 0.0, 1.0), 'cost': Within()}

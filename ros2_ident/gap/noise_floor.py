@@ -139,7 +139,7 @@ def find_repeats(dataset: Dataset) -> int | None:
     spectrum = np.fft.rfft(velocity, 2 * size, axis=1)
     product = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :size].sum(axis=0)
     square = np.concatenate([[0.0], np.cumsum((velocity**2).sum(axis=0))])
-    both = square[size : 0 : -1] + (square[size] - square[:size])
+    both = square[size:0:-1] + (square[size] - square[:size])
     different = 1.0 - 2.0 * product / np.maximum(both, 1e-9 * square[-1])
     # Beyond the command's own smoothness, with at least half of its motion in the overlap.
     apart = int(np.argmax(different > 0.5)) if (different > 0.5).any() else size

@@ -180,9 +180,7 @@ class Selector(Fitter):
         while starts and not self.stopped():
             new = tuple(at for s in starts for at in s.effects)
             phi = [s.phi for s in starts]
-            wide = self.refit(
-                (*final.effects, *new), np.concatenate([final.theta, *phi])
-            )
+            wide = self.refit((*final.effects, *new), np.concatenate([final.theta, *phi]))
             kept = [s for s in starts if self.like_others(wide, s.effects[0])]
             if len(kept) == len(starts):
                 better = wide.bic < final.bic

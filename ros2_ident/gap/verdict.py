@@ -209,9 +209,7 @@ def _together(chosen: tuple[str, ...], drives: Sequence[str]) -> tuple[str, ...]
     return ('all',) if len(chosen) == len(drives) > 1 else chosen
 
 
-def _weigh(
-    found: Selection, mass: float, rules: Rules, t: Temperatures
-) -> tuple[RankedFit, ...]:
+def _weigh(found: Selection, mass: float, rules: Rules, t: Temperatures) -> tuple[RankedFit, ...]:
     """Return the candidates fitted, with probabilities that share `mass`."""
     if not found.rounds:
         return ()

@@ -109,9 +109,7 @@ class _Log:
         return out
 
 
-def fit_asked(
-    machine: Machine, data: Dataset, drive: str, recording: int = 1
-) -> Asked | None:
+def fit_asked(machine: Machine, data: Dataset, drive: str, recording: int = 1) -> Asked | None:
     """Compare a drive's effort with the one that it was asked for.
 
     Args:
@@ -130,9 +128,7 @@ def fit_asked(
     for lag in np.arange(0.0, LATEST_EFFORT, log.cycle):
         columns = np.concatenate([log.late(lag)[:, None], log.beside], axis=1)
         fits.append((lag, *robust_fit(columns, log.effort, log.noise)))
-    late, solution, left = min(
-        fits, key=lambda f: float(np.log1p((f[2] / log.noise) ** 2).sum())
-    )
+    late, solution, left = min(fits, key=lambda f: float(np.log1p((f[2] / log.noise) ** 2).sum()))
     size = max(robust_size(left), log.noise)
     weight = robust_weights(left, size) ** 2
     apart = log.effort - float(weight @ log.effort) / float(weight.sum())

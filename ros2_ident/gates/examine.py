@@ -205,9 +205,7 @@ def check_streams(data: Dataset) -> list[Gate]:
             text += '; a shorter delay cannot be seen: stamp samples where they are taken'
         if 'state' in roles:
             found += _slow(stream.rate)
-        found.append(
-            Gate('jitter', '', 'warn' if loose else 'ok', stream.jitter, 's', text)
-        )
+        found.append(Gate('jitter', '', 'warn' if loose else 'ok', stream.jitter, 's', text))
     return found
 
 
@@ -271,9 +269,7 @@ def check_asked(found: Asked, unit: str) -> list[Gate]:
         )
         said.append(Gate('limited', drive, 'warn', found.limit, unit, text))
     if found.pushes:
-        at = ', '.join(
-            f'{p.time:.2f} s ({figure(p.effort, "+")} {unit})' for p in found.pushes
-        )
+        at = ', '.join(f'{p.time:.2f} s ({figure(p.effort, "+")} {unit})' for p in found.pushes)
         text = (
             f'{drive}: effort that was not commanded: {at}; look for another source of commands, '
             'contact with a person or an object, or a fault of the drive'

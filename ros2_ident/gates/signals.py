@@ -80,8 +80,14 @@ def signals_of(machine: Machine, data: Dataset, drive: str) -> Signals | None:
     if index.size < FEWEST:
         return None
     return Signals(
-        data.cycle, data.command_position[d], data.command_velocity[d], position, velocity,
-        index, effort[index], forward,
+        data.cycle,
+        data.command_position[d],
+        data.command_velocity[d],
+        position,
+        velocity,
+        index,
+        effort[index],
+        forward,
         machine.number('integral_gain', drive) != 0.0,
         speed_steps,
     )

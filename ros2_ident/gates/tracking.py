@@ -171,9 +171,7 @@ def _mixed(tracking: Tracking) -> list[Gate]:
     fits = all(tracking.share[d, best[d]] >= FOLLOWS for d in moved)
     if not moved or not fits or any(left[d, best[d]] > SWAPPED * left[d, d] for d in moved):
         return []
-    pairs = ', '.join(
-        f"{tracking.drives[d]} follows {tracking.drives[best[d]]}'s" for d in moved
-    )
+    pairs = ', '.join(f"{tracking.drives[d]} follows {tracking.drives[best[d]]}'s" for d in moved)
     text = (
         f'{pairs} set-point: the names are swapped between the topics of position and command; '
         'correct the names, or their order, where the two are published'

@@ -55,6 +55,7 @@ class Data:
 
     def without_command(self) -> 'Data':
         """Return the same data as if no set-point had been logged."""
+
         def bare(dataset: Dataset) -> Dataset:
             return replace(dataset, command_position=None, command_velocity=None)
 

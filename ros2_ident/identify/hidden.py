@@ -140,9 +140,7 @@ def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
 def residuals_at(fitted: Layout, rows: Rows) -> Callable[[Array], Array]:
     """Return what makes the residuals (S, R) of candidates (S, N) at the rows looked at."""
     seen = [m.restricted(mask) for m, mask in zip(fitted.models, rows.masks, strict=True)]
-    return lambda theta: np.hstack(
-        [m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)]
-    )
+    return lambda theta: np.hstack([m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)])
 
 
 def weigh_fit(
@@ -217,9 +215,7 @@ def _answers(models: Sequence[FullModel], rows: Rows) -> Array:
     return np.concatenate(parts, axis=1)
 
 
-def _tried(
-    model: FullModel, at: EffectAt, orders: tuple[float, ...] = ()
-) -> tuple[Array, float]:
+def _tried(model: FullModel, at: EffectAt, orders: tuple[float, ...] = ()) -> tuple[Array, float]:
     """Return (S, P) values of a model's effect to try, and how many times its change may be."""
     points = np.array([point for group in trials(at, model, orders) for point in group])
     itself = any(p.role == 'size' and p.starts for p in model.scaled(at))

@@ -19,6 +19,7 @@ from ros2_ident.models.protocol import FullModel, Model
 
 T = TypeVar('T')
 
+
 @dataclass(frozen=True)
 class Conditions:
     """How recordings of one machine differ.
@@ -270,9 +271,7 @@ def expanded(
     return out
 
 
-def check_overrides(
-    fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
-) -> None:
+def check_overrides(fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
     """Refuse what is fixed or bounded to no number, or both.
 
     Raises:

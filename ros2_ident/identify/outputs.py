@@ -74,9 +74,7 @@ def weights_of(
     """
     if len(outputs) == 1:
         return tuple(1.0 if weight is None else weight for weight in outputs.values())
-    noise = [
-        effort_noise if q == 'effort' else _noise(q, datasets, drives) for q in outputs
-    ]
+    noise = [effort_noise if q == 'effort' else _noise(q, datasets, drives) for q in outputs]
     return tuple(
         (noise[0] / own if own > 0.0 < noise[0] else 1.0) if weight is None else weight
         for weight, own in zip(outputs.values(), noise, strict=True)

@@ -98,8 +98,10 @@ def bound_of(low: float, high: float, lower: float, upper: float, unit: str) -> 
     after = '' if unit == '1' else f' {unit}'
     if low > lower and high < upper:
         return f'between {least} and {most}{after}'
-    return f'at least {least}{after}' if low > lower else (
-        f'at most {most}{after}' if high < upper else ''
+    return (
+        f'at least {least}{after}'
+        if low > lower
+        else (f'at most {most}{after}' if high < upper else '')
     )
 
 

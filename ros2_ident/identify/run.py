@@ -270,9 +270,7 @@ def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
     return tuple(found)
 
 
-def judged(
-    result: Identification, report: GateReport, poor: Sequence[PoorFit]
-) -> Identification:
+def judged(result: Identification, report: GateReport, poor: Sequence[PoorFit]) -> Identification:
     """Return a result with the findings of the gates, that claims no more than can be.
 
     Args:

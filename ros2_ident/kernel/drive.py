@@ -293,7 +293,7 @@ def begin(mem, own, law, z, v, cycle, torque):
 @inlined
 def control(
     par, first, mem, own, on, law, cycle, z, v, command, d, drives, count, k, delayed, time
-):  # fmt: skip
+):
     """Run cycle `k` of drive `d`'s controller; return the torque it logs, keep what it asks.
 
     Under the law POSITION that is a share of the supply voltage.

@@ -18,7 +18,7 @@ from ros2_ident.recording.limits import unfit
 _BYTES, _ELEMENTS, _BODIES, _DEPTH, _JOINTS = 1 << 24, 100_000, 1_000, 250, 6
 # MuJoCo 4.0 knows 38 of an element `general`, the most of all.
 _ATTRIBUTES = 100
-_ATTRIBUTE = re.compile(r'''=\s*("[^"]*"|'[^']*')''')
+_ATTRIBUTE = re.compile(r"""=\s*("[^"]*"|'[^']*')""")
 # In SI units: a limit of none is written as 1e16, squares are far from overflow; what may be a
 # rounded 0.
 _LARGEST, _NOTHING = 1e30, -1e-9

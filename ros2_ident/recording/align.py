@@ -375,9 +375,7 @@ class _Layout:
                     row[index[inside]] = column[inside]
         return None if np.isnan(out).all() else out
 
-    def check_need(
-        self, measured: Mapping[str, FloatArray | None], need: Collection[str]
-    ) -> None:
+    def check_need(self, measured: Mapping[str, FloatArray | None], need: Collection[str]) -> None:
         """Refuse data without a field that is needed."""
         if 'command' in need and 'command' not in self.placed:
             text = 'holds no command stream; record it, or let the recorded motion drive the model'

@@ -295,9 +295,7 @@ def _check_topics(
         raise IdentError(ErrorCode.MISSING_STREAM, f'{path}: {text}')
 
 
-def _feed(
-    builder: RecordingBuilder, role: str, topic: str, kind: str, messages: Messages
-) -> None:
+def _feed(builder: RecordingBuilder, role: str, topic: str, kind: str, messages: Messages) -> None:
     """Bring the messages of a topic into the builder; they are gone afterwards."""
     if messages.lost and not messages.blocks:
         text = f'no message of {topic} is a valid {kind} ({WHY.get(kind, OTHERWISE)})'

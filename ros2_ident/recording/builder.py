@@ -96,9 +96,7 @@ class RecordingBuilder:
         notes: What is worth knowing of where the values come from, one sentence each.
     """
 
-    def __init__(
-        self, source: str = LIVE, sha256: str = '', notes: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, source: str = LIVE, sha256: str = '', notes: Sequence[str] = ()) -> None:
         self.source = source
         self.notes = tuple(notes)
         self.sha256 = sha256

@@ -63,6 +63,7 @@ class Block:
     names: tuple[str, ...]
     fields: tuple[FloatArray | None, FloatArray | None, FloatArray | None]
 
+
 class Cursor:
     """Walks over one serialised message and notes which of its bytes make its layout.
 

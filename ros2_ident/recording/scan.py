@@ -291,13 +291,13 @@ class _Walk:
 
 
 # The fields of ROS 1's joint_trajectory_controller, which rosbags does not know.
-_CONTROLLER_STATE = '''
+_CONTROLLER_STATE = """
 std_msgs/Header header
 string[] joint_names
 trajectory_msgs/JointTrajectoryPoint desired
 trajectory_msgs/JointTrajectoryPoint actual
 trajectory_msgs/JointTrajectoryPoint error
-'''
+"""
 _METHODS = {unpack: '' if name == 'none' else name for name, unpack in decompressors.items()}
 
 

@@ -269,6 +269,7 @@ def with_positions(
 _SEEN = ('command_position', 'command_velocity', 'position', 'velocity', 'effort')
 _EVERY_CYCLE = _SEEN[:2]
 
+
 @dataclass(frozen=True)
 class StreamQuality:
     """How one stream arrived.

@@ -63,64 +63,66 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
     """Return what `diagnosis.json` holds; numbers that do not exist are null."""
     before = d.steps[0].gap if d.steps else Interval(math.nan, math.nan, math.nan)
     after = d.steps[-1].gap if d.steps else before
-    mapping: dict[str, Any] = plain({
-        'schema': SCHEMA,
-        'verdict': {
-            'effect': d.effect,
-            'where': d.where,
-            'probability': d.probability,
-            'sentence': sentence(d),
-            'headline': headline(d),
-            'cause': d.facts.cause,
-        },
-        'facts': {**asdict(d.facts), 'leads': d.facts.leads},
-        'also': [_at(a) for a in d.also],
-        'confusable': [_ranked(r) for r in d.confusable],
-        'ranking': [_ranked(r) for r in d.ranking],
-        'gap': {
-            'unit': d.unit,
-            'before': before.value,
-            'after': after.value,
-            'noise_floor': d.floor.together,
-            'noise_floor_method': d.floor.method,
-            'share_closed': d.share_closed.value,
-            'share_closed_low': d.share_closed.low,
-            'share_closed_high': d.share_closed.high,
-            'held_out': d.held_out,
-            'steps': [{'label': s.label, **asdict(s.gap)} for s in d.steps],
-            'per_drive': {
-                name: {
-                    **asdict(g),
-                    'share_of_torque_before': g.shares[0],
-                    'share_of_torque_after': g.shares[1],
-                }
-                for name, g in d.per_drive.items()
+    mapping: dict[str, Any] = plain(
+        {
+            'schema': SCHEMA,
+            'verdict': {
+                'effect': d.effect,
+                'where': d.where,
+                'probability': d.probability,
+                'sentence': sentence(d),
+                'headline': headline(d),
+                'cause': d.facts.cause,
             },
-        },
-        'evidence': d.evidence,
-        'localisation': [
-            {
-                **but(asdict(f), 'over_floor'),
-                'coordinate': f.coordinate,
-                'region': region(f),
-                'place': asdict(f.region),
-                'size_over_floor': f.over_floor,
-                'sentence': where(f),
-            }
-            for f in d.localisation
-        ],
-        'maps': [asdict(m) for m in maps_of(d)],
-        'parameters': {name: asdict(v) for name, v in d.parameters.items()},
-        'nominal': d.nominal,
-        'moved': d.moved,
-        'prediction': None if d.prediction is None else asdict(d.prediction),
-        'gates': [asdict(gate) for gate in d.gates],
-        'not_testable': [_at(a) for a in d.not_testable],
-        'advice': list(advice(d)),
-        'complete': d.complete,
-        'seconds': d.seconds,
-        'seed': d.seed,
-    })
+            'facts': {**asdict(d.facts), 'leads': d.facts.leads},
+            'also': [_at(a) for a in d.also],
+            'confusable': [_ranked(r) for r in d.confusable],
+            'ranking': [_ranked(r) for r in d.ranking],
+            'gap': {
+                'unit': d.unit,
+                'before': before.value,
+                'after': after.value,
+                'noise_floor': d.floor.together,
+                'noise_floor_method': d.floor.method,
+                'share_closed': d.share_closed.value,
+                'share_closed_low': d.share_closed.low,
+                'share_closed_high': d.share_closed.high,
+                'held_out': d.held_out,
+                'steps': [{'label': s.label, **asdict(s.gap)} for s in d.steps],
+                'per_drive': {
+                    name: {
+                        **asdict(g),
+                        'share_of_torque_before': g.shares[0],
+                        'share_of_torque_after': g.shares[1],
+                    }
+                    for name, g in d.per_drive.items()
+                },
+            },
+            'evidence': d.evidence,
+            'localisation': [
+                {
+                    **but(asdict(f), 'over_floor'),
+                    'coordinate': f.coordinate,
+                    'region': region(f),
+                    'place': asdict(f.region),
+                    'size_over_floor': f.over_floor,
+                    'sentence': where(f),
+                }
+                for f in d.localisation
+            ],
+            'maps': [asdict(m) for m in maps_of(d)],
+            'parameters': {name: asdict(v) for name, v in d.parameters.items()},
+            'nominal': d.nominal,
+            'moved': d.moved,
+            'prediction': None if d.prediction is None else asdict(d.prediction),
+            'gates': [asdict(gate) for gate in d.gates],
+            'not_testable': [_at(a) for a in d.not_testable],
+            'advice': list(advice(d)),
+            'complete': d.complete,
+            'seconds': d.seconds,
+            'seed': d.seed,
+        }
+    )
     return mapping
 
 

@@ -83,9 +83,7 @@ def maps_of(d: Diagnosis) -> tuple[ResidualMap, ...]:
         before, *after = [_lines(trace.motion, row[at], at, name, values) for row in rows]
         floor = float(d.floor.per_drive[at])
         unit = trace.motion.unit
-        out.append(
-            ResidualMap(drive, name, label, unit, linear, floor, before, *(after or [()]))
-        )
+        out.append(ResidualMap(drive, name, label, unit, linear, floor, before, *(after or [()])))
     return tuple(out)
 
 

@@ -168,9 +168,7 @@ def load_signals(path: Path) -> Signals:
                 for number, title in enumerate(arrays['titles'])
             )
             unit, travel, judged, drives, models = (arrays[name].tolist() for name in _OF_RUN)
-            return Signals(
-                unit, tuple(drives), tuple(models), tuple(recordings), travel, judged
-            )
+            return Signals(unit, tuple(drives), tuple(models), tuple(recordings), travel, judged)
     raise IdentError(
         ErrorCode.BAD_VALUES,
         f'{path}: holds {written[0]} of version {written[1]} and this package reads '

@@ -190,9 +190,7 @@ class GoalServer:
             return done, excitation(done.logs.fit), *attempt(lambda: run.save(done))
 
         def said(progress: Any) -> None:
-            feedback, node.board.sentence = self.feedback(
-                progress, wanted.machine, self._stamp
-            )
+            feedback, node.board.sentence = self.feedback(progress, wanted.machine, self._stamp)
             if self.what == 'identify':
                 node.diagnostics.progress = feedback.progress
                 node.outlet.progress.publish(feedback.progress)

@@ -173,9 +173,7 @@ def _bag_paths(goal: Any, parameters: Snapshot) -> tuple[str, ...]:
     return _paths(path, goal.more_bag_paths, 'bag_path', parameters)
 
 
-def _paths(
-    first: str, more: Sequence[str], field: str, parameters: Snapshot
-) -> tuple[str, ...]:
+def _paths(first: str, more: Sequence[str], field: str, parameters: Snapshot) -> tuple[str, ...]:
     """Return the paths of bags, which have to exist; the first may be empty where it is alone."""
     if more and not first:
         raise _refuse(f'more_{field}s has paths and {field} is empty; put the first one there')

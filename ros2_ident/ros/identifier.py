@@ -21,11 +21,11 @@ PATIENCE = 30.0
 # An overlay that is being written is waited for; its first simulation in a new installation is
 # compiled, s.
 FILES_PATIENCE = 120.0
-DESCRIPTION = '''\
+DESCRIPTION = """\
 The node `identifier`: identifies drives and diagnoses gaps between simulation and measurement,
 from what it hears on joint_states, effort and joint_command or from bags.
-'''
-EPILOG = '''\
+"""
+EPILOG = """\
 parameters (docs/parameters.md lists all; `ros2 param describe` shows them as well):
   identifier --ros-args -p machine_file:=my_machine.yaml
   identifier --ros-args --params-file my_parameters.yaml
@@ -38,7 +38,7 @@ exit codes:
   0  ended by a signal, with every result out
   1  something is missing that it needs
   2  the command line or a parameter cannot be used
-'''
+"""
 # The worker's Python parts hand the interpreter on this often; the default of 5 ms would be the
 # latency of every message, s.
 SWITCH_INTERVAL = 0.0001

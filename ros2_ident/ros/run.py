@@ -41,6 +41,7 @@ MOST = 8
 CONFIGURATION = 'configuration.yaml'
 ROBOT, MACHINE = 'robot.urdf', 'machine.yaml'
 
+
 @dataclass(frozen=True)
 class Wanted(Request):
     """Request of a goal; complete, so that a change of parameters has no effect on its run.
@@ -259,9 +260,7 @@ def messages(streams: Series) -> list[bytes]:
     ]
 
 
-def compare(
-    done: Identified, result_file: str
-) -> tuple[list[bytes], list[bytes], bytes | None]:
+def compare(done: Identified, result_file: str) -> tuple[list[bytes], list[bytes], bytes | None]:
     """Set the simulated effort beside the measured one, and write both as a bag beside the result.
 
     Args:

@@ -82,9 +82,7 @@ def _imported(name: str, source: str, folder: Path, monkeypatch: pytest.MonkeyPa
     return module
 
 
-def test_the_effect_passes_its_own_test(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_effect_passes_its_own_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _imported('ros2_ident.effects.rubber_buffer', EFFECT, tmp_path, monkeypatch)
     module = _imported('test_effect_rubber_buffer', CHECK, tmp_path, monkeypatch)
     module.test_the_buffer_pushes_back_behind_its_place_only()

@@ -36,7 +36,7 @@ SMOOTH = {name: box for name, box in BOXES.items() if name != 'coulomb_torque'}
 TANH = 3e-8
 ROTOR = {'drive_inertia': [0.0, 1.0, 'kg m^2']}
 OFFSET = {'constant_force': [-9.0, 9.0, 'N m']}
-MJCF = '''<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/>
+MJCF = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/>
   <default><joint damping="7" armature="9"/></default>
   <worldbody><body name="column" pos="0 0 0.4" euler="0.1 0 0.2">
     <joint name="base" axis="0 0 1"/>
@@ -51,7 +51,7 @@ MJCF = '''<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/>
         <inertial pos="0.2 0 0.01" mass="3" diaginertia="0.02 0.05 0.05"/>
         <body name="hand" pos="0.5 0 0" euler="0 -0.4 0.3"><joint name="wrist" axis="1 0 0"/>
           <inertial pos="0.02 0.03 0.1" mass="1.5" diaginertia="0.004 0.005 0.003"/>
-  </body></body></body></body></worldbody></mujoco>'''
+  </body></body></body></body></worldbody></mujoco>"""
 
 
 def in_mjcf(folder: Path, **parameters: object) -> Machine:
@@ -223,10 +223,10 @@ def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco)
     values = {f'joint.{name}': TRUTH[name] for name in one.bounds}
     found = content_of(problem, known(problem, values), 0.3)
     drive = SimpleNamespace(**{name: one.number(name) for name in ('load_mass', 'arm_mass')})
-    arm = f'''<mujoco><option timestep="1e-4" gravity="0 0 -9.81"/><worldbody>
+    arm = f"""<mujoco><option timestep="1e-4" gravity="0 0 -9.81"/><worldbody>
       <body euler="0 {np.degrees(0.03)} 0"><joint name="joint" axis="0 1 0"/>
       <inertial pos="0 0 {-0.1 * (drive.load_mass + 0.5 * drive.arm_mass) / 0.51}" mass="0.51"
-        diaginertia="1 1 1"/></body></worldbody></mujoco>'''
+        diaginertia="1 1 1"/></body></worldbody></mujoco>"""
     path, words = write(tmp_path, ('mjcf',), found, arm)['mjcf']
     model = mujoco.MjModel.from_xml_string(path.read_text())
     # The arm's inertia about the joint is the load's; then MuJoCo follows the same set-points.

@@ -92,9 +92,7 @@ def test_a_servo_is_identified_by_its_positions() -> None:
 
 
 def test_without_effort_the_friction_of_a_loaded_gear_is_found_and_its_gap_closed() -> None:
-    planted = (
-        Effect('directional_load_friction', ('joint',), {'motor': 0.3, 'load': 0.1}),
-    )
+    planted = (Effect('directional_load_friction', ('joint',), {'motor': 0.3, 'load': 0.1}),)
     fit, check = (dataset(seed, planted) for seed in (3, 4))
     near = {'directional_load_friction', 'coulomb_friction', 'stribeck', 'gear_flexibility'}
     found = diagnose(MACHINE, [fit], [check], without=sorted(set(CATALOGUE) - near), seed=1)

@@ -21,12 +21,13 @@ RATE, SECONDS = 250.0, 20.0
 def joint() -> Machine:
     """Return the elbow of an arm as an axis of its own, driven by the recorded motion."""
     machine = with_bounds(
-        axis(), {
+        axis(),
+        {
             'moving_mass': (0.1, 20.0, 'kg m^2'),
             'viscous_friction': (0.0, 50.0, 'N m s/rad'),
             'coulomb_friction': (0.0, 20.0, 'N m'),
             'constant_force': (-50.0, 50.0, 'N m'),
-        }
+        },
     )
     return replace(machine, drives=('elbow',), effort_unit='N m', effort_noise=0.05)
 

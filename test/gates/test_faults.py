@@ -106,32 +106,50 @@ def test_a_sound_log_contradicts_nothing(kind):
     ('kind', 'change', 'gate', 'drive', 'said'),
     [
         (
-            'axis', times('effort', -1.0), 'sign', 'emps_axis',
+            'axis',
+            times('effort', -1.0),
+            'sign',
+            'emps_axis',
             'sign is reversed against the motion',
         ),
         ('tripod', times('effort', -1.0, 'drive_2'), 'sign', 'drive_2', 'negate the effort'),
         ('axis', both(silent, times('effort', -1.0)), 'sign', 'emps_axis', 'negate the effort'),
         (
-            'tripod', times('state', -1.0, 'drive_3'), 'set_point', 'drive_3',
+            'tripod',
+            times('state', -1.0, 'drive_3'),
+            'set_point',
+            'drive_3',
             'moves against its set-point',
         ),
         ('tripod', times('state', 1e3), 'set_point', 'drive_1', 'the position is logged in mm'),
         ('tripod', times('command', 1e3), 'set_point', 'drive_1', 'set-point is logged in mm'),
         (
-            'axis', both(times('state', 1e3), times('command', 1e3)), 'law', 'emps_axis',
+            'axis',
+            both(times('state', 1e3), times('command', 1e3)),
+            'law',
+            'emps_axis',
             'position and set-point look logged in another unit, mm',
         ),
         (
-            'axis', times('effort', 100.0 / 5.0), 'limit', 'emps_axis',
+            'axis',
+            times('effort', 100.0 / 5.0),
+            'limit',
+            'emps_axis',
             'state the unit of the log as effort_unit',
         ),
         ('tripod', times('effort', 0.01), 'law', 'drive_1', '0.01 times what the stated law'),
         (
-            'tripod', named('effort', 'drive_2', 'drive_1', 'drive_3'), 'names', '',
+            'tripod',
+            named('effort', 'drive_2', 'drive_1', 'drive_3'),
+            'names',
+            '',
             "drive_1's effort is drive_2's",
         ),
         (
-            'tripod', named('state', 'drive_2', 'drive_1', 'drive_3'), 'names', '',
+            'tripod',
+            named('state', 'drive_2', 'drive_1', 'drive_3'),
+            'names',
+            '',
             "drive_1 follows drive_2's",
         ),
         ('tripod', later('state', 0.05), 'offset', 'drive_1', r'position are 50[.\d]* ms late'),
@@ -150,9 +168,7 @@ def test_a_fault_is_named_first(kind, change, gate, drive, said):
 
 def test_a_joint_that_turns_logged_in_degrees():
     machine = axis_machine()
-    turning = with_bounds(
-        machine, {**machine.bounds, 'moving_mass': (50.0, 150.0, 'kg m^2')}
-    )
+    turning = with_bounds(machine, {**machine.bounds, 'moving_mass': (50.0, 150.0, 'kg m^2')})
     report = report_of('axis', times('state', 57.29578), turning)
     assert 'the position is logged in degrees; log rad' in report.headline
     report = report_of('axis', both(*(times(x, 57.29578) for x in ('state', 'command'))), turning)

@@ -44,7 +44,7 @@ def test_a_quarter_left_out_is_predicted_as_a_fit_of_the_others_does(found) -> N
     left = quarters(problem, weighed, found.theta)
     blocks = weighed.rows.blocks
     out = 4 * (blocks - blocks[0]) // (int(np.ptp(blocks)) + 1) == 2
-    mask, = weighed.rows.masks
+    (mask,) = weighed.rows.masks
     others, own = mask.copy(), np.full_like(mask, False)
     own[0, np.flatnonzero(mask[0])[out]] = True
     others &= ~own

@@ -19,8 +19,8 @@ from ros2_ident.recording import Dataset
 
 BAGS = {'tripod': ROOT / 'bags' / 'tripod_mixed', 'emps': ROOT / 'bags' / 'axis_reversals'}
 
-MJCF = '''<mujoco><worldbody><body><joint name="joint_1"/><geom size="1"/></body></worldbody>
-<actuator><position joint="joint_1"/></actuator></mujoco>'''
+MJCF = """<mujoco><worldbody><body><joint name="joint_1"/><geom size="1"/></body></worldbody>
+<actuator><position joint="joint_1"/></actuator></mujoco>"""
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -62,7 +62,7 @@ def test_drives_are_named(tmp_path, capsys):
     assert 'drives lists 2, and a tripod has 3' in capsys.readouterr().err
 
 
-TURNING = '''
+TURNING = """
 machine: linear_axis
 drives: [shoulder]
 controller: {cycle: 2.0e-3}
@@ -70,7 +70,7 @@ parameters:
   moving_mass: [0.1, 20.0, kg m^2]
   viscous_friction: [0.0, 50.0, N m s/rad]
   coulomb_friction: [0.0, 30.0, N m]
-'''
+"""
 
 
 def test_a_joint_that_turns_is_said_in_radians():

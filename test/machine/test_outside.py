@@ -110,7 +110,7 @@ KIND = Kind(
     judge=judge,
 )
 '''
-FILE = '''
+FILE = """
 machine: two_mass
 drives: [slide]
 effort_unit: N
@@ -120,7 +120,7 @@ controller: {law: cascade_pi, cycle: 2.0e-3, position_gain: 12.0, velocity_gain:
 parameters:
   moving_mass: [1.0, 10.0, kg]
   gear_stiffness: [500.0, 5000.0, N/m]
-'''
+"""
 TRUTH = {'slide.moving_mass': 4.0, 'slide.gear_stiffness': 1800.0}
 
 

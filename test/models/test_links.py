@@ -15,10 +15,10 @@ from ros2_ident.models import machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.serial.cone import nearest, pseudo_inertia  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 
-VERTICAL = '''<robot name="r"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+VERTICAL = """<robot name="r"><link name="base"/><link name="arm"><inertial><mass value="1"/>
   <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.15"/></inertial></link>
   <joint name="a" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
-  </joint></robot>'''
+  </joint></robot>"""
 ROTORS = {**BOXES, 'drive_inertia': [0.0, 1.0, 'kg m^2']}
 
 

@@ -25,7 +25,7 @@ sys.path.append(str(ROOT / 'build/peers'))
 mujoco = pytest.importorskip('mujoco', reason='MuJoCo is not installed; see CONTRIBUTING.md')
 
 # Two links that hang, the second one geared, on position actuators.
-MJCF = '''<mujoco><option timestep="0.001" integrator="implicitfast"/>
+MJCF = """<mujoco><option timestep="0.001" integrator="implicitfast"/>
 <compiler angle="radian" autolimits="true"/>
 <default><joint damping="0.1" frictionloss="0.05" armature="0.01"/></default>
 <worldbody><body name="upper"><joint name="one" axis="0 1 0"/>
@@ -33,7 +33,7 @@ MJCF = '''<mujoco><option timestep="0.001" integrator="implicitfast"/>
 <body name="lower" pos="0 0 -0.2"><joint name="two" axis="0 1 0"/>
 <inertial pos="0 0 -0.1" mass="0.3" diaginertia="0.001 0.001 0.0005"/></body></body></worldbody>
 <actuator><position name="first" joint="one" kp="20" kv="0.5" forcerange="-6 6"/>
-<position name="second" joint="two" kp="10" kv="0.2"/></actuator></mujoco>'''
+<position name="second" joint="two" kp="10" kv="0.2"/></actuator></mujoco>"""
 CYCLE, COUNT = 0.004, 500
 TIME = CYCLE * np.arange(COUNT)
 TURN = 2.0 * np.pi * TIME

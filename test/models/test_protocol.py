@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any model that meets the protocol is identified and diagnosed, on one recording or several."""
 
-
 import numpy as np
 import pytest
 from values import parameter

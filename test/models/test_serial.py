@@ -28,7 +28,7 @@ from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset, Recording, Stream  # noqa: E402
 
 JOINTS = ('base', 'slide', 'elbow', 'wrist')
-URDF = '''<robot name="bent">
+URDF = """<robot name="bent">
   <link name="ground"><inertial><mass value="9"/>
     <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
   <link name="column"><inertial><origin xyz="0.05 -0.1 0.2" rpy="0.3 -0.2 0.5"/><mass value="7.5"/>
@@ -57,7 +57,7 @@ URDF = '''<robot name="bent">
   <joint name="flange" type="fixed"><parent link="hand"/><child link="tool"/>
     <origin xyz="0 0.05 0.15" rpy="0.2 0 0.4"/></joint>
 </robot>
-'''
+"""
 TABLE = {
     'dh_a': [0.0, 0.1, 0.4, 0.05],
     'dh_alpha': [0.2, -1.5, 0.3, 1.4],
@@ -193,11 +193,11 @@ def test_another_description_is_another_machine(tmp_path: Path) -> None:
 
 
 def test_an_mjcf_is_read_and_joints_that_are_not_listed_stand_still(tmp_path: Path) -> None:
-    text = '''<mujoco><worldbody><body name="a" pos="0 0 1">
+    text = """<mujoco><worldbody><body name="a" pos="0 0 1">
       <inertial mass="2" pos="0.1 0 0" diaginertia="0.1 0.2 0.3"/>
       <joint name="turn" axis="0 1 0"/>
       <body name="b" pos="0.5 0 0"><inertial mass="1" pos="0 0 0.2" diaginertia="0.1 0.1 0.1"/>
-      <joint name="still" axis="1 0 0"/></body></body></worldbody></mujoco>'''
+      <joint name="still" axis="1 0 0"/></body></body></worldbody></mujoco>"""
     (tmp_path / 'arm.xml').write_text(text)
     (tmp_path / 'arm.yaml').write_text(
         'machine: serial\ndrives: [turn]\ngeometry: {description: arm.xml}\n'

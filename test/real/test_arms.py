@@ -80,6 +80,8 @@ def test_a_kr300_has_friction_and_counterbalance_of_its_authors() -> None:
     assert force.low < 162e5 * 1.67e-3 < force.high
     assert force.low > 0.0
     without = problem_of(machine, data, fixed={**held, 'axis_2.balance_force': 0.0})
-    left = [dict(zip(machine.drives, solve(p, ALGEBRAIC, 0).residuals, strict=True))
-            for p in (problem, without)]
+    left = [
+        dict(zip(machine.drives, solve(p, ALGEBRAIC, 0).residuals, strict=True))
+        for p in (problem, without)
+    ]
     assert left[0]['axis_2'].rms < 0.6 * left[1]['axis_2'].rms

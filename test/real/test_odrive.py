@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 # Effects come before everything else of the package, so this has a process of its own.
-PROGRAM = '''
+PROGRAM = """
 import json, sys
 from ros2_ident.effects import add_effect_files
 add_effect_files(sys.argv[3:])
@@ -39,7 +39,7 @@ found = local_fit(
     problem.models[0].residuals, start, problem.low, problem.high, iterations=40
 )
 print(json.dumps(found.theta[-9:].tolist()))
-'''
+"""
 
 
 def test_cogging_of_an_odrive_is_that_of_its_map(tmp_path: Path) -> None:

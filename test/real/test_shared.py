@@ -11,7 +11,8 @@ from ros2_ident.recording import align, check, read_bag, Topics
 SHARED = Path(__file__).parents[3] / 'shared'
 DATA, PRACTICE = SHARED / 'data', SHARED / 'blind' / 'practice'
 CYCLES = {'emps': 1e-3, 'kr300': 4e-3, 'ur10': 8e-3, 'so101': 5e-3, 'bam': 1e-3} | {
-    'dp': 1e-3, 'odrive': 1e-3,
+    'dp': 1e-3,
+    'odrive': 1e-3,
 }
 
 real = pytest.mark.skipif(not DATA.is_dir(), reason='../shared/data is not there')

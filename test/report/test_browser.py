@@ -20,27 +20,27 @@ PLOTS = 2
 PHONE, PAPER, WHOLE = 400, 703, 1040
 INK = 'rgb(28, 39, 51)'
 # A picture's figures lie in shadow roots, one within another.
-FIND = '''
+FIND = """
 function everything(root, wanted) {
   const out = [...root.querySelectorAll(wanted)]
   for (const one of root.querySelectorAll('*'))
     if (one.shadowRoot) out.push(...everything(one.shadowRoot, wanted))
   return out
 }
-'''
-RANGE = '''
+"""
+RANGE = """
 const figure = identPage.models('effort-plot', 'Figure')[0]
 const curve = figure.renderers[0].data_source.data
 return {start: figure.x_range.start, end: figure.x_range.end, points: curve.x.length,
   first: Math.min(...curve.x), last: Math.max(...curve.x), most: Math.max(...curve.y)}
-'''
+"""
 # What lies beyond the right edge, would need a bar to be seen, or is folded up.
-CUT_OFF = '''
+CUT_OFF = """
 return [...document.querySelectorAll('main *')].filter((one) => !one.closest('svg, .hidden')
   && (one.getBoundingClientRect().right > arguments[0] + 2
     || /auto|scroll/.test(getComputedStyle(one).overflow)
     || one.parentNode.tagName === 'DETAILS' && !one.checkVisibility())).map((one) => one.outerHTML)
-'''
+"""
 
 
 @pytest.fixture(scope='module')
@@ -71,7 +71,7 @@ def effort(page: Any) -> Any:
 
 def ranges(condition: str) -> str:
     """Return a script that says whether a condition on what is `seen` holds."""
-    return f"{RANGE.replace('return {', 'const seen = {')}\nreturn {condition}"
+    return f'{RANGE.replace("return {", "const seen = {")}\nreturn {condition}'
 
 
 def test_it_draws_every_picture_and_asks_nobody(page: Any) -> None:
@@ -127,7 +127,8 @@ def press(page: Any, plot: str, text: str) -> Any:
     return page.execute_script(
         'const b = [...document.querySelectorAll(`button[data-plot=${arguments[0]}]`)]'
         '.find((b) => b.textContent.includes(arguments[1])); b.click(); return b.ariaPressed',
-        plot, text,
+        plot,
+        text,
     )
 
 

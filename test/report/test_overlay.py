@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Overlay bags: what was recorded, what was found, and the tripod in space."""
 
-
 from identify_cases import ROOT, tripod
 from mcap.reader import make_reader
 import numpy as np

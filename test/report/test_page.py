@@ -187,8 +187,15 @@ def test_a_cancelled_run_and_a_diagnosis_cut_short(tmp_path):
     write_diagnosed(
         tmp_path,
         replace(
-            found, effect='unknown', where=(), probability=0.0, ranking=(), localisation=(),
-            steps=found.steps[:1], complete=False, facts=Facts(Cause.CUT_SHORT, 'drive_1', 'N m'),
+            found,
+            effect='unknown',
+            where=(),
+            probability=0.0,
+            ranking=(),
+            localisation=(),
+            steps=found.steps[:1],
+            complete=False,
+            facts=Facts(Cause.CUT_SHORT, 'drive_1', 'N m'),
         ),
     )
     page = Page(write_report(tmp_path))
@@ -350,7 +357,9 @@ def test_the_first_screen_answers_four_questions(both):
     assert said.sure[0] == '93 % that this is the cause, and drive_1 the place.'
     first, second = said.gaps
     assert (first.drive, first.size, first.share) == (
-        'drive_1', '0.0310 → 0.0101 N m', '10.3 → 3.4 %',
+        'drive_1',
+        '0.0310 → 0.0101 N m',
+        '10.3 → 3.4 %',
     )
     # drive_2 is at its noise floor: nothing there could close.
     assert (second.drive, second.after, second.note) == ('drive_2', None, 'noise only')

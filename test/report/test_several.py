@@ -45,9 +45,7 @@ def test_a_comparison_of_an_identification_with_another_and_a_diagnosis(tmp_path
     good = identified()
     first, *rest = good.parameters
     span = first.high - first.low
-    moved = replace(
-        first, value=first.value + span, low=first.low + span, high=first.high + span
-    )
+    moved = replace(first, value=first.value + span, low=first.low + span, high=first.high + span)
     for name, result in (('a', good), ('b', replace(good, parameters=(moved, *rest)))):
         (tmp_path / name).mkdir()
         write_identified(tmp_path / name, result)
@@ -89,7 +87,11 @@ def test_the_page_of_a_fleet_says_who_drifted_and_who_failed(tmp_path):
     found = {'effect': 'stribeck', 'where': ['axis'], 'verdict': 'Stribeck friction <axis>.'}
     found['probability'] = 0.93
     lost = {
-        'name': 'c_1', 'machine': 'c', 'date': '', 'state': 'failed', 'code': 'DAMAGED_BAG',
+        'name': 'c_1',
+        'machine': 'c',
+        'date': '',
+        'state': 'failed',
+        'code': 'DAMAGED_BAG',
         'message': 'c_1: is damaged; record it again',
     }
     later = row('a', 3, 4.0, bag='bags/a 2', machine_file='a.yaml')

@@ -263,5 +263,7 @@ def test_pages_are_written_one_after_the_other_and_a_page_left_out_is_named(
     folders = [tmp_path / f'run {number}' for number in (0, 3, 4, 5)]
     wanted = [f'{word} {folder}' for folder in folders for word in ('begin', 'end')]
     assert log.read_text(encoding='utf-8').splitlines() == wanted
-    assert [f"for run in '{tmp_path}/run {number}'; do ident report" in x
-            for number, x in enumerate(said, 1)] == [True, True]
+    assert [
+        f"for run in '{tmp_path}/run {number}'; do ident report" in x
+        for number, x in enumerate(said, 1)
+    ] == [True, True]

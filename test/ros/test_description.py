@@ -46,9 +46,7 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
         now = parameters.snapshot(late.node)
         bag = {'data_source': Identify.Goal.DATA_SOURCE_BAG, 'machine_file': str(asking)}
         for goal in (Identify.Goal(bag_path=log, **bag), Diagnose.Goal(bag_path=log, **bag)):
-            wanted = wanted_of(
-                goal, now, heard=late.node.description, states=late.node.states
-            )
+            wanted = wanted_of(goal, now, heard=late.node.description, states=late.node.states)
             assert wanted.machine.text('description') == wanted.description == URDF
             with pytest.raises(IdentError) as caught:
                 wanted_of(goal, now)
@@ -58,11 +56,11 @@ def test_the_node_hears_it_and_goals_use_it(asking: Path) -> None:
         early.close()
 
 
-PENDULUM = '''<robot name="pendulum"><link name="wall"/>
+PENDULUM = """<robot name="pendulum"><link name="wall"/>
   <link name="rod"><inertial><origin xyz="0 0 -0.3"/><mass value="2"/>
     <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.001"/></inertial></link>
   <joint name="swing" type="revolute"><parent link="wall"/><child link="rod"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="20" velocity="9"/></joint></robot>'''
+    <limit lower="-3" upper="3" effort="20" velocity="9"/></joint></robot>"""
 
 
 def swings() -> Iterator[Any]:

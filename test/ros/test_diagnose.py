@@ -51,8 +51,12 @@ def shared(tmp_path_factory: pytest.TempPathFactory, frictionless: Path) -> Iter
     domain = new_domain()
     output = tmp_path_factory.mktemp('results')
     with identifier(
-        domain, output, f'machine_file:={frictionless}', 'drives:=[emps_axis]',
-        'progress_rate:=50.0', 'auto_start:=false',
+        domain,
+        output,
+        f'machine_file:={frictionless}',
+        'drives:=[emps_axis]',
+        'progress_rate:=50.0',
+        'auto_start:=false',
     ) as process:
         made = Listener(domain)
         made.domain, made.output, made.logged = domain, output, []
@@ -83,7 +87,9 @@ def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:
     assert math.isnan(leader.gap_after_low)
     found = {p.name: p for p in leader.parameters}
     assert set(found) == {
-        'emps_axis.moving_mass', 'emps_axis.viscous_friction', 'emps_axis.constant_force',
+        'emps_axis.moving_mass',
+        'emps_axis.viscous_friction',
+        'emps_axis.constant_force',
         'emps_axis.coulomb_friction.torque',
     }
     torque = found['emps_axis.coulomb_friction.torque']
@@ -147,7 +153,9 @@ def test_cancel_is_answered_at_once_and_keeps_the_best(shared: Any) -> None:
     feedback: list[Any] = []
     handle = shared.send(
         goal_of(
-            machine_file=str(TRIPOD), bag_path=str(TRIPOD_BAG), without_effects=[],
+            machine_file=str(TRIPOD),
+            bag_path=str(TRIPOD_BAG),
+            without_effects=[],
             drives=['drive_1'],
         ),
         lambda x: feedback.append(x.feedback),

@@ -93,14 +93,17 @@ def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
             assert sum(early.statuses[-1].received) == count
             heard = early.statuses[-1].received[1]
             early.until(
-                lambda: min(last_series(early.residual), last_series(early.simulated))
-                >= 0.95 * heard,
+                lambda: (
+                    min(last_series(early.residual), last_series(early.simulated)) >= 0.95 * heard
+                ),
                 'the whole residual',
             )
             assert early.progress and len(early.progress[-1].best_theta) == 7
             assert early.progress[-1].parameter_units[0] == 's'
             assert {x.state for x in early.statuses} >= {
-                Status.STATE_RECORDING, Status.STATE_IDENTIFYING, Status.STATE_DONE,
+                Status.STATE_RECORDING,
+                Status.STATE_IDENTIFYING,
+                Status.STATE_DONE,
             }
             names = {x.name for x in early.diagnostics[-1].status}
             assert names == {
@@ -162,9 +165,7 @@ def test_a_second_goal_is_refused_with_a_reason(shared) -> None:
     shared.until(client.server_is_ready, 'the server')
     feedback = []
     # A seed of its own: with another test's it would go on where that was cancelled.
-    goal = bag_goal(
-        initial_population=4000, seed=11, drives=['drive_1', 'drive_2', 'drive_3']
-    )
+    goal = bag_goal(initial_population=4000, seed=11, drives=['drive_1', 'drive_2', 'drive_3'])
     first = shared.send(goal, feedback.append)
     result = shared.asked(first.get_result_async)
     shared.until(lambda: len(feedback) > 2, 'feedback')
@@ -197,11 +198,13 @@ WRONG = {
         ({'override_names': ['tool_mass']}, 'INVALID_GOAL', 'no value is given'),
         (
             {'override_names': ['tool_mass'], 'override_fixed': [1.0, 2.0]},
-            'INVALID_GOAL', 'override_fixed has 2 values',
+            'INVALID_GOAL',
+            'override_fixed has 2 values',
         ),
         (
             {'override_names': ['mass'], 'override_fixed': [1.0]},
-            'UNKNOWN_PARAMETER', 'choose from measurement_delay',
+            'UNKNOWN_PARAMETER',
+            'choose from measurement_delay',
         ),
         ({'bag_path': '~nobody_at_all/log'}, 'INVALID_GOAL', 'is no path'),
         ({'bag_path': '/' + 'a' * 5000}, 'INVALID_GOAL', 'is no path (File name too long)'),
@@ -272,7 +275,10 @@ def test_a_signal_ends_a_run_answers_its_goal_and_keeps_its_result(
 
 def test_two_nodes_on_one_domain_do_not_interfere(shared, tmp_path: Path) -> None:
     elsewhere = (
-        '__ns:=/cell', 'joint_states:=/a/x', 'effort:=/a/effort', 'joint_command:=/a/command'
+        '__ns:=/cell',
+        'joint_states:=/a/x',
+        'effort:=/a/effort',
+        'joint_command:=/a/command',
     )
     before = len(shared.results)
     with identifier(shared.domain, tmp_path, remaps=elsewhere) as second:

@@ -97,7 +97,9 @@ def test_changes_are_checked_like_the_first_values(node) -> None:
     ('missing', 'arguments', 'code', 'said'),
     [
         (
-            None, ['--ros-args', '-p', 'time_budget:=1'], 2,
+            None,
+            ['--ros-args', '-p', 'time_budget:=1'],
+            2,
             'parameter time_budget is 1 and has to be of type double; write it like 1.0',
         ),
         ('ros2_ident_msgs', [], 1, 'package ros2_ident_msgs not found; build it with'),

@@ -43,9 +43,7 @@ def suits(form: Form, machine: Machine) -> bool:
     return machine_has(form.needs, machine, 'gear_stiffness' in machine.bounds)
 
 
-def draw_form(
-    form: Form, machine: Machine, where: str, size: float, seed: int
-) -> Hidden:
+def draw_form(form: Form, machine: Machine, where: str, size: float, seed: int) -> Hidden:
     """Draw a form's numbers.
 
     Args:

@@ -56,9 +56,7 @@ def stiffness_factor(place: float, rail_place: float, d: Array) -> float:
 
 
 @compiled
-def contact(
-    stretch: float, rate: float, stiffness: float, damping: float, d: Array
-) -> float:
+def contact(stretch: float, rate: float, stiffness: float, damping: float, d: Array) -> float:
     """Return the force of a gear with play [N]."""
     gap: float = d[at.GAP]
     half = 0.5 * gap

@@ -72,9 +72,7 @@ FORMS = (
         'Tustin 1947 (n = 1); Bo and Pavelescu 1982, n from 1/2 to 1',
         _STRIBECK[0],
         (_STRIBECK[1], Range('exponent', '1', 0.55, 1.25)),
-        setter(
-            torque=at.STRIBECK_TORQUE, speed=at.STRIBECK_SPEED, exponent=at.STRIBECK_EXPONENT
-        ),
+        setter(torque=at.STRIBECK_TORQUE, speed=at.STRIBECK_SPEED, exponent=at.STRIBECK_EXPONENT),
     ),
     Form(
         'stribeck.rational',
@@ -101,9 +99,7 @@ FORMS = (
         'Armstrong-Helouvry 1991, ch. 4: by direction; growth as Waiboer, Aarts, Jonker 2005',
         Range('share', '1', 0.04, 0.7, signed=True),
         (Range('exponent', '1', 0.55, 0.9), Range('width', 'm/s', 1.2e-3, 9e-3)),
-        setter(
-            share=at.ASYMMETRY, exponent=at.ASYMMETRY_EXPONENT, width=at.ASYMMETRY_WIDTH
-        ),
+        setter(share=at.ASYMMETRY, exponent=at.ASYMMETRY_EXPONENT, width=at.ASYMMETRY_WIDTH),
     ),
     Form(
         'presliding.dahl',

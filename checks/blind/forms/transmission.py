@@ -101,9 +101,7 @@ FORMS = (
             Range('lower', 'm', 0.2, 0.3),
             Range('upper', 'm', 0.22, 0.3),
         ),
-        setter(
-            slope=at.SPAN_SLOPE, place=at.SPAN_PLACE, lower=at.SPAN_LOWER, upper=at.SPAN_UPPER
-        ),
+        setter(slope=at.SPAN_SLOPE, place=at.SPAN_PLACE, lower=at.SPAN_LOWER, upper=at.SPAN_UPPER),
         needs='gear',
     ),
     Form(

@@ -25,9 +25,7 @@ _WIDE = 10.0
 _STEPS = 6
 
 
-def fitted_constants(
-    fits: Fits, base: Hypothesis
-) -> Iterator[tuple[WrongConstant, Hypothesis]]:
+def fitted_constants(fits: Fits, base: Hypothesis) -> Iterator[tuple[WrongConstant, Hypothesis]]:
     """Yield the stated numbers that promise most, each fitted beside the parameters, and its fit.
 
     Those that differ from drive to drive are left out.

@@ -89,7 +89,7 @@ def _energise(par, first, mem, duty, v, share):
 @inlined
 def _step(
     par, first, mem, on, supply, rigid, mode, acceleration, place, rate, bend, time, since, h
-):  # fmt: skip
+):
     """Integrate one drive over a step of `h` seconds that begins `since` seconds into a cycle."""
     held = spread(0.0)
     if mode == dk.CLOSED_LOOP and any_lane(dk.sticks(par, first)):

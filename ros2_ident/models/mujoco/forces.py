@@ -26,7 +26,7 @@ from ros2_ident.lanes import (
     where,
     WIDTH,
     with_sign,
-)  # fmt: skip
+)
 
 W = WIDTH
 # Hooks whose effects a joint of the simulator can have.

@@ -20,7 +20,7 @@ from ros2_ident.recording.motion import (
     fill_gaps,
     low_pass,
     smooth_motion,
-)  # fmt: skip
+)
 
 NAMES = 'kp', 'kv', 'armature', 'frictionloss', 'damping'
 # Slower than this share of the top speed the direction of friction is open.

@@ -103,8 +103,9 @@ class Place:
                 f'joint {joint} of geometry.description neither turns about nor slides along one '
                 'axis; leave it out of drives',
             )
-        self.position, self.dof = int(model.jnt_qposadr[self.joint]), int(
-            model.jnt_dofadr[self.joint]
+        self.position, self.dof = (
+            int(model.jnt_qposadr[self.joint]),
+            int(model.jnt_dofadr[self.joint]),
         )
         self.slides = int(model.jnt_type[self.joint]) == int(mj.mjtJoint.mjJNT_SLIDE)
         own = int(model.jnt_bodyid[self.joint])

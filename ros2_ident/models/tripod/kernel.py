@@ -97,7 +97,7 @@ def _carriages(par, link, push, sway, sway_rate, frame, bend, at):
 @inlined
 def _drive(
     par, mem, place, rate, bend, push, d, flags, mode, motion, k, count, time, elapsed, part, h
-):  # fmt: skip
+):
     """Write drive `d`'s motor acceleration at a stage into `bend`, its push on the carriage."""
     first = MACHINE_COUNT + d * DRIVE_COUNT
     own = d * MEMORY_COUNT
@@ -146,7 +146,7 @@ def _stage(
 @inlined
 def _step(
     par, mem, link, place, rate, bend, push, on, mode, motion, k, count, time, since, h, frame
-):  # fmt: skip
+):
     """Integrate over a step of `h` seconds that begins `since` seconds into cycle `k`.
 
     `on` is None where no effect is.

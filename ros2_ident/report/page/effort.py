@@ -94,9 +94,7 @@ def effort_plot(
             # in thousandths of the unit of travel
             scale = _scale(1e3 * tracking[d])
             plots.hold(f'tracking_{d}', 1e3 * tracking[d], scale)
-            below = plots.figure(
-                d, 85, f'following\nerror [m{signals.travel}]', 3, visible=shown
-            )
+            below = plots.figure(d, 85, f'following\nerror [m{signals.travel}]', 3, visible=shown)
             plots.line(below, f'tracking_{d}', scale, line_color=ORANGE)
         below.xaxis.axis_label = 'time [s]' + ', one recording after another' * (len(starts) > 1)
         below.height += 44
@@ -280,9 +278,7 @@ def _scale(first: npt.NDArray[Any], *others: npt.NDArray[Any]) -> tuple[float, f
     return 0.5 * (low + high), max(high - low, 1e-9) / 65000.0
 
 
-def _joined(
-    parts: Sequence[tuple[Curves, npt.NDArray[np.int64]]]
-) -> tuple[Array, list[float]]:
+def _joined(parts: Sequence[tuple[Curves, npt.NDArray[np.int64]]]) -> tuple[Array, list[float]]:
     """Return times (T,) of the samples of all recordings in a row, and when each starts."""
     room = GAP * sum(float(r.time[-1] - r.time[0]) for r, _ in parts)
     times, starts, end = [], [], -room
