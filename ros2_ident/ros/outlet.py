@@ -163,7 +163,7 @@ class Board:
 
 
 class PageWriter:
-    """Writes pages on runs, one after the other, in a process of its own: nobody waits for it."""
+    """Writes pages on runs, one after the other, in a process of its own, beside the node."""
 
     def __init__(self) -> None:
         self._waiting: deque[str] = deque()
@@ -183,7 +183,7 @@ class PageWriter:
             self._sentences.append(unwritten_pages([self._waiting.popleft()]))
 
     def left(self) -> list[str]:
-        """Return the folders of runs whose page nobody has begun to write."""
+        """Return the folders of runs whose pages have not been begun."""
         return list(self._waiting)
 
     def failures(self) -> list[str]:
