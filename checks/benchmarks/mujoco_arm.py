@@ -27,7 +27,7 @@ import yaml
 from ros2_ident.identify.data import read_data
 from ros2_ident.models import load_machine
 from ros2_ident.models.mujoco.model import Mujoco
-from ros2_ident.search.levenberg import local_fit
+from ros2_ident.search.least_squares import least_squares as descended
 
 JOINTS = {
     'Rotation': 'shoulder_pan',
@@ -171,7 +171,7 @@ def along(models, start):
         parts = [(m.measured[k] - m.simulate(np.atleast_2d(theta))[:, k]) for m, k in told]
         return np.concatenate(parts, axis=1) / NOISE
 
-    return low + local_fit(left, np.clip(start, low, high), low, high).unit * (high - low)
+    return descended(left, np.clip(start, low, high), low, high).theta
 
 
 def missed(machine, data, theta):

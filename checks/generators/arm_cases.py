@@ -29,7 +29,8 @@ from ros2_ident.models.serial.arm import arm_of
 from ros2_ident.models.serial.parameters import Inertials
 from ros2_ident.recording import Stream
 from ros2_ident.recording.write import write_bag
-from ros2_ident.search.levenberg import difference_jacobian
+from ros2_ident.search.jacobian import Box
+from ros2_ident.search.least_squares import Point
 
 Array = npt.NDArray[np.float64]
 
@@ -348,16 +349,15 @@ def shown(folder: Path, noise: Array) -> Array:
     machine = load_machine(folder / MACHINE)
     problem = problem_of(machine, read_data(folder / FIT, machine))
     model = problem.models[0]
-    span = problem.high - problem.low
-    half = np.full(len(span), 0.5)
-    residual, jacobian = difference_jacobian(model.residuals, half, problem.low, span)
+    box = Box.of(problem.low, problem.high)
+    at = Point.at(model.residuals, box, np.full(len(box.low), 0.5))
     there = ~np.isnan(model.measured)
     drive = np.concatenate([np.full(int(row.sum()), d) for d, row in enumerate(there)])
     weight = 1.0 / noise[drive]
-    weighted = jacobian * weight[:, None]
+    weighted = at.jacobian * weight[:, None]
     scale = np.maximum(np.linalg.norm(weighted, axis=0), 1e-12)
     basis = np.linalg.qr(weighted / scale)[0]
-    whole = residual * weight
+    whole = at.residual * weight
     left = whole - basis @ (basis.T @ whole)
     return np.sqrt(np.bincount(drive, left**2) / np.bincount(drive))
 

@@ -23,7 +23,7 @@ from ros2_ident.models.registry import (
 )
 from ros2_ident.search import finite_differences
 from ros2_ident.search.jacobian import Box
-from ros2_ident.search.refine import BOX_DEVIATION
+from ros2_ident.search.least_squares import BOX_DEVIATION
 
 # Noise of outputs for which a machine file states none, their unit.
 _NOISE = 1e-3

@@ -45,8 +45,9 @@ from ros2_ident.models import Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
 from ros2_ident.search.fit import FitSettings
+from ros2_ident.search.jacobian import diverged
 from ros2_ident.search.journal import Journal
-from ros2_ident.search.levenberg import DIVERGED, local_fit
+from ros2_ident.search.least_squares import least_squares
 
 # The nominal search need not be sharp: joint fits follow.
 SEARCH = FitSettings(
@@ -318,7 +319,7 @@ class _Passes:
         guess = np.full(len(split.drives), split.noise or 1.0)
         base = Fitter(split, guess, **self._told()).nominal(SEARCH, self.seed)
         joint = split.whole.with_effects(())
-        if not (np.abs(joint.residual(base.theta[None])) < DIVERGED).all():
+        if diverged(joint.residual(base.theta[None])[0]):
             remedy = examine_models(joint.models).headline
             raise IdentError(
                 ErrorCode.DIVERGED,
@@ -396,7 +397,7 @@ class _Passes:
         def weighted(theta: Array) -> Array:
             return whole.residual(np.atleast_2d(theta)) * weight
 
-        found = local_fit(
+        found = least_squares(
             weighted, begun.base.theta, whole.low, whole.high, stopped=self.clock.stopped
         )
         return fits.ended_at((), found.unit)

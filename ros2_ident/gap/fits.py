@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.hypothesis import Hypothesis, Samples
@@ -16,8 +15,9 @@ from ros2_ident.gap.recordings import JointModel, Split
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
+from ros2_ident.search.jacobian import Box
 from ros2_ident.search.journal import digest_of
-from ros2_ident.search.levenberg import difference_jacobian, fit_at, local_fit, LocalFit
+from ros2_ident.search.least_squares import least_squares, Point, within_box
 
 # What explains less than this share of what the best does is not followed.
 PROMISING = 0.5
@@ -123,10 +123,9 @@ class Fits:
         count = len(split.drives)
         samples = np.maximum(np.bincount(drive, minlength=count), 1)
         self.missed = np.bincount(drive, missed**2, count) / samples
-        span = joint.high - joint.low
-        unit = (base.theta - joint.low) / span
-        residual, jacobian = difference_jacobian(self.evaluate(joint), unit, joint.low, span)
-        return replace(base, residual=residual, jacobian=jacobian)
+        box = Box.of(joint.low, joint.high)
+        at = Point.at(self.evaluate(joint), box, box.inside(base.theta))
+        return replace(base, residual=at.residual, jacobian=at.jacobian)
 
     def restated(self, e: Hypothesis, old: 'Fits') -> Hypothesis:
         """Return a fit made at another noise floor in units of this one."""
@@ -159,7 +158,7 @@ class Fits:
     def refit(self, effects: Sequence[EffectAt], theta: Array, iterations: int = 40) -> Hypothesis:
         """Fit a set of effects jointly from a start (N,)."""
         joint = self.split.fit.with_effects(effects)
-        found = local_fit(
+        found = least_squares(
             self.evaluate(joint), theta, joint.low, joint.high,
             iterations=iterations, stopped=self.stopped,
         )  # fmt: skip
@@ -168,7 +167,8 @@ class Fits:
     def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Hypothesis:
         """Return what `refit` returned where the fit ended at (N,) shares of the box."""
         joint = self.split.fit.with_effects(effects)
-        return self.hypothesis(joint, fit_at(self.evaluate(joint), unit, joint.low, joint.high))
+        box = Box.of(joint.low, joint.high)
+        return self.hypothesis(joint, Point.at(self.evaluate(joint), box, unit))
 
     def key(self, base: Hypothesis | None = None) -> bytes:
         """Return a digest of what a fit depends on beside its effects and start.
@@ -181,7 +181,7 @@ class Fits:
         held_out = len(split.fit.models), len(split.check.models), split.held_out
         return digest_of(*held_out, self.floor, self.law_weight, *before)
 
-    def hypothesis(self, joint: JointModel, found: LocalFit) -> Hypothesis:
+    def hypothesis(self, joint: JointModel, found: Point) -> Hypothesis:
         """Return a fit of the models of the fit part, scored on the part held out as well."""
         split = self.split
         held_out = split.check.with_effects(joint.effects)
@@ -298,9 +298,7 @@ class Trials:
         Within it: one that is cut off alone would leave those behind that trade with it.
         """
         unit = np.clip(self.base.unit[: len(left)], 0.0, 1.0)
-        bounds = -unit - 1e-12, 1.0 - unit + 1e-12
-        step = lsq_linear(self.triangle, -left, bounds, method='bvls').x
-        return np.asarray(np.clip(unit + step, 0.0, 1.0))
+        return within_box(self.triangle, -left, unit)[0]
 
     def _orders_of(self, candidate: EffectAt, joint: JointModel) -> tuple[float, ...]:
         """Return orders of a drive's turn to try, where something is left there."""

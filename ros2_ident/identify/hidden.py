@@ -15,7 +15,8 @@ from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.search.evidence import Evidence, weigh
-from ros2_ident.search.levenberg import difference_jacobian
+from ros2_ident.search.jacobian import Box
+from ros2_ident.search.least_squares import Point
 from ros2_ident.search.noise import Run
 from ros2_ident.threads import processors
 
@@ -132,9 +133,9 @@ def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
         theta: (N,) their parameters.
         rows: The R samples that are looked at.
     """
-    span = fitted.high - fitted.low
-    residuals = residuals_at(fitted, rows)
-    return difference_jacobian(residuals, (theta - fitted.low) / span, fitted.low, span)
+    box = Box.of(fitted.low, fitted.high)
+    point = Point.at(residuals_at(fitted, rows), box, box.inside(theta))
+    return point.residual, point.jacobian
 
 
 def residuals_at(fitted: Layout, rows: Rows) -> Callable[[Array], Array]:

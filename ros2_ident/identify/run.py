@@ -30,8 +30,8 @@ from ros2_ident.search import algebraic
 from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
 from ros2_ident.search.journal import Journal
+from ros2_ident.search.least_squares import BOX_DEVIATION
 from ros2_ident.search.noise import fast_noise
-from ros2_ident.search.refine import BOX_DEVIATION
 
 # Time that the intervals take: a share of the refinement's, and so many seconds beside it, as
 # measured on a tripod of 6 s and axes of 6 and 25 s.

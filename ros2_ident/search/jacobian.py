@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
@@ -18,6 +19,15 @@ Residuals = Callable[[Array], Array]
 FORWARD_STEP = 1e-7
 CENTRAL_STEP = 1e-5
 LARGEST_STEP = 1e-3
+# Part of the box where a simulation that sticks and slips is smooth on average only.
+COARSE_STEP = 1e-4
+# A residual beyond this, in its own unit, is on its way to infinity: its square would overflow.
+DIVERGED = 1e100
+
+
+def diverged(values: Array) -> npt.NDArray[np.bool_]:
+    """Return whether residual vectors (..., R) are of no use: not finite, or too large."""
+    return np.asarray(~(np.abs(values) < DIVERGED).all(axis=-1))
 
 
 @dataclass(frozen=True)
@@ -65,12 +75,14 @@ def finite_differences(
     box: Box,
     *,
     central: bool = False,
+    step: float | None = None,
 ) -> Array:
     """Return the derivative of a residual vector by the cube's coordinates.
 
     A step that would leave the box goes the other way (forward), or shrinks to a one-sided
-    difference (central). A column whose change drowns in rounding is repeated with a thousandfold
-    step; one whose neighbours diverge on both sides is zero.
+    difference (central). One that is not stated follows the parameter's size, and a column whose
+    change drowns in rounding is repeated with a thousandfold step. A column whose neighbours
+    diverge on both sides is zero.
 
     Args:
         residuals: (S, N) physical -> (S, R), inf for a diverged candidate.
@@ -78,6 +90,7 @@ def finite_differences(
         residual: (R,) residuals there, finite.
         box: The box.
         central: Central differences instead of forward ones.
+        step: Part of the box.
 
     Returns:
         (R, N) finite.
@@ -86,6 +99,8 @@ def finite_differences(
     # a stiffness of 1e2 in a box up to 3e5 gets a step that is small for 1e2.
     scales = np.clip(np.abs(box.physical(unit)) / box.width, 1e-3, 1.0)
     width = (CENTRAL_STEP if central else FORWARD_STEP) * scales
+    if step is not None:
+        width = np.full(len(unit), step)
     columns = np.arange(len(unit))
     jacobian = np.zeros((residual.size, len(unit)))
     scale = float(np.abs(residual).max(initial=0.0))
@@ -129,13 +144,12 @@ def _differences(
     first = moved[: len(columns)]
     second = np.tile(residual, (len(columns), 1))
     second[two_sided] = moved[len(columns) :]
-    lost = np.flatnonzero(~np.isfinite(first).all(axis=1) & (behind == 0.0))
+    lost = np.flatnonzero(diverged(first) & (behind == 0.0))
     if lost.size:
         # Diverged on the only side: try the other one.
         ahead[lost] *= -1.0
         first[lost] = _moved(residuals, unit, box, columns[lost], ahead[lost])
-    first_ok = np.isfinite(first).all(axis=1)
-    second_ok = np.isfinite(second).all(axis=1)
+    first_ok, second_ok = ~diverged(first), ~diverged(second)
     first[~first_ok] = residual
     second[~second_ok] = residual
     span = np.where(first_ok, ahead, 0.0) - np.where(second_ok, behind, 0.0)

@@ -18,7 +18,7 @@ from ros2_ident.effects import CATALOGUE, get_effect
 from ros2_ident.models import EffectAt, load_machine, make_model
 from ros2_ident.models.trials import trials
 from ros2_ident.recording import Dataset
-from ros2_ident.search.levenberg import local_fit
+from ros2_ident.search.least_squares import least_squares
 from ros2_ident.simulate.motions import draw_motion
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -95,7 +95,7 @@ def closed(name: str, other: Callable[[Effect], Unmodelled] = lambda effect: eff
     starts = np.array([phi for group in trials(at, model) for phi in group])
     losses = np.mean(residuals(starts) ** 2, axis=1)
     best = starts[np.argsort(np.where(np.isfinite(losses), losses, np.inf))[:3]]
-    left = min(local_fit(residuals, phi, low, high, iterations=20).loss for phi in best)
+    left = min(least_squares(residuals, phi, low, high, iterations=20).loss for phi in best)
     return 1.0 - left / float(np.mean(residuals(np.array(off)) ** 2))
 
 

@@ -29,13 +29,13 @@ import numpy as np
 from ros2_ident.identify.data import read_data
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.models import EffectAt, load_machine
-from ros2_ident.search.levenberg import local_fit
+from ros2_ident.search.least_squares import least_squares
 machine = load_machine(sys.argv[2])
 effects = [EffectAt(Path(name).stem, 'motor') for name in sys.argv[3:]]
 problem = problem_of(machine, read_data(sys.argv[1], machine), effects=effects)
 start = problem.low + 0.1 * (problem.high - problem.low)
 start[-9:] = [0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 4.0]
-found = local_fit(
+found = least_squares(
     problem.models[0].residuals, start, problem.low, problem.high, iterations=40
 )
 print(json.dumps(found.theta[-9:].tolist()))

@@ -9,7 +9,7 @@ import pytest
 from ros2_ident.errors import IdentError
 from ros2_ident.search import finite_differences, refine, RefineStatus
 from ros2_ident.search.jacobian import Box
-from ros2_ident.search.levenberg import local_fit
+from ros2_ident.search.least_squares import least_squares
 
 TIME = np.linspace(0.0, 1.0, 200)
 TRUTH = np.array([3.0, 2000.0])
@@ -59,7 +59,7 @@ def test_a_bound_that_the_fit_leans_on_is_kept_and_the_rest_goes_on(truth, ends)
         # The parameters trade: at the bound the other one's best is another.
         return np.stack([off[:, 0], off[:, 1], 0.5 * off.sum(axis=1)], axis=1)
 
-    found = local_fit(tilted, np.zeros(2), low, high, iterations=30, tolerance=1e-12)
+    found = least_squares(tilted, np.zeros(2), low, high, iterations=30, tolerance=1e-12)
     every = np.concatenate(seen)
     assert (every >= low - 1e-12).all() and (every <= high + 1e-12).all()
     assert found.theta[0] == ends[0]
@@ -148,5 +148,5 @@ def test_a_fit_beside_a_cliff_ends_without_a_word_of_numpy(size):
     def evaluate(theta):
         return np.where(theta > 0.6, size, (theta - 0.9) * np.ones(5))
 
-    fitted = local_fit(evaluate, np.array([0.3]), np.array([0.0]), np.array([1.0]))
+    fitted = least_squares(evaluate, np.array([0.3]), np.array([0.0]), np.array([1.0]))
     assert 0.5 < fitted.theta[0] <= 0.6

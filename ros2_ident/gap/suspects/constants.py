@@ -2,6 +2,7 @@
 """Stated numbers of the machine file, fitted beside the parameters."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 import math
 
 import numpy as np
@@ -13,16 +14,14 @@ from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.result import WrongConstant
 from ros2_ident.gap.selection import Selector
 from ros2_ident.models.registry import kind_of
+from ros2_ident.search.jacobian import Box, COARSE_STEP
+from ros2_ident.search.least_squares import least_squares
 from ros2_ident.search.uncertainty import intervals
 
 # A model's own number, and one that is the same everywhere.
 _CERTAIN = frozenset({'coulomb_regularisation', 'gravity'})
-# Step of the derivative by a constant's logarithm, the longest and the last step of its fit.
-_STEP, _FAR, _NEAR = 0.01, 0.5, 1e-3
-# Its box reaches from 0 to so many times what fits.
-_WIDE = 10.0
-# Steps of a fit at most.
-_STEPS = 6
+# A stated number is looked for within this factor either way; its interval ends there.
+_FACTOR = 10.0
 
 
 def fitted_constants(fits: Fits, base: Hypothesis) -> Iterator[tuple[WrongConstant, Hypothesis]]:
@@ -38,79 +37,75 @@ def fitted_constants(fits: Fits, base: Hypothesis) -> Iterator[tuple[WrongConsta
     if machine is None:
         return
     searched = {k.name: k.unit for k in kind_of(machine).keys if k.section == 'parameters'}
-    gains: list[tuple[float, str, _Fit]] = []
+    gains: list[tuple[float, str, _WithConstant]] = []
     for name, unit in searched.items():
         values = machine.constants.get(name, ())
         alike = len(set(values)) == 1 and isinstance(values[0], float) and values[0] != 0.0
         if not alike or not machine.stated(name) or name in _CERTAIN | {*machine.bounds}:
             continue
-        of = _Fit(fits, base, name, float(values[0]))
-        try:
+        of = _WithConstant(fits, base, name, float(values[0]))
+        with suppress(IdentError):
             gains.append((of.promise(), unit, of))
-        except IdentError:
-            continue
     gains.sort(key=lambda gain: -gain[0])
     for gain, unit, of in gains:
         if gain > PROMISING * gains[0][0] and not fits.stopped():
-            yield of.run(unit)
+            yield of.fitted(unit)
 
 
-class _Fit:
-    """Gauss-Newton steps of one number; the parameters follow it."""
+class _WithConstant:
+    """The fit of all parameters with a column more: the logarithm of a stated number's factor."""
 
     def __init__(self, fits: Fits, base: Hypothesis, name: str, stated: float) -> None:
         self.fits, self.base, self.name, self.stated = fits, base, name, stated
+        joint, ends = fits.split.fit.with_effects(()), math.log(_FACTOR)
+        self.box = Box.of(np.append(joint.low, -ends), np.append(joint.high, ends))
 
     def promise(self) -> float:
         """Return how much of the sum of squares goes, to first order."""
-        own = self._own(self.base, 1.0)
-        return float((own @ self.base.residual) ** 2 / (float(own @ own) or 1.0))
+        step = COARSE_STEP * float(self.box.width[-1])
+        moved = self._residuals(np.append(self.base.theta, step)[None])[0]
+        slope = (moved - self.base.residual) / step
+        if not np.isfinite(slope).all():
+            return 0.0
+        basis, rest = np.linalg.qr(np.column_stack([self.base.jacobian, slope]))
+        own = abs(rest[-1, -1]) > 1e-6 * np.linalg.norm(slope)
+        return float(basis[:, -1] @ self.base.residual) ** 2 if own else 0.0
 
-    def run(self, unit: str) -> tuple[WrongConstant, Hypothesis]:
+    def fitted(self, unit: str) -> tuple[WrongConstant, Hypothesis]:
         """Return the number that fits, and the fit."""
-        best, factor = self.base, 1.0
-        for _ in range(_STEPS):
-            own = self._own(best, factor)
-            move = float(np.clip(-(own @ best.residual) / (float(own @ own) or 1.0), -_FAR, _FAR))
-            there = self._at(factor * math.exp(move))
-            trial = there.refit((), best.theta)
-            if trial.residual @ trial.residual >= best.residual @ best.residual:
-                break
-            best, factor = trial, factor * math.exp(move)
-            if abs(move) < _NEAR:
-                break
-        value, rows = self.stated * factor, len(self.fits.weight)
-        joint = self._at(factor).split.fit.with_effects(())
-        slopes = np.column_stack([best.jacobian, self._slope(best, factor)])[:rows]
-        span = np.append(joint.high - joint.low, value)
+        low, high = self.box.low, self.box.low + self.box.width
+        start = np.append(self.base.theta, 0.0)
+        best = least_squares(
+            self._residuals, start, low, high, iterations=40, stopped=self.fits.stopped
+        )
+        there = self._at(best.theta[-1])
+        value, rows = self.stated * math.exp(best.theta[-1]), len(self.fits.weight)
+        scale = np.append(np.ones(len(low) - 1), value)
+        bounds = sorted((self.stated / _FACTOR, self.stated * _FACTOR))
         found = intervals(
-            slopes / span,
+            best.jacobian[:rows] / (self.box.width * scale),
             best.residual[:rows],
-            np.append(best.theta, value),
-            np.append(joint.low, np.minimum(0.0, _WIDE * value)),
-            np.append(joint.high, np.maximum(0.0, _WIDE * value)),
+            np.append(best.theta[:-1], value),
+            np.append(low[:-1], bounds[0]),
+            np.append(high[:-1], bounds[1]),
             series=[int(s) for mask in self.fits.split.fit.masks for s in mask.sum(axis=1)],
         )
-        low, high = sorted((float(found.low[-1]), float(found.high[-1])))
-        return WrongConstant(self.name, self.stated, value, low, high, unit), best
+        ends = float(found.low[-1]), float(found.high[-1])
+        constant = WrongConstant(self.name, self.stated, value, *ends, unit)
+        return constant, there.ended_at((), best.unit[:-1])
 
-    def _at(self, factor: float) -> Fits:
-        split = self.fits.split
-        split = split if factor == 1.0 else split.stating(self.name, factor * self.stated)
+    def _at(self, logarithm: float) -> Fits:
+        value = self.stated * math.exp(logarithm)
+        split = self.fits.split.stating(self.name, value)
         return Fits(split, self.fits.floor, self.fits.stopped, self.fits.missed)
 
-    def _slope(self, e: Hypothesis, factor: float) -> Array:
-        """Return (R,) the derivative of the weighted residual by the number's logarithm."""
-        there = self._at(factor * (1.0 + _STEP))
-        moved = there.evaluate(there.split.fit.with_effects(()))(e.theta[None])[0]
-        slope: Array = (moved - e.residual) / math.log1p(_STEP)
-        return slope if np.isfinite(slope).all() else np.zeros_like(slope)
-
-    def _own(self, e: Hypothesis, factor: float) -> Array:
-        """Return (R,) what of the derivative no parameter imitates."""
-        basis, slope = np.linalg.qr(e.jacobian)[0], self._slope(e, factor)
-        own: Array = slope - basis @ (basis.T @ slope)
-        return own if own @ own > 1e-12 * (slope @ slope) else np.zeros_like(own)
+    def _residuals(self, theta: Array) -> Array:
+        """Return (S, R) weighted residuals of (S, N + 1) candidates."""
+        out = np.empty((len(theta), len(self.base.residual)))
+        for logarithm in np.unique(theta[:, -1]):
+            rows, there = theta[:, -1] == logarithm, self._at(logarithm)
+            out[rows] = there.evaluate(there.split.fit.with_effects(()))(theta[rows, :-1])
+        return out
 
 
 def factors_of_all_drives(selector: Selector, found: Selection) -> dict[str, float]:

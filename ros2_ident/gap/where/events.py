@@ -16,7 +16,8 @@ from ros2_ident.gates.asked import Asked, Event
 from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size
 from ros2_ident.gates.scale import STANDS_OUT
 from ros2_ident.models import FullModel
-from ros2_ident.search.levenberg import difference_jacobian
+from ros2_ident.search.jacobian import Box
+from ros2_ident.search.least_squares import Point
 from ros2_ident.search.noise import correlation_time
 
 
@@ -37,12 +38,12 @@ def bursts(model: FullModel, low: Array, high: Array, theta: Array, floor: Floor
     Returns:
         One finding for each drive that has bursts, the largest first.
     """
-    span = high - low
     measured = model.measured
     there = ~np.isnan(measured)
-    residual, slopes = difference_jacobian(model.residuals, (theta - low) / span, low, span)
+    box = Box.of(low, high)
+    at = Point.at(model.residuals, box, box.inside(theta))
     ends = np.cumsum(there.sum(axis=1))[:-1]
-    left = np.split(robust_fit(-slopes, residual, 1e-300, ends)[1], ends)
+    left = np.split(robust_fit(-at.jacobian, at.residual, 1e-300, ends)[1], ends)
     out = [
         found
         for d, (row, seen) in enumerate(zip(left, there, strict=True))
