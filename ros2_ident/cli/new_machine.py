@@ -2,6 +2,7 @@
 """`ident new-machine`: a commented machine file to start from."""
 
 import argparse
+from collections.abc import Sequence
 import os
 from pathlib import Path
 import shlex
@@ -70,13 +71,12 @@ def _log(args: argparse.Namespace) -> 'Recording':
         IdentError: MISSING_STREAM where there is none.
     """
     from ros2_ident.recording import read_bag
-    from ros2_ident.recording.table import drafted_columns, MAP_SUFFIX, SUFFIXES
+    from ros2_ident.recording.table import MAP_SUFFIX, SUFFIXES
 
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
     if path.suffix.lower() in SUFFIXES and path.is_file() and not (args.columns or where.exists()):
-        write_text(where, drafted_columns(path))
-        print(f'written: {where}, from the names in {path}; look through it', file=sys.stderr)
+        _draft(path, where, args.column)
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
         raise IdentError(
@@ -84,3 +84,24 @@ def _log(args: argparse.Namespace) -> 'Recording':
             f'{args.bag} holds no measured motion; name its topic with --state-topic',
         )
     return recording
+
+
+def _draft(path: Path, where: Path, given: Sequence[str]) -> None:
+    """Write a table's column map by the names in its header, and print how each is read.
+
+    Raises:
+        IdentError: As `header_of`; INVALID_GOAL where the scale of a unit is not known.
+    """
+    import yaml
+
+    from ros2_ident.recording.headers import ASKED, header_of
+    from ros2_ident.recording.limits import printable
+
+    header = header_of(path).assigned(given)
+    print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
+    header.require_scales()
+    asked = next((ASKED[x.unit] for x in header.columns if x.unit in ASKED and x.joint), '')
+    note = f'# The machine file needs, for the effort, effort_unit: {asked}.\n' if asked else ''
+    text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)
+    write_text(where, f'# From the names in {printable(path.name)}.\n{note}{text}')
+    print(f'written: {where}; correct it where a column is another', file=sys.stderr)

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Logs as tables (CSV), read by a column map: what each column is.
+"""Logs as tables (CSV), read by a column map: what each column is."""
 
-A map is read, or drafted from the names in a table's header.
-"""
-
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
@@ -14,12 +11,10 @@ import io
 from itertools import islice
 import math
 from pathlib import Path
-import re
 import shlex
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_yaml, unreadable
@@ -43,24 +38,6 @@ QUANTITIES = {
 _DIGITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
 # A map is short; so is a row.
 _LARGEST_MAP, _MOST_COLUMNS = 1 << 20, 1 << 16
-# Lines that are looked at.
-_HEAD = 200
-_WORDS = {
-    'position': 'pos position angle theta q encoder',
-    'velocity': 'vel velocity speed omega dq qd',
-    'effort': 'effort torque tau current i iq force',
-    'command': 'cmd command ref reference set setpoint desired des target',
-    '': 'act actual meas measured value averaged avg',
-}
-# What a word of a column's name stands for; other words name its joint.
-_MEANT = {word: what for what, words in _WORDS.items() for word in words.split()}
-_WORD = re.compile(r'[A-Z]?[^\W\d_A-Z]+|[A-Z]+|\d+')
-_TIMES = {'time', 't', 'stamp', 'timestamp', 'clock'}
-_TIME_UNITS = ('s', 'ms', 'us', 'ns')
-_TO_SI = {'deg': 0.017453292519943295, 'rpm': 0.10471975511965977, 'mm': 1e-3, 'ma': 1e-3}
-# What an effort in another unit than N m or N asks of the machine file.
-_ASKED = {'%': 'percent and rated_torque', **dict.fromkeys(('a', 'ma'), 'A and torque_constant')}
-_UNITS = {*_TIME_UNITS, 'm', 'rad', 'n', 'nm', *_ASKED, *_TO_SI}
 # Rows converted at once: bounds the memory that texts take.
 _BLOCK = 1 << 14
 _NO_TIME = 'write a number, or leave lines of units below the names out by `skip_below: 1`'
@@ -208,87 +185,6 @@ def _cell(path: object, header: bool, what: str, cell: Any) -> Cell:
     raise refuse(path, f'{what} names the column {short(cell)}; write {kind} of a column')
 
 
-def drafted_columns(path: str | Path) -> str:
-    """Return a column map, as YAML, by what the names in a table's header stand for.
-
-    Raises:
-        IdentError: INVALID_GOAL where there is no line of names above the numbers, no time among
-            them, or nothing of a joint.
-    """
-    lines = list(islice(io.StringIO(_text(Path(path)), newline=''), _HEAD))
-    delimiter = max(',;\t', key=lambda x: sum(line.count(x) for line in lines))
-    decimal = ',' if delimiter != ',' and re.search(r'\d,\d', ''.join(lines[-3:])) else '.'
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    try:
-        rows = [[x.strip() for x in row] for row in reader]
-    except csv.Error as exc:
-        raise _bad(path, f'its first lines cannot be read ({exc}); correct them') from None
-    first = next((n for n, row in enumerate(rows) if _numeric(row, decimal)), 0)
-    wide = [n for n in range(first) if len(rows[n]) == len(rows[first])]
-    where = f'write {Path(path).stem}{MAP_SUFFIX}, as in docs/logs.md'
-    if not wide:
-        raise refuse(path, f'has no line of names above its numbers; {where}')
-    # Of two lines the lower one holds units.
-    names, units = rows[wide[max(-2, -len(wide))]], rows[wide[-1]] if wide[1:] else []
-    time, joints, unread, notes = None, dict[str, dict[str, object]](), [], ''
-    for n, (name, below) in enumerate(zip(names, units or [''] * len(names), strict=True), 1):
-        stem, unit = _parted(name)
-        unit = (below.strip('[]() ') or unit).lower().removesuffix('/s')
-        parts = [_WORD.findall(x) for x in re.split(r'[\W_]+', stem)]
-        words = [word.lower() for part in parts for word in part]
-        meant = {_MEANT[x] for x in words if x in _MEANT}
-        quantity = next((x for x in ('velocity', 'effort', 'position') if x in meant), '')
-        if 'command' in meant:
-            quantity = f'command_{quantity or "position"}'
-        # A joint is spelled as in the header, for descriptions that know it by that name.
-        spelled = [''.join(x for x in part if x.lower() not in _MEANT) for part in parts]
-        joint = '_'.join(filter(None, spelled))
-        found = re.fullmatch(r'(.+?)(?: - |[\W_])([A-Za-z]+)', stem)
-        if found and found[2].lower() in _MEANT and not _MEANT.keys() & set(words[:-1]):
-            joint = found[1]
-        own = joints.setdefault(f'joint_{joint}' if joint.isdigit() else joint or 'joint_1', {})
-        # A time without a name is known by its unit.
-        timed = _TIMES & set(words) or (not words and unit in _TIME_UNITS)
-        if quantity == 'effort' and unit in _ASKED:
-            notes = f'# The machine file needs, for the effort, effort_unit: {_ASKED[unit]}.\n'
-        if time is None and timed:
-            time = {'column': name or n, 'unit': unit if unit in _TIME_UNITS else 's'}
-        elif quantity not in QUANTITIES or quantity in own:
-            unread.append(name)
-        elif unit in _TO_SI:
-            own[quantity] = {'column': name, 'scale': _TO_SI[unit]}
-        else:
-            own[quantity] = name
-    joints = {joint: own for joint, own in joints.items() if own}
-    if time is None or not joints:
-        what = 'time' if time is None else 'position, velocity or effort'
-        raise refuse(path, f'no column is named as a {what}: {listed(names)}; {where}')
-    told = {'time': time, 'joints': joints, 'delimiter': delimiter, 'decimal': decimal}
-    told |= {'skip': wide[max(-2, -len(wide))], 'skip_below': 1 if units else 0}
-    notes += f'# Not read: {listed(unread, 30)}\n' if unread else ''
-    return (
-        f'# From the names in {printable(Path(path).name)}: look whether columns and units are '
-        f'right.\n{notes}{yaml.safe_dump(told, sort_keys=False)}'
-    )
-
-
-def _parted(name: str) -> tuple[str, str]:
-    """Return a column's name without the unit in brackets or behind the last _, and that unit."""
-    for pattern in (r'(.*)[\[(](.*)[\])]', r'(.*)_([A-Za-z]+)'):
-        found = re.fullmatch(pattern, name)
-        if found and found[2].lower().removesuffix('/s') in _UNITS:
-            return found[1], found[2]
-    return name, ''
-
-
-def _numeric(row: Sequence[str], decimal: str) -> bool:
-    """Say whether all cells of a row that hold something hold numbers."""
-    try:
-        return len([float(x.replace(decimal, '.')) for x in row if x]) > 1
-    except ValueError:
-        return False
-
-
 def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
     """Read a table of samples.
 
@@ -308,7 +204,7 @@ def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
     if why := unreadable(path):
         text = f'{path}: {why}; give the path of a bag or a CSV file'
         raise IdentError(ErrorCode.NO_DATA, text)
-    text = _text(path)
+    text = text_of(path)
     where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
     if not where.exists():
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
@@ -329,7 +225,8 @@ def _bad(path: object, text: str) -> IdentError:
     return IdentError(ErrorCode.BAD_VALUES, f'{path}: {text}')
 
 
-def _text(path: Path) -> str:
+def text_of(path: Path) -> str:
+    """Return a table's text, in any code."""
     # the bytes, the text, a copy to read from, and the values
     needed = 8 * path.stat().st_size
     require_memory(f'{path}: the table takes', needed)

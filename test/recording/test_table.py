@@ -14,7 +14,8 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, scale_effort, table
-from ros2_ident.recording.table import drafted_columns, load_columns, read_table
+from ros2_ident.recording.headers import header_of
+from ros2_ident.recording.table import load_columns, read_table
 
 
 def read(tmp_path, text, more='', joints='a: {position: q}', time='t', unit='s'):
@@ -278,7 +279,7 @@ DEGREE = pytest.approx(np.pi / 180.0)
 )  # fmt: skip
 def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
     (tmp_path / 'log.csv').write_text(text)
-    told = yaml.safe_load(drafted_columns(tmp_path / 'log.csv'))
+    told = header_of(tmp_path / 'log.csv').map()
     expected = {'delimiter': ',', 'decimal': '.', 'skip': 0, 'skip_below': 0} | more
     assert told.pop('joints') == joints
     assert tuple(told.pop('time').values()) == time
@@ -295,7 +296,7 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
 def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
     (tmp_path / 'log.csv').write_text(text)
     with pytest.raises(IdentError, match=said) as caught:
-        drafted_columns(tmp_path / 'log.csv')
+        header_of(tmp_path / 'log.csv')
     assert caught.value.code == ErrorCode.INVALID_GOAL
 
 
@@ -320,7 +321,7 @@ def test_odd_names_come_through_a_table_and_a_machine_file(tmp_path):
 def test_names_of_a_table_that_windows_wrote_are_found_again(tmp_path):
     table = tmp_path / 'log.csv'
     table.write_bytes('t,Größe_pos\n0,1\n0.01,2\n'.encode('latin-1'))
-    table.with_suffix('.columns.yaml').write_text(drafted_columns(table))
+    table.with_suffix('.columns.yaml').write_text(yaml.safe_dump(header_of(table).map()))
     assert read_bag(table)[0].state.names == ('Größe',)
 
 
@@ -331,7 +332,10 @@ def test_a_table_of_one_joint_becomes_map_and_machine_file(tmp_path, capsys):
     np.savetxt(table, rows, delimiter=',', header='time,q,tau', comments='', fmt='%.6f')
     words = ['new-machine', '--kind', 'linear_axis', '--bag', str(table)]
     assert main([*words, '--out', str(out)]) == 0
-    assert 'log.columns.yaml, from the names in' in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert (
+        '  q     joint_1.position, as it stands\n' in said and 'log.columns.yaml; correct' in said
+    )
     assert len(out.read_text().splitlines()) == 9
     machine = load_machine(out)
     assert machine.number('cycle') == pytest.approx(0.01)

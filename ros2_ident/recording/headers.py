@@ -1,0 +1,457 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Meaning of a table's columns by their names, as drivers and scopes write them.
+
+Of a path (`observation.state.elbow.pos`) the last part that names a quantity says it, any part
+says whether it is a set-point, and the words that are left are the joint.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+import csv
+from dataclasses import dataclass, replace
+import io
+from itertools import islice, pairwise
+import math
+from pathlib import Path
+import re
+import shlex
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.limits import listed, printable, short
+from ros2_ident.recording.table import MAP_SUFFIX, QUANTITIES, refuse, text_of
+
+# Words of names: English and German, textbooks' symbols, common drivers. Where another word names
+# a quantity, a faint one does not (`current_position`, `load.position`).
+_WORDS = {
+    'position': 'pos posn position positions angle angles winkel lage weg',
+    'velocity': 'vel velo velocity velocities speed speeds omega dq qdot geschwindigkeit drehzahl',
+    'effort': 'eff effort efforts torque torques tau tor tq trq currents curr amps iq force '
+    'moment momenten drehmoment drehmomenten strom kraft',
+    'command': 'cmd command commands commanded ref reference references set setpoint setpoints '
+    'desired des demand demanded goal target input action soll sollwert interpolated ipo',
+    'measured': 'act actual meas measured present feedback fb estimate est estimated ist istwert '
+    'observation averaged avg',
+    'other': 'ext external gravity grav coriolis ff feedforward err error following deviation '
+    'temp temperature temperatures voltage volt acc accel acceleration ddq qdd jerk tcp pose kp '
+    'kd ki gain limit scaling',
+    'time': 'time t stamp timestamp clock zeit sec secs seconds',
+    'vague': 'value values state states data controller control trajectory mapper foc rel header '
+    'field raw',
+    'place': 'joint joints j axis motor servo drive id',
+}
+_MEANT = {word: kind for kind, words in _WORDS.items() for word in words.split()}
+_FAINT = dict.fromkeys(('q', 'theta', 'encoder'), 'position') | dict.fromkeys(
+    ('current', 'i', 'load'), 'effort'
+)
+# Beside a role a letter is enough: `p_des`, `t_actual`.
+_LETTERS = {'p': 'position', 'v': 'velocity', 't': 'effort'}
+_QUANTITIES = ('velocity', 'effort', 'position')
+_ROLES = ('command', 'measured')
+_WORD = re.compile(r'[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![^\W\d_A-Z])|[A-Z]|\d+')
+_BESIDE = ' _-./:'
+# Lines that are looked at.
+_HEAD = 200
+_HOLDS_WORDS = 'holds words'
+
+TIME_UNITS = {'s': 's', 'sec': 's', 'seconds': 's', 'ms': 'ms', 'us': 'us', 'µs': 'us', 'ns': 'ns'}
+_DEGREE, _TURN = math.pi / 180.0, 2.0 * math.pi
+# Factors to m or rad, and a second; to N, N m, A or percent. NaN where only the owner knows it.
+_COUNTED = 'inc incs increments count counts cnt cts tick ticks puls pulses lsb steps raw digits'
+_RAW = dict.fromkeys(_COUNTED.split(), math.nan)
+_PERMIL = ('permil', '‰', '0.1%', '0.1 %')
+_MOTION = _RAW | dict.fromkeys(('%', 'percent', *_PERMIL), math.nan)
+_MOTION |= {'m': 1.0, 'rad': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6, 'mrad': 1e-3}
+_MOTION |= dict.fromkeys(('deg', 'degree', 'degrees', '°'), _DEGREE)
+_MOTION |= dict.fromkeys(('rev', 'turn', 'turns'), _TURN)
+_MOTION |= dict.fromkeys(('rpm', '1/min', 'u/min', 'rev/min'), _TURN / 60.0)
+_EFFORT = _RAW | {'mnm': 1e-3, 'ncm': 1e-2, 'kn': 1e3, 'knm': 1e3, 'a': 1.0, 'ma': 1e-3}
+_EFFORT |= dict.fromkeys(('n', 'nm', 'n m', 'n.m', 'n*m', 'n·m', '%', 'percent'), 1.0)
+_EFFORT |= dict.fromkeys(_PERMIL, 0.1)
+# What an effort in another unit than N or N m asks of the machine file.
+ASKED = dict.fromkeys(('a', 'ma'), 'A and torque_constant')
+ASKED |= dict.fromkeys(('%', 'percent', *_PERMIL), 'percent and rated_torque')
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """Meaning of one column.
+
+    Attributes:
+        name: The column's name.
+        joint: The joint; empty for the time.
+        quantity: `time`, a quantity of a joint, or empty where it is left out.
+        unit: Unit in the header, lower case; empty for none.
+        scale: Factor to the unit that is read; NaN where the header's unit does not say it.
+        why: Reason why it is left out.
+    """
+
+    name: str
+    joint: str = ''
+    quantity: str = ''
+    unit: str = ''
+    scale: float = 1.0
+    why: str = ''
+
+
+def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
+    """Return the meaning of each column.
+
+    Args:
+        names: Of the columns.
+        units: Units in a line of their own, in the same order.
+    """
+    # `qd` is the velocity, but where that is `dq`, the desired position.
+    derived = any(re.search(r'(?<![a-z])(dq|qdot)(?![a-z])', name.lower()) for name in names)
+    pairs = zip(names, units or [''] * len(names), strict=True)
+    rows = [_Name(name, unit, derived) for name, unit in pairs]
+    for row in rows:
+        partners = [x for x in rows if x.quantity and x.key == row.key and x is not row]
+        if row.bare and row.quantity and not row.unit and not partners:
+            row.quantity, row.why = '', 'names no position, velocity or effort'
+    spelled: dict[tuple[str, ...], Counter[str]] = {}
+    for row in rows:
+        if row.quantity:
+            spelled.setdefault(row.key, Counter())[row.joint] += 1
+    out, taken = [], dict[tuple[str, str], str]()
+    for row in rows:
+        joint = spelled[row.key].most_common(1)[0][0] if row.quantity not in ('', 'time') else ''
+        if row.quantity not in ('', 'time'):
+            joint = f'joint_{joint}' if joint.isdigit() else joint or 'joint_1'
+        one = Meaning(row.name, joint, row.quantity, row.unit, row.scale, row.why)
+        if one.quantity and (joint, one.quantity) in taken:
+            place = f'{joint}.{one.quantity}'.lstrip('.')
+            why = f'{place} is {taken[joint, one.quantity]} already'
+            one = replace(one, joint='', quantity='', why=why)
+        elif one.quantity:
+            taken[joint, one.quantity] = row.name
+        out.append(one)
+    return out
+
+
+class _Name:
+    """Name of a column, taken apart.
+
+    Attributes:
+        key: Words of the joint that tell it from others, lower case.
+        joint: The joint as it is spelled here.
+    """
+
+    def __init__(self, name: str, below: str, derived: bool) -> None:
+        self.name = name
+        text, unit = _without_unit(re.sub(r'^#\s+', '', name))
+        self.unit = _plain(below.strip('[]() ')) or unit
+        parts = [_Part(x, derived) for x in re.split(r'[/.]', text) if x.strip()]
+        kinds = {kind for part in parts for kind in part.kinds}
+        role = next((x for x in _ROLES if x in kinds), '')
+        self.quantity = next((q for part in reversed(parts) if (q := part.quantity(role))), '')
+        named = self.quantity
+        self._judge(role, kinds)
+        rests = [rest for part in parts if (rest := part.rest(role, named))[1]]
+        self.key = tuple(word for rest in rests for word in rest[1])
+        self.joint = '_'.join(rest[0] for rest in rests)
+
+    def _judge(self, role: str, kinds: set[str]) -> None:
+        """Settle the quantity by what else the name and the unit say."""
+        quantity = self.quantity
+        # A role alone is one of a position, where its unit does not say otherwise.
+        self.bare = not quantity and role != '' and 'time' not in kinds
+        if self.bare:
+            quantity = 'effort' if self.unit in _EFFORT.keys() - _MOTION.keys() else 'position'
+        self.quantity, self.why, self.scale = '', '', 1.0
+        if 'other' in kinds:
+            self.why = 'no position, velocity or effort of a drive'
+        elif not quantity and ('time' in kinds or (not kinds and self.unit in TIME_UNITS)):
+            self.quantity = 'time'
+        elif not quantity:
+            self.why = 'names no position, velocity or effort'
+        elif role == 'command' and quantity == 'effort':
+            self.why = 'a set-point of the effort'
+        else:
+            factors = _EFFORT if quantity == 'effort' else _MOTION
+            self.scale = factors.get(self.unit, 1.0)
+            self.quantity = f'command_{quantity}' if role == 'command' else quantity
+
+
+class _Part:
+    """Part of a path: its words, and what each stands for."""
+
+    def __init__(self, text: str, derived: bool) -> None:
+        self.text = text
+        self.words: list[tuple[int, int, str]] = []
+        for found in _WORD.finditer(text):
+            cut = _glued(found[0].lower())
+            ends = [found.start(), *([found.start() + cut] if cut else []), found.end()]
+            self.words += [(a, b, text[a:b].lower()) for a, b in pairwise(ends)]
+        self.kinds = [_MEANT.get(word, '') for *_, word in self.words]
+        for i, (*_, word) in enumerate(self.words):
+            if word == 'd' and i and (self.kinds[i - 1] or self.words[i - 1][2] in _FAINT):
+                self.kinds[i] = 'command'
+            elif word == 'qd':
+                self.kinds[i] = 'command' if derived else 'velocity'
+        self._desired = derived and any(word == 'qd' for *_, word in self.words)
+
+    def quantity(self, role: str) -> str:
+        """Return the quantity that it names; by a letter only beside a role."""
+        faint = [_FAINT.get(word, '') for *_, word in self.words]
+        letters = [_LETTERS.get(word, '') for *_, word in self.words] if role else []
+        for kinds in (self.kinds, [*faint, *['position'] * self._desired], letters):
+            if found := next((q for q in _QUANTITIES if q in kinds), ''):
+                return found
+        return ''
+
+    def rest(self, role: str, named: str) -> tuple[str, list[str]]:
+        """Return what is left of it for the joint, as spelled, and the words that tell it."""
+        letter = bool(self.quantity(role)) and not self.quantity('')
+
+        def meant(word: str) -> bool:
+            # The load's own position is one of the load.
+            return (word in _FAINT and (word != 'load' or named == 'effort')) or bool(
+                letter and word in _LETTERS
+            )
+
+        pairs = [(kind, word) for kind, (*_, word) in zip(self.kinds, self.words, strict=True)]
+        kept = [kind == 'place' or not (kind or meant(word)) for kind, word in pairs]
+        if not self.words:
+            return self.text.strip(), [self.text.strip()]
+        key = [word for keep, (kind, word) in zip(kept, pairs, strict=True) if keep and not kind]
+        if not key:
+            return '', []
+        first, last = kept.index(True), len(kept) - 1 - kept[::-1].index(True)
+        if all(kept[first : last + 1]):
+            begin = self.words[first - 1][1] if first else 0
+            end = self.words[last + 1][0] if last + 1 < len(kept) else len(self.text)
+            text = self.text[begin:end]
+            text = text.lstrip(_BESIDE) if first else text
+            return (text.rstrip(_BESIDE) if last + 1 < len(kept) else text).strip(), key
+        words = zip(self.words, kept, strict=True)
+        return '_'.join(self.text[a:b] for (a, b, _), keep in words if keep), key
+
+
+def _glued(word: str) -> int:
+    """Return where a word is two known ones, one of them a role (`posdes`); 0 for nowhere."""
+    if word in _MEANT or word in _FAINT:
+        return 0
+    known = {**_MEANT, **_FAINT}
+    cuts = range(1, len(word))
+    pairs = ((cut, known.get(word[:cut]), known.get(word[cut:])) for cut in cuts)
+    return next((cut for cut, *both in pairs if all(both) and set(both) & {*_ROLES}), 0)
+
+
+def _without_unit(name: str) -> tuple[str, str]:
+    """Return a name without the unit in brackets or behind the last _, and that unit."""
+    found = re.fullmatch(r'(.*\S)\s*[\[(<]([^\[\]()<>]*)[\])>]\s*', name)
+    if found and _is_unit(found[2]):
+        return found[1], _plain(found[2])
+    if found and found[2].strip().isdigit():
+        return f'{found[1]} {found[2].strip()}', ''
+    found = re.fullmatch(r'(.+?)_([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
+    if found and _is_unit(found[2]) and len(_WORD.findall(found[1])) > 0:
+        return found[1], _plain(found[2])
+    return name, ''
+
+
+def _plain(unit: str) -> str:
+    """Return a unit in lower case, without what is per second."""
+    return re.sub(r'(/s(ec)?|_per_s|_s| s-1| s\^-1)$', '', unit.strip().lower())
+
+
+def _is_unit(text: str) -> bool:
+    return _plain(text) in _MOTION.keys() | _EFFORT.keys() | TIME_UNITS.keys()
+
+
+@dataclass(frozen=True)
+class Header:
+    """Layout of a table, and the meaning of its columns.
+
+    Attributes:
+        columns: The columns' meanings.
+        cells: Their names, or numbers from 1 where a name is not unique.
+        delimiter: Between cells.
+        decimal: The decimal mark.
+        skip: Lines before the names.
+        units: Whether a line of units follows the names.
+    """
+
+    columns: tuple[Meaning, ...]
+    cells: tuple[str | int, ...]
+    delimiter: str
+    decimal: str
+    skip: int
+    units: bool
+
+    def map(self) -> dict[str, object]:
+        """Return the column map as a YAML mapping."""
+        joints: dict[str, dict[str, object]] = {}
+        time: dict[str, object] = {}
+        for cell, x in zip(self.cells, self.columns, strict=True):
+            if x.quantity == 'time':
+                time = {'column': cell, 'unit': TIME_UNITS.get(x.unit, 's')}
+            elif x.quantity:
+                plain = x.scale == 1.0
+                entry = cell if plain else {'column': cell, 'scale': x.scale}
+                joints.setdefault(x.joint, {})[x.quantity] = entry
+        layout = {'delimiter': self.delimiter, 'decimal': self.decimal, 'skip': self.skip}
+        return {'time': time, 'joints': joints} | layout | {'skip_below': int(self.units)}
+
+    def lines(self) -> list[str]:
+        """Return each column and what it is read as, a line each, for a terminal."""
+        wide = min(40, max(len(printable(x.name, 40)) for x in self.columns))
+        out = []
+        for x in self.columns:
+            read = f'{x.joint}.{x.quantity}'.lstrip('.')
+            if x.quantity not in ('', 'time'):
+                read += f', {_in_unit(x)}'
+            out.append(f'  {printable(x.name, 40):{wide}}  {read or f"- ({x.why})"}')
+        return out
+
+    def assigned(self, given: Sequence[str]) -> 'Header':
+        """Return the header with columns read as a user says.
+
+        Args:
+            given: NAME=JOINT.QUANTITY, or NAME=JOINT.QUANTITY*SCALE.
+
+        Raises:
+            IdentError: INVALID_GOAL for another text, or a column or quantity that is not there.
+        """
+        columns = list(self.columns)
+        for text in given:
+            name, _, place = text.rpartition('=')
+            place, _, factor = place.partition('*')
+            joint, _, quantity = place.rpartition('.')
+            at = next((i for i, x in enumerate(columns) if x.name == name), None)
+            with suppress(ValueError):
+                scale = float(factor or 1.0)
+                if (
+                    at is not None
+                    and joint
+                    and quantity in QUANTITIES
+                    and math.isfinite(scale)
+                    and scale
+                ):
+                    columns = [_freed(x, joint, quantity) for x in columns]
+                    columns[at] = Meaning(name, joint, quantity, columns[at].unit, scale)
+                    continue
+            raise IdentError(
+                ErrorCode.INVALID_GOAL,
+                f'--column {short(text)}: write NAME=JOINT.QUANTITY or NAME=JOINT.QUANTITY*SCALE, '
+                f'with a quantity of {", ".join(QUANTITIES)} and a column of '
+                f'{listed([x.name for x in columns], 30)}',
+            )
+        return replace(self, columns=tuple(columns))
+
+    def require_scales(self) -> None:
+        """Refuse columns whose unit does not tell their scale.
+
+        Raises:
+            IdentError: INVALID_GOAL with the option that states it.
+        """
+        for x in self.columns:
+            if x.quantity and math.isnan(x.scale):
+                per = 'N m, N, A or percent' if x.quantity == 'effort' else 'rad or m'
+                option = shlex.quote(f'{x.name}={x.joint}.{x.quantity}*SCALE')
+                raise IdentError(
+                    ErrorCode.INVALID_GOAL,
+                    f'the column {short(x.name)} is in {x.unit}; say how many {per} one is: '
+                    f'--column {option}',
+                )
+
+
+def _freed(column: Meaning, joint: str, quantity: str) -> Meaning:
+    """Return a column's meaning where another one is this quantity of the joint."""
+    if (column.joint, column.quantity) != (joint, quantity):
+        return column
+    return replace(column, joint='', quantity='', why='another column was given for it')
+
+
+def _in_unit(column: Meaning) -> str:
+    """Return how a column's numbers become those that are read."""
+    if not column.unit:
+        return 'as it stands'
+    if math.isnan(column.scale):
+        return f'in {column.unit}: its scale has to be stated'
+    return f'in {column.unit}' + ('' if column.scale == 1.0 else f', times {column.scale:.7g}')
+
+
+def header_of(path: Path) -> Header:
+    """Return a table's layout, and the meaning of its columns by their names.
+
+    Raises:
+        IdentError: INVALID_GOAL where there is no line of names above the numbers, or where the
+            table holds one value a row, or a time for each channel.
+    """
+    lines = list(islice(io.StringIO(text_of(path), newline=''), _HEAD))
+    delimiter = max(',;\t', key=lambda x: sum(line.count(x) for line in lines))
+    if not any(delimiter in line for line in lines):
+        delimiter = ' '
+    decimal = ',' if delimiter != ',' and re.search(r'\d,\d', ''.join(lines[-3:])) else '.'
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    try:
+        rows = [[x.strip() for x in row] for row in reader]
+    except csv.Error as exc:
+        text = f'{path}: its first lines cannot be read ({exc}); correct them'
+        raise IdentError(ErrorCode.BAD_VALUES, text) from None
+    rows = [row[:-1] if row and not row[-1] and delimiter == ' ' else row for row in rows]
+    first = next((n for n, row in enumerate(rows) if _holds_values(row, decimal)), 0)
+    values = [row for row in rows[first:] if len(row) == len(rows[first])]
+    where = f'write {path.stem}{MAP_SUFFIX}, as in docs/logs.md'
+    # A line of names may begin with the mark of a comment.
+    above = [row[1:] if len(row) > 1 and row[0] == '#' else row for row in rows[:first]]
+    wide = [n for n, row in enumerate(above) if values and len(row) == len(values[0])]
+    if any(len(row) > 3 and len({*row[::2]}) == 1 and row[0] for row in above):
+        text = 'has a block of properties above a time for each channel'
+        raise refuse(path, f'{text}; export it with one common time, or {where}')
+    if not wide:
+        raise refuse(path, f'has no line of names above its numbers; {where}')
+    # Of two lines the lower one holds units.
+    top = wide[max(-2, -len(wide))]
+    if wide[1:] and not any(map(_is_unit, above[wide[-1]])):
+        top = wide[-1]
+    units = above[wide[-1]] if top != wide[-1] else []
+    names = above[top]
+    columns = meanings(names, units)
+    for n, name in enumerate(names):
+        if not all(_is_number(row[n], decimal) for row in values if row[n]):
+            columns[n] = Meaning(name, why=_HOLDS_WORDS)
+    _require_wide(path, columns, values)
+    there = {x.quantity for x in columns} - {''}
+    if 'time' not in there or len(there) < 2:
+        kind = 'position, velocity or effort' if 'time' in there else 'time'
+        raise refuse(path, f'no column is named as a {kind}: {listed(names)}; {where}')
+    shifted = above[top] is not rows[top]
+    numbered = [shifted or names.count(name) > 1 or not name for name in names]
+    cells = tuple(n if by else names[n - 1] for n, by in enumerate(numbered, 1))
+    return Header(tuple(columns), cells, delimiter, decimal, top, bool(units))
+
+
+def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Sequence[str]]) -> None:
+    """Refuse a table with a row for each quantity or joint instead of one for each time."""
+    words = [n for n, x in enumerate(columns) if x.why == _HOLDS_WORDS]
+    others = [x for x in columns if x.why != _HOLDS_WORDS and x.quantity != 'time' and x.name]
+    times = next(
+        ([row[n] for row in values] for n, x in enumerate(columns) if x.quantity == 'time'), []
+    )
+    if words and len(others) == 1 and not others[0].quantity:
+        text = 'holds one value a row; make it a table with a column for each of its quantities'
+        raise refuse(path, f'{text}, as by the pivot of pandas')
+    kinds = [n for n in words if len({row[n] for row in values}) > 1]
+    if kinds and len({*times}) <= len(times) / 2:
+        name, shown = columns[kinds[0]].name, listed(sorted({row[kinds[0]] for row in values}), 5)
+        text = f'holds several rows for each time, by {short(name)}: {shown}'
+        raise refuse(
+            path, f'{text}; write a column map that chooses one by `where`, as in docs/logs.md'
+        )
+
+
+def _is_number(text: str, decimal: str) -> bool:
+    try:
+        float(text.replace(decimal, '.'))
+    except ValueError:
+        return False
+    return True
+
+
+def _holds_values(row: Sequence[str], decimal: str) -> bool:
+    """Whether a row holds numbers: two at least, the first cell among them or most."""
+    cells = [_is_number(x, decimal) for x in row if x]
+    return sum(cells) > 1 and (cells[0] or 2 * sum(cells) > len(cells))

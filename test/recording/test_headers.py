@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Headers as drivers, scopes and loggers write them, and what is read of each.
+
+Names of franka_ros, ur_rtde, ODrive, moteus, Dynamixel, Feetech, LeRobot, PlotJuggler, rostopic,
+CiA 402 (Elmo, maxon), TwinCAT, SINAMICS and of loggers in public repositories.
+"""
+
+import math
+from pathlib import Path
+import re
+
+import pytest
+
+from ros2_ident.cli.main import main
+from ros2_ident.errors import IdentError
+from ros2_ident.recording import read_bag
+from ros2_ident.recording.headers import header_of, meanings
+
+DEGREE, TURN = math.pi / 180.0, 2.0 * math.pi
+HEADERS = Path(__file__).with_name('headers.txt').read_text(encoding='utf-8').split('\n\n')
+
+
+@pytest.mark.parametrize('header', HEADERS, ids=range(len(HEADERS)))
+def test_each_column_is_read_as_what_its_name_says(header):
+    expected = [tuple(re.split('  +', line)) for line in header.strip().splitlines()]
+    found = meanings([name for name, _ in expected])
+    read = [(x.name, f'{x.joint}.{x.quantity}'.lstrip('.') or '-') for x in found]
+    assert read == expected
+    assert all(x.why for x in found if not x.quantity)
+
+
+@pytest.mark.parametrize(
+    ('name', 'scale'),
+    [
+        ('pos [mm]', 1e-3), ('vel_deg_s', DEGREE), ('speed [rpm]', TURN / 60.0),
+        ('pos (turns)', TURN),
+        ('torque [mNm]', 1e-3), ('torque [permil]', 0.1), ('torque %', 1.0), ('tau [N m]', 1.0),
+        ('Position [inc]', math.nan), ('Present Position (counts)', math.nan),
+        ('pos [%]', math.nan),
+    ],
+)  # fmt: skip
+def test_a_unit_is_a_factor_or_has_to_be_asked_for(name, scale):
+    (found,) = meanings([name])
+    assert found.scale == pytest.approx(scale, nan_ok=True)
+
+
+def rows(path, header, row, count=200):
+    lines = [
+        row.format(t=0.01 * k, a=math.sin(0.1 * k), b=math.cos(0.1 * k)) for k in range(count)
+    ]
+    path.write_text('\n'.join([header, *lines, '']))
+
+
+def test_a_scale_that_only_the_owner_knows_is_asked_for_and_taken(tmp_path, capsys):
+    log = tmp_path / 'log.csv'
+    rows(log, 'time,Position [inc],Torque [Nm]', '{t},{a},{b}')
+    command = [
+        'new-machine',
+        '--kind',
+        'linear_axis',
+        '--bag',
+        str(log),
+        '--out',
+        str(tmp_path / 'm.yaml'),
+    ]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert "--column 'Position [inc]=joint_1.position*SCALE'" in said
+    assert not (tmp_path / 'log.columns.yaml').exists()
+    assert main([*command, '--column', 'Position [inc]=arm.position*0.5']) == 0
+    state = read_bag(log)[0].state
+    assert state.position[15, state.names.index('arm')] == pytest.approx(0.5 * math.sin(1.5))
+
+
+@pytest.mark.parametrize(
+    'given', ['pos', 'pos=arm.mass', 'pos=arm.position*nan', 'x=arm.position']
+)
+def test_a_column_that_is_given_wrongly_is_refused(tmp_path, given):
+    rows(tmp_path / 'log.csv', 'time,pos', '{t},{a}')
+    with pytest.raises(IdentError, match='write NAME=JOINT.QUANTITY'):
+        header_of(tmp_path / 'log.csv').assigned([given])
+
+
+@pytest.mark.parametrize(
+    ('header', 'row'),
+    [
+        ('# time q tau', '{t} {a} {b}'),  # numpy.savetxt
+        ('time   q   tau', '{t}   {a}   {b}'),
+        (',time,q,tau', '0,{t},{a},{b}'),  # the index of pandas
+        ('time,mode,q,tau', '{t},moving,{a},{b}'),
+        ('time\tq\ttau', '{t}\t{a}\t{b}'),
+    ],
+)
+def test_tables_as_programs_write_them_are_read(tmp_path, header, row):
+    log = tmp_path / 'log.csv'
+    rows(log, header, row)
+    out = str(tmp_path / 'm.yaml')
+    assert main(['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--out', out]) == 0
+    recording = read_bag(log)[0]
+    assert recording.state.position[15, 0] == pytest.approx(math.sin(1.5))
+    assert recording.effort.effort[15, 0] == pytest.approx(math.cos(1.5))
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('time,topic,value\n' + '0.1,a/pos,1\n0.1,a/vel,2\n' * 50, 'one value a row'),
+        (
+            't,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
+            "several rows for each time, by 'joint': a, b",
+        ),
+        ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
+    ],
+)  # fmt: skip
+def test_tables_of_another_form_are_named_as_such(tmp_path, text, said):
+    (tmp_path / 'log.csv').write_text(text)
+    with pytest.raises(IdentError, match=said):
+        header_of(tmp_path / 'log.csv')
