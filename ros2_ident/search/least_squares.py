@@ -92,7 +92,7 @@ def within_box(rows: Array, wanted: Array, unit: Array) -> tuple[Array, float]:
 
 
 class _Objective:
-    """What a fit minimises, in units of what a point leaves, and its linear model there.
+    """Objective of a fit, in units of what a point leaves, and its linear model there.
 
     With a prior it is minus twice the logarithm of the posterior, but for a constant: each
     parameter has the mean and the variance of its box. What the data determine hardly feels it;
