@@ -42,7 +42,8 @@ def run(args: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)  # the way leads through it
         known['named'] = os.path.relpath(args.description, folder)
     if log is not None:
-        text = new_file.one_joint_file(kind, args.drives, log)
+        if args.description is None:
+            text = new_file.one_joint_file(kind, args.drives, log, args.travel)
         if kind is new_file.arm_kind(True) and args.description is not None:
             text = new_file.followed_file(args.drives, known['description'], known['named'], log)
         known['states'] = log.state
@@ -76,7 +77,7 @@ def _log(args: argparse.Namespace) -> 'Recording':
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
     if path.suffix.lower() in SUFFIXES and path.is_file() and not (args.columns or where.exists()):
-        _draft(path, where, args.column)
+        args.travel = args.travel or _draft(path, where, args.column)
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
         raise IdentError(
@@ -86,8 +87,10 @@ def _log(args: argparse.Namespace) -> 'Recording':
     return recording
 
 
-def _draft(path: Path, where: Path, given: Sequence[str]) -> None:
-    """Write a table's column map by the names in its header, and print how each is read.
+def _draft(path: Path, where: Path, given: Sequence[str]) -> str:
+    """Write a table's column map by the names in its header; return the unit of its positions.
+
+    How each column is read is printed.
 
     Raises:
         IdentError: As `header_of`; INVALID_GOAL where the scale of a unit is not known.
@@ -105,3 +108,4 @@ def _draft(path: Path, where: Path, given: Sequence[str]) -> None:
     text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)
     write_text(where, f'# From the names in {printable(path.name)}.\n{note}{text}')
     print(f'written: {where}; correct it where a column is another', file=sys.stderr)
+    return header.travel

@@ -99,20 +99,22 @@ def of_what_is_left(
         floor: (D,) noise floor, in the unit of the residual.
     """
     # Where a slow log alone drives the model, it may be the log that is at fault.
-    slow = report.of('rate') and report.of('command')
-    # Steps of an encoder, and a limit that only the law shows, are not closed by any fit.
-    if slow or verdict.encoders or verdict.facts.limits:
-        return found, verdict
+    slow = report.of('rate') and (report.of('command') or report.of('gains'))
     gap = np.sqrt(np.maximum(found.chain[-1].gap, 0.0))
     left = gap * floor
     varies = np.array([_spread(split, d) for d in range(len(split.drives))])
+    # Steps of an encoder, and a limit that only the law shows, are not closed by any fit. But no
+    # effect is named of a model that misses more than there is.
+    beyond = left > varies
+    if not beyond.any() and (slow or verdict.encoders or verdict.facts.limits):
+        return found, verdict
     last = found.chain[-1].check_residual * floor[split.check.drive]
     fast = np.array([fast_noise(last[split.check.drive == d]) for d in range(len(split.drives))])
     whole = np.hypot(left, floor)
     machine = split.fit.models[0].machine
     like = machine is not None and kind_of(machine).alike
     slow_part = (whole >= rules.floors * fast) & (whole >= rules.slow * varies) & (not like)
-    lost = ((gap >= rules.floors) & (left >= rules.varies * varies)) | slow_part
+    lost = ((gap >= rules.floors) & (left >= rules.varies * varies)) | slow_part | beyond
     left = np.where(slow_part, whole, left)
     if not lost.any():
         return found, verdict

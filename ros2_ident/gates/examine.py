@@ -16,7 +16,7 @@ from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.scale import figure, MORE, near
 from ros2_ident.gates.tracking import check_tracking, tracking_of
 from ros2_ident.models import FullModel, Machine
-from ros2_ident.models.registry import compared_of, follows, kind_of
+from ros2_ident.models.registry import compared_of, follows, kind_of, knows_gains
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import motion_in, ROOM
 from ros2_ident.recording.quality import SAID, sign_of, WRONG
@@ -31,6 +31,14 @@ NO_COMMAND = Gate(
     'there is no command, so the recorded motion drives the model: its noise biases masses and '
     'friction, and the controller stays unchecked; record the set-point too',
 )  # fmt: skip
+
+NO_GAINS = replace(
+    NO_COMMAND,
+    gate='gains',
+    sentence='the machine file states no gains, so the recorded motion drives the model and a '
+    'logged set-point is not used; state position_gain and velocity_gain to simulate the '
+    'controller too, or list them under parameters',
+)
 
 
 def examine(
@@ -151,7 +159,7 @@ def _of_motion(
             return GateReport((*found, *apart))
     if data.command_position is None:
         # A kind that follows none needs none.
-        missed = (NO_COMMAND,) if follows(machine) else ()
+        missed = (NO_COMMAND if knows_gains(machine) else NO_GAINS,) if follows(machine) else ()
         return GateReport((*found, *missed))
     if not (machine.known('position_gain') and machine.known('velocity_gain')):
         return GateReport((*found, *apart))

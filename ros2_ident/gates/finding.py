@@ -21,8 +21,8 @@ class Gate:
     """Result of one check.
 
     Attributes:
-        gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `set_point`, `offset`,
-            `names`, `reach`, `asked`, `not_asked`, or the id of the effect that a late
+        gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `gains`, `set_point`,
+            `offset`, `names`, `reach`, `asked`, `not_asked`, or the id of the effect that a late
             set-point shows.
         drive: The drive, empty for the log as a whole.
         level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).

@@ -12,7 +12,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Quality
 from ros2_ident.models import Machine
-from ros2_ident.models.registry import compared_of, follows, kind_of, travel_of
+from ros2_ident.models.registry import compared_of, follows, kind_of, knows_gains, travel_of
 from ros2_ident.recording import (
     align,
     choose_windows,
@@ -266,7 +266,7 @@ def _aligned(
         need=quantities if chosen == machine.drives else (),
         effort_scale=machine.effort_scales,
         released=kind_of(machine).released,
-        follows=follows(machine),
+        follows=follows(machine) and knows_gains(machine),
     )
     where = recording.source or 'recording'
     for name in chosen if 'effort' in quantities else ():

@@ -16,8 +16,8 @@ from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import sample_period
-from ros2_ident.recording.motion import motion_of
-from ros2_ident.recording.streams import with_positions
+from ros2_ident.recording.motion import fill_gaps, Motion, motion_of
+from ros2_ident.recording.streams import FloatArray, with_positions
 
 
 def new_machine_file(
@@ -49,23 +49,32 @@ def new_machine_file(
     return machine_template(kind, drives or _joints(kind, description, states), known)
 
 
-def one_joint_file(kind: Kind, drives: Sequence[str], log: Recording) -> str | None:
+def one_joint_file(
+    kind: Kind, drives: Sequence[str], log: Recording, travel: str = ''
+) -> str | None:
     """Return the whole file of one joint that its recorded motion drives, by its log.
+
+    No controller is in it: its gains are nobody's who reads a log.
 
     Args:
         kind: The kind of machine.
         drives: Joint names; those of the log where there are none.
         log: A log with a measured motion.
+        travel: Unit of its position, `rad` or `m`; empty where it is not known.
 
     Returns:
         The text, its bounds from what alone would make the effort; None where the kind has no
-        rigid drive, or the log a set-point, no effort or another number of joints.
+        rigid drive or link, or the log no effort or another number of joints.
+
+    Raises:
+        IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link.
     """
     log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None
     names = tuple(drives) or log.state.names
-    rigid = any(key.name == 'moving_mass' for key in kind.keys)
-    if not rigid or log.command is not None or len(names) != 1 or log.state.position is None:
+    keys = {key.name for key in kind.keys}
+    links, rigid = 'link_moment' in keys, 'moving_mass' in keys
+    if not (links or rigid) or len(names) != 1 or log.state.position is None:
         return None
     motion = motion_of(log, names[0])
     if motion.effort is None:
@@ -73,17 +82,60 @@ def one_joint_file(kind: Kind, drives: Sequence[str], log: Recording) -> str | N
     most = float(np.nanmax(np.abs(motion.effort)))
     moved = motion.acceleration, motion.velocity
     mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
+    weight = _weight(motion, motion.effort)
+    if rigid and weight and travel != 'm':
+        raise IdentError(
+            ErrorCode.INVALID_GOAL,
+            f'the effort of {names[0]} follows the sine of its position, up to {weight:.3g}: a '
+            f'joint under gravity, which a {kind.name} does not have; take --kind serial, or '
+            '--travel m where the position is a length',
+        )
+    head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
+    period = f'controller: {{cycle: {motion.period:.4g}}}      # s, period of the log\n'
+    # A commanded effort acts half a cycle after its stamp; a measured one is that much late.
+    delay = f'  measurement_delay: [0.0, {2.0 * motion.period:.3g}, s]\n'
+    if links:
+        # The axis lies level; where the link hangs the two moments say.
+        table = 'dh_a: [0], dh_alpha: [1.5707963], dh_d: [0], dh_theta: [0]'
+        return (
+            f'{head}geometry: {{{table}}}      # one joint with a level axis\n{period}'
+            f'parameters:\n  link_moment: [{-most / 9.81:.3g}, {most / 9.81:.3g}, kg m]\n'
+            f'  drive_inertia: [0.0, {mass:.3g}, kg m^2]\n'
+            f'  coulomb_torque: [0.0, {most:.3g}, N m]\n'
+            f'  viscous_torque: [0.0, {viscous:.3g}, N m s/rad]\n{delay}'
+        )
+    turns = travel != 'm'
+    units = ('kg m^2', 'N m', 'N m s/rad') if turns else ('kg', 'N', 'N s/m')
+    note = '' if travel else '# of a joint that turns; a carriage: --travel m'
     return (
-        f'machine: {kind.name}\ndrives: {inline([*names])}\n'
-        f'controller: {{cycle: {motion.period:.4g}}}      # s, period of the log\n'
-        'parameters:                      # of a joint that turns; a carriage: kg, N, N s/m, N\n'
-        f'  moving_mass: [0.0, {mass:.3g}, kg m^2]\n'
-        f'  coulomb_friction: [0.0, {most:.3g}, N m]\n'
-        f'  viscous_friction: [0.0, {viscous:.3g}, N m s/rad]\n'
-        f'  constant_force: [{-most:.3g}, {most:.3g}, N m]\n'
-        # A commanded effort acts half a cycle after its stamp; a measured one is that much late.
-        f'  measurement_delay: [0.0, {2.0 * motion.period:.3g}, s]\n'
+        f'{head}{period}{f"parameters:                      {note}".rstrip()}\n'
+        f'  moving_mass: [0.0, {mass:.3g}, {units[0]}]\n'
+        f'  coulomb_friction: [0.0, {most:.3g}, {units[1]}]\n'
+        f'  viscous_friction: [0.0, {viscous:.3g}, {units[2]}]\n'
+        f'  constant_force: [{-most:.3g}, {most:.3g}, {units[1]}]\n{delay}'
     )
+
+
+def _weight(motion: Motion, logged: FloatArray) -> float:
+    """Return the largest effort that follows a position's sine; 0 where it closes too little.
+
+    It counts as an effect does, see `gap.rules`: where it closes half of what inertia, friction
+    and a spring leave, and is a tenth of the effort.
+    """
+    effort = motion.slowly(fill_gaps(logged))
+    place = motion.position
+    friction = np.tanh(motion.velocity / (0.02 * np.abs(motion.velocity).max()))
+    spring = place - place.mean()
+    rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), spring])
+    plain = motion.slowly(rows).T
+    sines = motion.slowly(np.stack([np.sin(place), np.cos(place)])).T
+    without = effort - plain @ np.linalg.lstsq(plain, effort, rcond=None)[0]
+    wide = np.hstack([plain[:, :-1], sines])
+    fitted = np.linalg.lstsq(wide, effort, rcond=None)[0]
+    left = float(np.mean((effort - wide @ fitted) ** 2))
+    closed = float(np.mean(without**2)) - left
+    size = float(np.hypot(*fitted[-2:]))
+    return size if closed > left and size > 0.1 * float(effort.std()) else 0.0
 
 
 def followed_file(

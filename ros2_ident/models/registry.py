@@ -172,6 +172,13 @@ def follows(machine: Machine) -> bool:
     return kind_of(machine).follows and not pushed
 
 
+def knows_gains(machine: Machine) -> bool:
+    """Return whether any gain of a machine's cascade is stated or to be identified."""
+    cascade = 'position_gain', 'velocity_gain'
+    there = {key.name for key in kind_of(machine).keys}
+    return not there.issuperset(cascade) or any(map(machine.known, cascade))
+
+
 def compared_of(machine: Machine) -> tuple[str, ...]:
     """Return the quantities of a machine that are compared by default."""
     return kind_of(machine).compares

@@ -60,8 +60,9 @@ _DEGREE, _TURN = math.pi / 180.0, 2.0 * math.pi
 _COUNTED = 'inc incs increments count counts cnt cts tick ticks puls pulses lsb steps raw digits'
 _RAW = dict.fromkeys(_COUNTED.split(), math.nan)
 _PERMIL = ('permil', '‰', '0.1%', '0.1 %')
-_MOTION = _RAW | dict.fromkeys(('%', 'percent', *_PERMIL), math.nan)
-_MOTION |= {'m': 1.0, 'rad': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6, 'mrad': 1e-3}
+_OPEN = _RAW | dict.fromkeys(('%', 'percent', *_PERMIL), math.nan)
+_LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6}
+_MOTION = _OPEN | _LENGTHS | {'rad': 1.0, 'mrad': 1e-3}
 _MOTION |= dict.fromkeys(('deg', 'degree', 'degrees', '°'), _DEGREE)
 _MOTION |= dict.fromkeys(('rev', 'turn', 'turns'), _TURN)
 _MOTION |= dict.fromkeys(('rpm', '1/min', 'u/min', 'rev/min'), _TURN / 60.0)
@@ -279,6 +280,14 @@ class Header:
     decimal: str
     skip: int
     units: bool
+
+    @property
+    def travel(self) -> str:
+        """Unit of the positions, `m` or `rad`; empty where the header does not say it."""
+        units = {x.unit for x in self.columns if x.quantity in ('position', 'command_position')}
+        known = units & (_MOTION.keys() - _OPEN.keys())
+        found = {'m' if x in _LENGTHS else 'rad' for x in known}
+        return found.pop() if len(found) == 1 else ''
 
     def map(self) -> dict[str, object]:
         """Return the column map as a YAML mapping."""

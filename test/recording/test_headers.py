@@ -9,10 +9,14 @@ import math
 from pathlib import Path
 import re
 
+import numpy as np
 import pytest
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
+from ros2_ident.identify.run import problem_of, read_data, solve
+from ros2_ident.identify.settings import IdentifySettings
+from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag
 from ros2_ident.recording.headers import header_of, meanings
 
@@ -116,3 +120,35 @@ def test_tables_of_another_form_are_named_as_such(tmp_path, text, said):
     (tmp_path / 'log.csv').write_text(text)
     with pytest.raises(IdentError, match=said):
         header_of(tmp_path / 'log.csv')
+
+
+def test_a_log_with_set_points_gives_a_file_without_a_controller(tmp_path, capsys):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows(log, 'time,position [mm],target position [mm],force [N]', '{t},{a},{a},{b}')
+    assert (
+        main(['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--out', str(out)]) == 0
+    )
+    text = out.read_text()
+    assert 'gain' not in text and 'moving_mass: [0.0, ' in text and ', kg]' in text
+    assert main(['check', str(log), '--machine', str(out)]) == 0
+    assert 'the machine file states no gains' in capsys.readouterr().out
+
+
+def test_a_joint_under_gravity_is_found_and_gets_a_kind_that_has_it(tmp_path):
+    time = 0.002 * np.arange(5000)
+    place = 1.2 * np.sin(1.1 * time) + 0.5 * np.sin(3.3 * time) + 0.2 * np.sin(9.0 * time)
+    speed = np.gradient(place, 0.002)
+    effort = 0.05 * np.gradient(speed, 0.002) + 0.3 * np.tanh(speed / 0.01) + 3.0 * np.sin(place)
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    columns = np.stack([time, place, effort], axis=1)
+    np.savetxt(log, columns, delimiter=',', header='t,q [rad],tau [Nm]', comments='')
+    words = ['new-machine', '--bag', str(log), '--out', str(out), '--kind']
+    assert main([*words, 'linear_axis']) == 2
+    assert main([*words, 'serial']) == 0
+    machine = load_machine(out)
+    problem = problem_of(machine, read_data(log, machine), fixed={'measurement_delay': 0.0})
+    found = solve(problem, IdentifySettings(method='algebraic'), 0)
+    values = {p.name.removeprefix('joint_1.'): p.value for p in found.parameters}
+    moment = math.hypot(values['link_moment_x'], values['link_moment_y'])
+    assert moment * 9.81 == pytest.approx(3.0, rel=0.01)
+    assert values['drive_inertia'] == pytest.approx(0.05, rel=0.02)
