@@ -54,7 +54,7 @@ def one_joint_file(
 ) -> str | None:
     """Return the whole file of one joint that its recorded motion drives, by its log.
 
-    No controller is in it: its gains are nobody's who reads a log.
+    No controller is in it: a log does not say its gains.
 
     Args:
         kind: The kind of machine.
