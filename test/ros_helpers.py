@@ -19,9 +19,9 @@ from ros2_ident.recording import read_bag, write_bag
 ROOT = Path(__file__).parents[1]
 MACHINE = ROOT / 'config/tripod.yaml'
 BAG = ROOT / 'bags/tripod_pick_and_place'
-# Longest wait, s, so that a message says for what before pytest ends the test: in a fresh clone the
-# first run of a kind compiles, which beside other programs took 260 s. No test asks that a process
-# keeps up with another one or with the clock, and a wait ends where a program of the test failed.
+# Longest wait, s, so that a message says for what before pytest ends the test: in a fresh clone
+# the first run of a kind compiles, which beside other programs took 260 s. No test asks that a
+# process keeps up with another one or with the clock, and a wait ends where its program failed.
 PATIENCE = 540.0
 HEARD = 'joint_states', 'effort', 'joint_command'
 # Samples that a queue holds, whatever its depth (Fast DDS; findings/fastdds_deep_queue.sh): what
