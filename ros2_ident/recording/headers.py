@@ -142,15 +142,24 @@ class _Name:
         self.name = name
         text, unit = _without_unit(re.sub(r'^#\s+', '', name))
         self.unit = _plain(below.strip('[]() ')) or unit
-        parts = [_Part(x, derived) for x in re.split(r'[/.]', text) if x.strip()]
+        pieces = re.split(r'([/.])', text)
+        parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
         role = next((x for x in _ROLES if x in kinds), '')
-        self.quantity = next((q for part in reversed(parts) if (q := part.quantity(role))), '')
-        named = self.quantity
+        named = [bool(part.quantity(role)) for part in parts]
+        # The last part that names a quantity says it; what others name is of the joint's name.
+        says = len(named) - 1 - named[::-1].index(True) if any(named) else -1
+        self.quantity = parts[says].quantity(role) if says >= 0 else ''
+        rests = [
+            part.rest(role, self.quantity if n == says else '') for n, part in enumerate(parts)
+        ]
         self._judge(role, kinds)
-        rests = [rest for part in parts if (rest := part.rest(role, named))[1]]
-        self.key = tuple(word for rest in rests for word in rest[1])
-        self.joint = '_'.join(rest[0] for rest in rests)
+        self.key = tuple(word for _, key in rests for word in key)
+        self.joint, last = '', -2
+        for n, (spelled, key) in enumerate(rests):
+            if key:
+                between = '' if not self.joint else pieces[2 * n - 1] if last == n - 1 else '_'
+                self.joint, last = f'{self.joint}{between}{spelled}', n
 
     def _judge(self, role: str, kinds: set[str]) -> None:
         """Settle the quantity by what else the name and the unit say."""
@@ -184,38 +193,53 @@ class _Part:
             cut = _glued(found[0].lower())
             ends = [found.start(), *([found.start() + cut] if cut else []), found.end()]
             self.words += [(a, b, text[a:b].lower()) for a, b in pairwise(ends)]
-        self.kinds = [_MEANT.get(word, '') for *_, word in self.words]
-        for i, (*_, word) in enumerate(self.words):
-            if word == 'd' and i and (self.kinds[i - 1] or self.words[i - 1][2] in _FAINT):
+        self.plain = [word for *_, word in self.words]
+        self.kinds = [_MEANT.get(word, '') for word in self.plain]
+        for i, word in enumerate(self.plain):
+            if word == 'd' and i and (self.kinds[i - 1] or self.plain[i - 1] in _FAINT):
                 self.kinds[i] = 'command'
             elif word == 'qd':
                 self.kinds[i] = 'command' if derived else 'velocity'
-        self._desired = derived and any(word == 'qd' for *_, word in self.words)
+        self._desired = derived
 
     def quantity(self, role: str) -> str:
-        """Return the quantity that it names; by a letter only beside a role."""
-        faint = [_FAINT.get(word, '') for *_, word in self.words]
-        letters = [_LETTERS.get(word, '') for *_, word in self.words] if role else []
-        for kinds in (self.kinds, [*faint, *['position'] * self._desired], letters):
-            if found := next((q for q in _QUANTITIES if q in kinds), ''):
-                return found
+        """Return the quantity that it names last; by a letter only beside a role."""
+        faint = [
+            'position' if x == 'qd' and self._desired else _FAINT.get(x, '') for x in self.plain
+        ]
+        letters = [_LETTERS.get(word, '') for word in self.plain] if role else []
+        for kinds in (self.kinds, faint, letters):
+            if found := [kind for kind in kinds if kind in _QUANTITIES]:
+                return found[-1]
         return ''
 
     def rest(self, role: str, named: str) -> tuple[str, list[str]]:
-        """Return what is left of it for the joint, as spelled, and the words that tell it."""
+        """Return what is left of it for the joint, as spelled, and the words that tell it.
+
+        Args:
+            role: Of the whole name.
+            named: The quantity, where this part says it.
+        """
         letter = bool(self.quantity(role)) and not self.quantity('')
-
-        def meant(word: str) -> bool:
+        strong = [n for n, kind in enumerate(self.kinds) if kind in _QUANTITIES]
+        says = {strong[-1]} if named and strong else set()
+        kept, key = [], []
+        for n, (kind, word) in enumerate(zip(self.kinds, self.plain, strict=True)):
+            quantity = kind in _QUANTITIES or word in _FAINT
             # The load's own position is one of the load.
-            return (word in _FAINT and (word != 'load' or named == 'effort')) or bool(
-                letter and word in _LETTERS
-            )
-
-        pairs = [(kind, word) for kind, (*_, word) in zip(self.kinds, self.words, strict=True)]
-        kept = [kind == 'place' or not (kind or meant(word)) for kind, word in pairs]
+            faint = named and word in _FAINT and (word != 'load' or named == 'effort')
+            gone = n in says or faint or (named and letter and word in _LETTERS)
+            kept.append(kind == 'place' or not (gone or (kind and not quantity)))
+            if kept[-1] and not kind and (named or not quantity or word == 'load'):
+                key.append(word)
+        if key and not named:
+            key = [
+                w
+                for w, keep, k in zip(self.plain, kept, self.kinds, strict=True)
+                if keep and k != 'place'
+            ]
         if not self.words:
             return self.text.strip(), [self.text.strip()]
-        key = [word for keep, (kind, word) in zip(kept, pairs, strict=True) if keep and not kind]
         if not key:
             return '', []
         first, last = kept.index(True), len(kept) - 1 - kept[::-1].index(True)
