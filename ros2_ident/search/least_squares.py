@@ -116,15 +116,34 @@ class _Objective:
         aside = self.box @ (point.unit - 0.5)
         return self.certainty * point.loss * point.residual.size + float(aside @ aside)
 
-    def least(self, damping: float) -> tuple[Array, float]:
+    def least(self, damping: float = 0.0) -> tuple[Array, float]:
         """Return the (N,) shares of the box of the linear model's minimum, and its value.
 
         Damping holds them where they are, by a share of the columns' squares.
         """
+        return within_box(*self._model(damping), self.point.unit)
+
+    def tries(self, damping: float) -> list[Array]:
+        """Return points (N,) worth a try: that minimum, and the way to it without a box, cut.
+
+        Far from a minimum the cut step may lead into another valley, where the fit is better.
+        """
+        rows, wanted = self._model(damping)
+        unit = self.point.unit
+        push = -rows.T @ wanted
+        free = ~(((unit <= 0.0) & (push > 0.0)) | ((unit >= 1.0) & (push < 0.0)))
+        cut = unit.copy()
+        cut[free] += np.linalg.lstsq(rows[:, free], wanted, rcond=None)[0]
+        if ((cut >= 0.0) & (cut <= 1.0)).all():
+            return [cut]
+        return [np.clip(cut, 0.0, 1.0), within_box(rows, wanted, unit)[0]]
+
+    def _model(self, damping: float) -> tuple[Array, Array]:
+        """Return the rows (M, N) of a step's linear model, and what they are to give (M,)."""
         unit, slopes = self.point.unit, self.triangle[:, :-1]
         held = math.sqrt(damping) * np.diag(np.linalg.norm(slopes, axis=0))
         wanted = [self.triangle[:, -1], self.box @ (0.5 - unit), np.zeros(unit.size)]
-        return within_box(np.vstack([slopes, self.box, held]), np.concatenate(wanted), unit)
+        return np.vstack([slopes, self.box, held]), np.concatenate(wanted)
 
 
 def descent(start: Point, tolerance: float, *, prior: bool = False) -> Iterator[Point]:
@@ -134,27 +153,29 @@ def descent(start: Point, tolerance: float, *, prior: bool = False) -> Iterator[
         start: Where it begins.
         tolerance: Relative decrease of the objective, by its linear model, that counts as none.
         prior: Whether parameters are as probable everywhere in their box before, see `_Objective`.
+            Then steps of Gauss and Newton come first: it begins near the end.
     """
     point, damping = start, _FIRST_DAMPING
     while 0.0 < point.loss < math.inf:
         objective = _Objective(point, prior)
         now = objective(point)
-        # Without a prior parameters that the data leave open stay where they are.
-        aim, least = objective.least(0.0 if prior else damping * _LADDER[0])
-        foreseen = now - least
-        if foreseen <= tolerance * now:
-            return
-        (trial,) = point.moved(aim[None])
-        gain = now - objective(trial)
-        if gain > _AS_FORESEEN * foreseen:
-            yield (point := trial)
-            continue
-        if foreseen <= _RESOLVED:
-            if gain > 0.0:
-                yield trial
-            return
+        if prior:
+            aim, least = objective.least()
+            foreseen = now - least
+            if foreseen <= tolerance * now:
+                return
+            (trial,) = point.moved(aim[None])
+            gain = now - objective(trial)
+            if gain > _AS_FORESEEN * foreseen:
+                yield (point := trial)
+                continue
+            if foreseen <= _RESOLVED:
+                if gain > 0.0:
+                    yield trial
+                return
         while damping <= _MOST_DAMPING:
-            trials = point.moved(np.array([objective.least(x)[0] for x in _LADDER * damping]))
+            aims = [(x, factor) for factor in _LADDER for x in objective.tries(factor * damping)]
+            trials = point.moved(np.array([x for x, _ in aims]))
             losses = [objective(x) for x in trials]
             best = int(np.argmin(losses))
             if losses[best] < now:
@@ -162,7 +183,7 @@ def descent(start: Point, tolerance: float, *, prior: bool = False) -> Iterator[
             damping *= 1e4
         else:
             return
-        damping = max(_LEAST_DAMPING, float(damping * _LADDER[best]))
+        damping = max(_LEAST_DAMPING, float(damping * aims[best][1]))
         yield (point := trials[best])
         if now - losses[best] <= tolerance * now:
             return
