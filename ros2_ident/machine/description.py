@@ -15,7 +15,7 @@ from ros2_ident.files import read_small
 from ros2_ident.machine.units import name_of, shown
 from ros2_ident.recording.limits import unfit
 
-_BYTES, _ELEMENTS, _BODIES, _DEPTH, _JOINTS = 1 << 24, 100_000, 1_000, 250, 6
+_BYTES, _ELEMENTS, _BODIES, _DEPTH, _JOINTS, _FILES = 1 << 24, 100_000, 1_000, 250, 6, 100
 # MuJoCo 4.0 knows 38 of an element `general`, the most of all.
 _ATTRIBUTES = 100
 _ATTRIBUTE = re.compile(r"""=\s*("[^"]*"|'[^']*')""")
@@ -40,16 +40,53 @@ def description_text(path: Path) -> str:
     Raises:
         IdentError: BAD_MACHINE_FILE where it cannot be read or is no text, or as `judged_tree`.
     """
+    text = _read(path)
+    if '<include' in text:
+        root = _tree(text, path)
+        _include(root, path.parent, path.parent, {path.resolve()})
+        text = ET.tostring(root, encoding='unicode')
+    judged_tree(text, path)
+    return text
+
+
+def _read(path: Path) -> str:
     try:
-        text = read_small(path, _BYTES).decode()
+        return read_small(path, _BYTES).decode()
     except (OSError, ValueError) as error:
         reason = getattr(error, 'strerror', None) or 'it is no text in UTF-8'
         raise IdentError(
             ErrorCode.BAD_MACHINE_FILE,
             f'{path}: cannot be read ({reason}); give a URDF or an MJCF file',
         ) from None
-    judged_tree(text, path)
-    return text
+
+
+def _include(element: ET.Element, folder: Path, top: Path, read: set[Path]) -> None:
+    """Put the files that an MJCF includes in their places, as MuJoCo does.
+
+    Args:
+        element: The element whose includes are looked for.
+        folder: Of the file that it stands in.
+        top: Of the description: nothing outside of it is read.
+        read: The files read so far; none is read twice, and their number is bounded.
+    """
+    for child in list(element):
+        if child.tag != 'include':
+            _include(child, folder, top, read)
+            continue
+        name = child.get('file', '')
+        path = next((x for x in (folder / name, top / name) if x.is_file()), folder / name)
+        known = path.resolve()
+        if not known.is_relative_to(top.resolve()) or known in read or len(read) > _FILES:
+            raise IdentError(
+                ErrorCode.BAD_MACHINE_FILE,
+                f'{path}: is included and not read: from outside of {top}, twice, or after '
+                f'{_FILES} others; give one MJCF, as mujoco.mj_saveLastXML writes it',
+            )
+        read.add(known)
+        root = _tree(_read(path), path)
+        _include(root, path.parent, top, read)
+        at = list(element).index(child)
+        element[at : at + 1] = list(root)
 
 
 def judged_tree(
@@ -60,21 +97,103 @@ def judged_tree(
     Args:
         text: The description.
         named: What to call it in messages.
-        shapes: Whether an MJCF may name files of shapes.
+        shapes: Whether the files of an MJCF's shapes are of use; what needs them, or is for the
+            eye alone, is left out where not.
 
     Raises:
         IdentError: BAD_MACHINE_FILE with the first thing that is wrong.
     """
-    problem = next(_of_text(text), None)
-    if problem is None:
-        try:
-            root = ET.fromstring(text)  # noqa: S314 - without entities, and bounded
-            problem = next(_problems(root, shapes), None)
-        except (ET.ParseError, ValueError) as error:
-            problem = f'is no XML ({error}); give a URDF or an MJCF file'
+    root = _tree(text, named)
+    problem = None
+    if not shapes and root.tag == 'mujoco':
+        problem = next(_of_shapes(root), None)
+        _leave_out_shapes(root)
+    problem = problem or next(_problems(root, shapes), None)
     if problem is not None:
         raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'{named} {problem}')
     return root
+
+
+def _tree(text: str, named: object) -> ET.Element:
+    """Return the root of a text that is bounded, and XML."""
+    problem = next(_of_text(text), None)
+    if problem is None:
+        try:
+            return ET.fromstring(text)  # noqa: S314 - without entities, and bounded
+        except (ET.ParseError, ValueError) as error:
+            problem = f'is no XML ({error}); give a URDF or an MJCF file'
+    raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'{named} {problem}')
+
+
+def declared(root: ET.Element, tag: str, name: str) -> list[list[float]]:
+    """Return the numbers of an attribute of an MJCF's bodies or actuators, element by element.
+
+    Those for which neither they nor their class of defaults state it are left out.
+
+    Args:
+        root: The description.
+        tag: Of the elements.
+        name: Of the attribute.
+    """
+    return [[float(x) for x in value.split()] for _, value in _stated(root, tag, name) if value]
+
+
+def _stated(
+    root: ET.Element, tag: str, name: str
+) -> Iterator[tuple[list[ET.Element], str | None]]:
+    """Yield the bodies about each element, outermost first, and its attribute or None."""
+    classes: dict[str, str | None] = {}
+    level: list[tuple[ET.Element, str | None]] = [(x, None) for x in root.iterfind('default')]
+    while level:
+        default, above = level.pop()
+        own = next((x.get(name) for x in default.findall(tag) if x.get(name)), above)
+        classes[default.get('class', 'main')] = own
+        level += [(x, own) for x in default.findall('default')]
+    bodies: list[tuple[ET.Element, list[ET.Element], str]] = [
+        (x, [], 'main') for x in root if x.tag in ('worldbody', 'actuator')
+    ]
+    while bodies:
+        body, about, usual = bodies.pop()
+        usual = body.get('childclass', usual)
+        inside = [*about, body]
+        for child in body:
+            if child.tag in ('body', 'frame'):
+                bodies.append((child, inside, usual))
+            elif child.tag == tag:
+                yield inside, child.get(name) or classes.get(child.get('class', usual))
+
+
+def _of_shapes(root: ET.Element) -> Iterator[str]:
+    """Judge whether a moving body's mass is that of a shape in a file."""
+    for bodies, mesh in _stated(root, 'geom', 'mesh'):
+        body = next((x for x in reversed(bodies) if x.tag != 'frame'), root)
+        moves = any(x.tag in ('joint', 'freejoint') for y in bodies for x in y)
+        if mesh and moves and body.find('inertial') is None:
+            yield (
+                f'has body {name_of(body.get("name"))}, whose mass is that of the mesh '
+                f'{name_of(mesh)}, which is not read; give it an inertial, or the MJCF that '
+                'mujoco.mj_saveLastXML writes'
+            )
+
+
+def _leave_out_shapes(root: ET.Element) -> None:
+    """Take out of an MJCF what needs files of its own, or is for the eye alone."""
+    gone = {'mesh', 'texture', 'material', 'hfield', 'skin', 'light', 'camera'}
+    for tag in ('visual', 'statistic', 'keyframe'):
+        for element in root.findall(tag):
+            root.remove(element)
+    names = set()
+    for parent in list(root.iter()):
+        for child in list(parent):
+            child.attrib.pop('material', None)
+            shape = child.tag == 'geom' and ('mesh' in child.attrib or 'hfield' in child.attrib)
+            if shape or child.tag in gone:
+                names.add(child.get('name') if shape else None)
+                parent.remove(child)
+    for contact in root.iterfind('contact'):
+        for pair in contact.findall('pair'):
+            if {pair.get('geom1'), pair.get('geom2')} & (names - {None}):
+                contact.remove(pair)
 
 
 def joints_in(text: str) -> tuple[str, ...]:

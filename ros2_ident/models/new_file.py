@@ -5,11 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle, groupby, islice
 import textwrap
+from typing import cast
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.description import judged_tree
+from ros2_ident.machine.description import declared, judged_tree
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
 from ros2_ident.models.registry import KINDS
@@ -18,6 +19,16 @@ from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.motion import fill_gaps, Motion, motion_of
 from ros2_ident.recording.streams import FloatArray, with_positions
+
+# Parameters that an MJCF states: element, attribute, and which of its numbers.
+_STATED = (
+    ('armature', 'joint', 'armature', 0), ('damping', 'joint', 'damping', 0),
+    ('frictionloss', 'joint', 'frictionloss', 0), ('kp', 'position', 'kp', 0),
+    ('kp', 'general', 'gainprm', 0), ('kv', 'position', 'kv', 0), ('kv', 'general', 'biasprm', 2),
+    ('force_limit', 'position', 'forcerange', 1), ('force_limit', 'general', 'forcerange', 1),
+)  # fmt: skip
+# A box reaches to so many times what is stated, as those of the bundled examples do.
+_ROOM = 4.0
 
 
 def new_machine_file(
@@ -40,13 +51,13 @@ def new_machine_file(
         IdentError: INVALID_GOAL where the kind has no description, or description and log no
             joint in common; or as the kind's `joints`.
     """
-    known = {}
+    known, boxes = dict[str, str](), dict[str, str]()
     if description is not None:
-        known = {description_key(kind): inline(named), **_boxes(kind, description)}
+        known, boxes = {description_key(kind): inline(named)}, _boxes(kind, description)
     if states is not None:
         period = float(np.median(np.diff(states.stamp))) * 1e-9
         known['cycle'] = f'{period:.4g}'
-    return machine_template(kind, drives or _joints(kind, description, states), known)
+    return machine_template(kind, drives or _joints(kind, description, states), known, boxes)
 
 
 def one_joint_file(
@@ -224,14 +235,31 @@ def ways(kind: Kind, log: Recording) -> str:
 
 
 def _boxes(kind: Kind, description: str) -> dict[str, str]:
-    """Return how far links can be from a description: by no more than all of it at its reach."""
+    """Return boxes that hold what a description says.
+
+    How far links can be from it is bounded by all of it at its reach. Of an MJCF what its joints
+    and actuators state lies in the box, with room above.
+    """
+    root = judged_tree(description)
+    if root.tag == 'mujoco':
+        keys = {key.name: key for key in kind.keys if key.section == 'parameters'}
+        most: dict[str, float] = {}
+        for name, tag, attribute, column in _STATED:
+            values = [abs(x[column]) for x in declared(root, tag, attribute) if len(x) > column]
+            most[name] = max([*values, most.get(name, 0.0)])
+        out = {}
+        for name, value in most.items():
+            low, high = cast(tuple[float, float], keys[name].example)
+            if value > high / _ROOM:
+                out[name] = f'[{low:g}, {_ROOM * value:.3g}, {keys[name].unit}]'
+        return out
     mass, reach = kind.extent(description) if kind.extent else (0.0, 0.0)
     if not mass * reach > 0.0:
         return {}
-    most = (mass, 'kg'), (mass * reach, 'kg m'), (mass * reach**2, 'kg m^2')
+    links = (mass, 'kg'), (mass * reach, 'kg m'), (mass * reach**2, 'kg m^2')
     return {
         name: f'[{-x:.2g}, {x:.2g}, {unit}]'
-        for name, (x, unit) in zip(kind.described, most, strict=True)
+        for name, (x, unit) in zip(kind.described, links, strict=True)
     }
 
 
@@ -273,7 +301,10 @@ _COMMENT = 42
 
 
 def machine_template(
-    kind: Kind, drives: Sequence[str] = (), known: Mapping[str, str] | None = None
+    kind: Kind,
+    drives: Sequence[str] = (),
+    known: Mapping[str, str] | None = None,
+    boxes: Mapping[str, str] | None = None,
 ) -> str:
     """Return the text of a machine file.
 
@@ -282,6 +313,7 @@ def machine_template(
         drives: Joint names; those of the example where there are none.
         known: Values of keys by name, as YAML. Beside a file that describes it, a machine needs
             nothing of that section which belongs to single drives or has no default.
+        boxes: Boxes of parameters by name, likewise.
 
     Returns:
         YAML that `load_machine` reads. Optional keys that the example does without stand behind
@@ -309,9 +341,9 @@ def machine_template(
             indent = '  '
         for key in keys:
             boxed = section == 'parameters'
-            if key.name in given and (not boxed or key.name in kind.described):
+            if (value := (boxes or {} if boxed else given).get(key.name)) is not None:
                 key = replace(key, shown=key.shown or not boxed)
-                lines += _lines(key, indent, given[key.name])
+                lines += _lines(key, indent, value)
                 continue
             if key.section in described and key.absent and (key.each or key.default is None):
                 key = replace(key, shown=False)

@@ -294,14 +294,18 @@ def test_what_the_description_lacks_is_said(folder, changed, what) -> None:
     ('old', 'new', 'said'),
     [
         ('</mujoco>', '', 'is no XML'),
-        ('<worldbody>', '<include file="other.xml"/><worldbody>', 'names the file other.xml (inc'),
-        ('<worldbody>', '<asset><mesh file="/etc/passwd"/></asset><worldbody>', 'passwd (mesh)'),
+        ('<worldbody>', '<include file="other.xml"/><worldbody>', 'other.xml: cannot be read'),
+        (
+            '<worldbody>', '<asset><model file="/etc/passwd"/></asset><worldbody>',
+            'passwd (model)',
+        ),
         ('mass="0.3"', 'mass="-1"', 'has -1 as inertial mass of body lower'),
         ('kp="10"', 'kp="nan"', "contains a 'NaN'"),
         ('kp="10"', 'kp="x"', "bad format in attribute 'kp' Element 'position'"),
         ('timestep="0.001"', 'timestep="0"', 'has the timestep 0 s; write one from 4e-07 s'),
-        ('<worldbody>', '<asset><hfield name="h" nrow="12000" ncol="12000" size="1 1 1 1"/>'
-         '</asset><worldbody>', 'more than 512 MiB'),
+        ('<worldbody>',
+         '<worldbody><replicate count="60000"><body><geom size="1"/></body></replicate>',
+         'more than 512 MiB'),
     ],
 )  # fmt: skip
 def test_a_bad_mjcf_is_refused_before_a_log_is_read(

@@ -488,8 +488,7 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
     reason = ' '.join(str(error).split()).partition(', line ')[0]
     return IdentError(
         ErrorCode.BAD_MACHINE_FILE,
-        f'geometry.description cannot be read ({reason}); give a URDF, or an MJCF '
-        'without files of its own',
+        f'geometry.description cannot be read ({reason}); give a URDF or an MJCF',
     )
 
 

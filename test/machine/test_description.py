@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptions as people have them: includes, meshes, classes of defaults, keyframes."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ros2_ident.errors import IdentError
+from ros2_ident.machine.description import declared, description_text, judged_tree
+from ros2_ident.models.new_file import new_machine_file
+from ros2_ident.models.registry import KINDS
+
+ARM = """<mujoco model="arm">
+  <compiler meshdir="assets"/>
+  <default>
+    <joint armature="0.15" damping="7"/>
+    <default class="wrist"><joint damping="2" frictionloss="6"/><geom type="mesh"/></default>
+  </default>
+  <asset>
+    <texture name="wood" type="2d" file="wood.png"/><material name="wood" texture="wood"/>
+    <mesh name="link" file="link.stl"/><mesh file="tool.obj"/>
+  </asset>
+  <worldbody>
+    <light pos="0 0 1"/>
+    <body name="upper">
+      {inertial}<joint name="shoulder"/><geom name="g" class="wrist" mesh="link" material="wood"/>
+      <body name="lower" childclass="wrist">
+        <inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><joint name="elbow"/>
+        <geom type="sphere" size="0.1" material="wood"/>
+      </body>
+    </body>
+  </worldbody>
+  <contact><pair geom1="g" geom2="g"/></contact>
+  <actuator><position joint="shoulder" kp="3500"/></actuator>
+  <keyframe><key qpos="0 0"/></keyframe>
+</mujoco>"""
+INERTIAL = '<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>'
+
+
+def test_what_is_for_the_eye_alone_is_left_out_where_an_arm_is_simulated() -> None:
+    text = ARM.format(inertial=INERTIAL)
+    assert judged_tree(text).find('asset/mesh') is not None
+    root = judged_tree(text, shapes=False)
+    tags = {element.tag for element in root.iter()}
+    assert not tags & {'mesh', 'texture', 'material', 'light', 'keyframe', 'pair'}
+    assert [geom.get('type') for geom in root.iterfind('worldbody//geom')] == ['sphere']
+    assert not any({'mesh', 'material', 'file'} & {*element.keys()} for element in root.iter())
+
+
+def test_a_mass_that_only_a_mesh_tells_is_asked_for() -> None:
+    with pytest.raises(IdentError, match='has body "?upper.* mesh "?link"?, which is not read'):
+        judged_tree(ARM.format(inertial=''), shapes=False)
+
+
+def test_classes_of_defaults_and_bounds_hold_what_they_state() -> None:
+    text = ARM.format(inertial=INERTIAL)
+    root = judged_tree(text)
+    assert sorted(declared(root, 'joint', 'damping')) == [[2.0], [7.0]]
+    assert declared(root, 'joint', 'frictionloss') == [[6.0]]
+    assert declared(root, 'joint', 'armature') == [[0.15], [0.15]]
+    boxes = yaml.safe_load(new_machine_file(KINDS['mujoco'], (), text, 'arm.xml'))['parameters']
+    for name, value in (('armature', 0.15), ('damping', 7), ('frictionloss', 6), ('kp', 3500)):
+        low, high, _ = boxes[name]
+        assert low < value < high
+
+
+def test_includes_are_read_from_the_folder_and_no_further(tmp_path: Path) -> None:
+    folder = tmp_path / 'robot'
+    (folder / 'parts').mkdir(parents=True)
+    scene, arm = folder / 'scene.xml', folder / 'parts/arm.xml'
+    scene.write_text('<mujoco><include file="parts/arm.xml"/><worldbody/></mujoco>')
+    arm.write_text('<mujocoinclude><include file="joint.xml"/></mujocoinclude>')
+    joint = '<worldbody><body><joint name="elbow"/></body></worldbody>'
+    (folder / 'parts/joint.xml').write_text(f'<mujoco>{joint}</mujoco>')
+    root = judged_tree(description_text(scene))
+    assert [x.get('name') for x in root.iter('joint')] == ['elbow']
+    (tmp_path / 'other.xml').write_text('<mujoco/>')
+    for name in ('../../other.xml', '../scene.xml', '../arm.xml'):
+        arm.write_text(f'<mujoco><include file="{name}"/></mujoco>')
+        with pytest.raises(IdentError, match=r'is included and not read|cannot be read'):
+            description_text(scene)
