@@ -36,11 +36,11 @@ import tempfile
 import time
 from typing import Any
 
-from long_bag import simulated_cycle
-import measure
 import numpy as np
 from numpy.typing import NDArray
 
+from checks.benchmarks import measure
+from checks.benchmarks.long_bag import simulated_cycle
 from ros2_ident.ros.capture import QOS
 from ros2_ident.ros.capture import TOPICS as ROLES
 from ros2_ident.threads import ONE_THREAD

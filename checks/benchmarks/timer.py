@@ -17,18 +17,15 @@ import time
 
 import numpy as np
 
+from checks.benchmarks.measure import machine
+from ros2_ident.identify.run import identify, read_data
+from ros2_ident.identify.settings import IdentifySettings
+from ros2_ident.models import load_machine
+from ros2_ident.ros.identifier import SWITCH_INTERVAL
+from ros2_ident.ros.worker import NICE
+from ros2_ident.search import GeneticSettings
+
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / 'checks' / 'benchmarks'))
-
-from measure import machine  # noqa: E402
-
-from ros2_ident.identify.run import identify, read_data  # noqa: E402
-from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
-from ros2_ident.models import load_machine  # noqa: E402
-from ros2_ident.ros.identifier import SWITCH_INTERVAL  # noqa: E402
-from ros2_ident.ros.worker import NICE  # noqa: E402
-from ros2_ident.search import GeneticSettings  # noqa: E402
-
 PERIOD = 1_000_000  # ns
 
 

@@ -4,23 +4,12 @@
 `checks/benchmarks/fuzz_requests.py` does the same for hours.
 """
 
-import importlib.util
-from pathlib import Path
 import random
 
 import pytest
 
+from checks.benchmarks import fuzz_requests
 from ros2_ident.errors import ErrorCode, IdentError
-
-SCRIPT = Path(__file__).parents[2] / 'checks' / 'benchmarks' / 'fuzz_requests.py'
-
-
-@pytest.fixture(scope='module')
-def fuzz():
-    spec = importlib.util.spec_from_file_location('fuzz_requests', SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize(
@@ -30,11 +19,11 @@ def fuzz():
         *(('Messages', 2000), ('Goals', 100)),
     ],
 )
-def test_odd_requests_are_answered(fuzz, kind, count, tmp_path):
+def test_odd_requests_are_answered(kind, count, tmp_path):
     needed = {'Urdf': 'pinocchio', 'Mjcf': 'pinocchio', 'Lerobot': 'pyarrow'}.get(kind)
     if needed:
         pytest.importorskip(needed, reason=f'{needed} is not installed')
-    take = getattr(fuzz, kind)(tmp_path)
+    take = getattr(fuzz_requests, kind)(tmp_path)
     outcomes = set()
     for number in range(count):
         try:

@@ -1,27 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search on the belt drive: found from anywhere in the box with at most 2760 simulations."""
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
-import pytest
+
+from checks.benchmarks.search_belt import identify, MANY_MINIMA, PAPER_TRUTH, truths
 
 
-@pytest.fixture(scope='module')
-def benchmark():
-    path = Path(__file__).parents[2] / 'checks' / 'benchmarks' / 'search_belt.py'
-    spec = importlib.util.spec_from_file_location('search_belt', path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_forty_truths_anywhere_in_the_box(benchmark):
-    runs = [
-        benchmark.identify(truth, benchmark.MANY_MINIMA, i)
-        for i, truth in enumerate(benchmark.truths(40, 0))
-    ]
+def test_forty_truths_anywhere_in_the_box():
+    runs = [identify(truth, MANY_MINIMA, i) for i, truth in enumerate(truths(40, 0))]
     own, refined, evaluations, _ = zip(*runs, strict=True)
     assert sum(bool((e < 0.01).all()) for e in own) >= 38
     assert sum(bool((e < 1e-6).all()) for e in refined) >= 39
@@ -40,8 +28,8 @@ def test_the_example_in_the_docs(monkeypatch, capsys):
     assert 'All generations are done' in capsys.readouterr().out
 
 
-def test_the_papers_own_truth(benchmark):
-    runs = [benchmark.identify(benchmark.PAPER_TRUTH, benchmark.MANY_MINIMA, s) for s in range(10)]
+def test_the_papers_own_truth():
+    runs = [identify(PAPER_TRUTH, MANY_MINIMA, s) for s in range(10)]
     refined = np.array([r[1] for r in runs])
     # The paper: EA 0.028 %, P 0.032 %.
     assert ((refined < [2.8e-4, 3.2e-4]).all(axis=1)).sum() >= 9
