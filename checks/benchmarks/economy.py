@@ -203,7 +203,7 @@ def ours(
 
 def exudyn_genetic(watched: Watched, seed: int) -> None:
     """Run Exudyn's genetic algorithm on our simulator; it asks for one candidate at a time."""
-    from exudyn_models import genetic_optimization
+    from checks.benchmarks.exudyn_models import genetic_optimization
 
     task = watched.task
 

@@ -64,7 +64,6 @@ def belt_torque(
     *,
     solver: str = 'RK67',
     substeps: int = 1,
-    second_order: bool = False,
 ) -> np.ndarray:
     """Return phi1 and M1, (2, K), of one belt drive.
 
@@ -74,45 +73,24 @@ def belt_torque(
         reference: (K,) set-point, rad.
         solver: One of Exudyn's explicit solvers.
         substeps: Integration steps in a sampling interval.
-        second_order: Whether to give Exudyn mass and stiffness matrix instead of the first-order
-            system.
     """
     inertia, stiffness = belt_matrices(c)
     gain = c['position_gain']
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    if second_order:
-        node = mbs.AddNode(
-            items.NodeGenericODE2(
-                referenceCoordinates=[0.0] * 3,
-                initialCoordinates=[0.0] * 3,
-                initialCoordinates_t=[0.0] * 3,
-                numberOfODE2Coordinates=3,
-            )
+    matrix = np.zeros((6, 6))
+    matrix[:3, 3:] = np.eye(3)
+    matrix[3:, :3] = -stiffness / inertia[:, None]
+    node = mbs.AddNode(
+        items.NodeGenericODE1(
+            referenceCoordinates=[0.0] * 6,
+            initialCoordinates=[0.0] * 6,
+            numberOfODE1Coordinates=6,
         )
-        body = mbs.AddObject(
-            items.ObjectGenericODE2(
-                nodeNumbers=[node],
-                massMatrix=np.diag(inertia),
-                stiffnessMatrix=stiffness,
-                dampingMatrix=np.zeros((3, 3)),
-                forceVector=np.zeros(3),
-            )
-        )
-    else:
-        matrix = np.zeros((6, 6))
-        matrix[:3, 3:] = np.eye(3)
-        matrix[3:, :3] = -stiffness / inertia[:, None]
-        node = mbs.AddNode(
-            items.NodeGenericODE1(
-                referenceCoordinates=[0.0] * 6,
-                initialCoordinates=[0.0] * 6,
-                numberOfODE1Coordinates=6,
-            )
-        )
-        body = mbs.AddObject(
-            items.ObjectGenericODE1(nodeNumbers=[node], systemMatrix=matrix, rhsVector=np.zeros(6))
-        )
+    )
+    body = mbs.AddObject(
+        items.ObjectGenericODE1(nodeNumbers=[node], systemMatrix=matrix, rhsVector=np.zeros(6))
+    )
     sensor = mbs.AddSensor(
         items.SensorNode(
             nodeNumber=node,
@@ -126,10 +104,7 @@ def belt_torque(
     phi1 = np.empty(reference.size)
     for first, end in zip(edges[:-1], edges[1:], strict=True):
         push = gain * float(reference[first])
-        if second_order:
-            mbs.SetObjectParameter(body, 'forceVector', [push, 0.0, 0.0])
-        else:
-            mbs.SetObjectParameter(body, 'rhsVector', [0.0] * 3 + [push / inertia[0], 0.0, 0.0])
+        mbs.SetObjectParameter(body, 'rhsVector', [0.0] * 3 + [push / inertia[0], 0.0, 0.0])
         settings = _settings(first * cycle, end * cycle, (end - first) * substeps, cycle)
         mbs.SolveDynamic(settings, solverType=getattr(SOLVERS, solver), updateInitialValues=True)
         phi1[first : end + 1] = mbs.GetSensorStoredData(sensor)[:, 1]

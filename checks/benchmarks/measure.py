@@ -1,27 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all comparisons share: interleaved timing, memory, the machine in words, tables, pictures.
+"""What all comparisons share: interleaved timing, the machine in words, tables.
 
 Times of one thread are its processor time, which other programs on the machine disturb less than
 the clock; jobs of several processes are timed by the clock.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import os
 from pathlib import Path
 import platform
-import resource
-import subprocess
-import sys
 import time
 
-import matplotlib
 import numpy as np
-
-matplotlib.use('Agg')
-from matplotlib.axes import Axes  # noqa: E402
-import matplotlib.pyplot as plt  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -83,41 +74,6 @@ def ratio(slow: Timing, fast: Timing) -> str:
     return f'{medians} ({minima})'
 
 
-def memory(job: str, folder: Path) -> float:
-    """Return how much a job adds to the memory of a fresh process that has made its imports, MB.
-
-    Args:
-        job: `module:function`; the function prepares and returns what is measured.
-        folder: Where the module is.
-    """
-    module, name = job.split(':')
-    # getrusage's peak begins with the parent's and cannot be set back; the kernel's own can.
-    script = (
-        'import sys\n'
-        f'sys.path.insert(0, {str(folder)!r})\n'
-        f'from {module} import {name}\n'
-        'def status(key):\n'
-        '    with open("/proc/self/status") as file:\n'
-        '        return next(int(x.split()[1]) for x in file if x.startswith(key))\n'
-        f'job = {name}()\n'
-        'with open("/proc/self/clear_refs", "w") as file:\n'
-        '    file.write("5")\n'
-        'before = status("VmRSS")\n'
-        'job()\n'
-        'print(status("VmHWM") - before)'
-    )
-    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f'{job} failed in a process of its own:\n{done.stderr}')
-    return float(done.stdout.split()[-1]) / 1024.0
-
-
-def children_seconds() -> float:
-    """Return the processor time of child processes that have ended, s."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
-
-
 def machine() -> str:
     """Return the machine and its present load as one line."""
     model = platform.processor() or platform.machine()
@@ -137,17 +93,3 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     lines = ['| ' + ' | '.join(head) + ' |', '|' + ' --- |' * len(head)]
     lines += ['| ' + ' | '.join(str(cell) for cell in row) + ' |' for row in rows]
     return '\n'.join(lines) + '\n'
-
-
-@contextmanager
-def picture(path: Path, columns: int = 1) -> Iterator[list[Axes]]:
-    """Open a row of axes and write it to a file at the end."""
-    figure, axes = plt.subplots(1, columns, figsize=(4.2 * columns, 3.4), squeeze=False)
-    for one in axes[0]:
-        one.grid(visible=True, alpha=0.3, which='both')
-        one.spines[['top', 'right']].set_visible(False)
-    yield list(axes[0])
-    figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110, metadata={'Software': None})
-    plt.close(figure)

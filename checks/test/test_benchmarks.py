@@ -1,35 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The comparisons' own arithmetic: what counts as found, what is timed, how ratios are made."""
 
-import importlib.util
-from pathlib import Path
-import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-FOLDER = Path(__file__).parents[1] / 'benchmarks'
+from checks.benchmarks import economy, measure
 
 
-def load(name):
-    spec = importlib.util.spec_from_file_location(f'benchmark_{name}', FOLDER / f'{name}.py')
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look themselves up
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope='module')
-def economy():
-    return load('economy')
-
-
-@pytest.fixture(scope='module')
-def measure():
-    return load('measure')
-
-
-def task(economy, noise=0.0):
+def task(noise=0.0):
     """A bowl with its minimum at (2, 3), of which only the first coordinate is judged."""
     truth = np.array([2.0, 3.0])
 
@@ -52,8 +32,8 @@ def task(economy, noise=0.0):
     )
 
 
-def test_found_is_where_the_best_stays_within_one_percent(economy):
-    watched = economy.Watched(task(economy), 100)
+def test_found_is_where_the_best_stays_within_one_percent():
+    watched = economy.Watched(task(), 100)
     watched.costs(np.array([[1.0, 3.0], [2.01, 0.0], [2.001, 1.0]]))
     assert watched.reached == np.inf  # the best so far is the first
     watched.costs(np.array([[2.015, 2.5]]))
@@ -65,14 +45,14 @@ def test_found_is_where_the_best_stays_within_one_percent(economy):
     assert watched.count == 7
 
 
-def test_a_method_ends_with_its_budget(economy):
-    trial = economy.attempt(economy.evolution, task(economy), 0, 500)
+def test_a_method_ends_with_its_budget():
+    trial = economy.attempt(economy.evolution, task(), 0, 500)
     assert 0 < trial.simulations <= 500
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_ours_counts_the_differences_of_its_refinement(economy, seed):
-    bowl = task(economy)
+def test_ours_counts_the_differences_of_its_refinement(seed):
+    bowl = task()
     seen = 0
 
     def counted(function):
@@ -83,8 +63,6 @@ def test_ours_counts_the_differences_of_its_refinement(economy, seed):
 
         return call
 
-    from dataclasses import replace
-
     watched = replace(bowl, costs=counted(bowl.costs), residuals=counted(bowl.residuals))
     trial = economy.attempt(economy.ours(economy.FEW), watched, seed, 1000)
     assert trial.simulations == seen
@@ -92,7 +70,7 @@ def test_ours_counts_the_differences_of_its_refinement(economy, seed):
     assert trial.reached <= trial.simulations
 
 
-def test_jobs_are_timed_in_turns_and_by_their_share(measure):
+def test_jobs_are_timed_in_turns_and_by_their_share():
     order, now = [], 0.0
 
     def job(name, seconds):
@@ -111,15 +89,6 @@ def test_jobs_are_timed_in_turns_and_by_their_share(measure):
     assert measure.ratio(times['slow'], times['fast']) == '3 (3)'
 
 
-def test_noise_is_how_far_the_median_lies_above_the_minimum(measure):
+def test_noise_is_how_far_the_median_lies_above_the_minimum():
     timing = measure.Timing((1.0, 1.5, 9.0))
     assert (timing.median, timing.least, timing.noise) == (1.5, 1.0, 0.5)
-
-
-def test_memory_of_a_job_is_measured_in_a_process_of_its_own(measure, tmp_path):
-    (tmp_path / 'jobs.py').write_text(
-        'def big():\n    return lambda: bytearray(64 * 2**20)\n', encoding='utf-8'
-    )
-    assert 60.0 < measure.memory('jobs:big', tmp_path) < 70.0
-    with pytest.raises(RuntimeError, match='jobs:none failed'):
-        measure.memory('jobs:none', tmp_path)
