@@ -17,9 +17,9 @@ import time
 
 import numpy as np
 
-from checks.belt_matrix import step_reference
 from checks.benchmarks import economy, measure, mujoco_models
 from checks.benchmarks import exudyn_models as exudyn
+from checks.paper.belt import step_reference
 from checks.reference.belt_drive import simulate_belt
 from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.models import load_machine

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from checks.belt_matrix import step_reference
+from checks.paper.belt import step_reference
 from ros2_ident.models import load_machine
 from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise, refine

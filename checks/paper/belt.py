@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from checks.belt_matrix import eigenfrequencies, step_reference
 from ros2_ident.cli.example import shipped
 from ros2_ident.models import load_machine, Machine
-from ros2_ident.models.belt_drive.model import BeltDrive
+from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS
 from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise
 
 Array = NDArray[np.float64]
@@ -85,6 +84,53 @@ def box(belt: BeltDrive) -> tuple[Array, Array]:
         np.array([p.low for p in belt.parameters]),
         np.array([p.high for p in belt.parameters]),
     )
+
+
+def step_reference(
+    *, cycle: float = 2e-4, duration: float = 1.0, steps: int = 9, height: float = np.pi / 1800.0
+) -> tuple[float, Array]:
+    """Return a step-like set-point as in Fig. 5, its steps evenly spread over the duration.
+
+    Args:
+        cycle: Sampling interval, s.
+        duration: Length, s.
+        steps: Number of steps upwards.
+        height: Height of a step, rad; 0.1 degrees by default.
+
+    Returns:
+        The interval, and (K,) the set-point from 0 to `duration`, both included.
+    """
+    count = round(duration / cycle) + 1
+    at = [round(duration / cycle * (i + 1) / (steps + 1)) for i in range(steps)]
+    change = np.zeros(count)
+    np.add.at(change, at, height)
+    return cycle, np.cumsum(change)
+
+
+def matrices(belt: BeltDrive, theta: Array) -> tuple[Array, Array]:
+    """Return inertias (S, 3) and stiffness matrices (S, 3, 3), eq. 21, of candidates (S, N)."""
+    full = belt.constants(theta)
+    c = {name: full[:, n] for n, name in enumerate(CONSTANTS)}
+    k1 = c['axial_stiffness'] / (c['length_1'] + c['rail_position'])
+    k2 = c['axial_stiffness'] / (c['length_2'] - c['rail_position'])
+    k3 = c['axial_stiffness'] / c['length_3']
+    r, gain = c['radius'], c['position_gain']
+    # The sign of x as eqs. 10 and 21 are printed: the mass moves against the gears.
+    rows = [
+        [r * r * (k1 + k3) + gain, -r * r * k3, r * k1],
+        [-r * r * k3, r * r * (k2 + k3), r * k2],
+        [r * k1, r * k2, k1 + k2],
+    ]
+    inertia = [c['driving_inertia'], c['driven_inertia'], c['rail_mass']]
+    return np.stack(inertia, axis=-1), np.moveaxis(np.array(rows), -1, 0)
+
+
+def eigenfrequencies(belt: BeltDrive, theta: Array) -> Array:
+    """Return the eigenfrequencies (S, 3) [Hz], rising, of candidates (S, N), eq. 22."""
+    inertia, stiffness = matrices(belt, theta)
+    root = np.sqrt(inertia)
+    square = np.linalg.eigvalsh(stiffness / (root[:, :, None] * root[:, None, :]))
+    return np.asarray(np.sqrt(square) / (2.0 * np.pi))
 
 
 def eigenfrequencies_over_position(positions: Array, found: Array = TRUTH) -> Array:

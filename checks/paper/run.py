@@ -4,14 +4,15 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from checks.belt_matrix import eigenfrequencies, step_reference
 from checks.paper import figures
 from checks.paper.belt import (
     belt_machine,
+    eigenfrequencies,
     identify,
     local_minima,
     OURS,
     PAPER_SETTINGS,
+    step_reference,
     Trial,
     trials,
     TRUTH,

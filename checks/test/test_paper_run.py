@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from checks.belt_matrix import step_reference
 from checks.paper import run
 from checks.paper.belt import (
     belt_machine,
@@ -16,6 +15,7 @@ from checks.paper.belt import (
     local_minima,
     OURS,
     PAPER_SETTINGS,
+    step_reference,
     Trial,
     TRUTH,
 )

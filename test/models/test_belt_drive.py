@@ -6,9 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from checks.belt_matrix import (
-    step_reference,
-)
+from checks.paper.belt import step_reference
 from checks.reference.belt_drive import simulate_belt
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
