@@ -19,7 +19,6 @@ import numpy as np
 import yaml
 
 from checks.reference import twin_of
-from checks.reference.arm import gravity_in_base, inverse_dynamics, read_urdf
 from ros2_ident.errors import IdentError
 from ros2_ident.excite.course import courses_for, derived
 from ros2_ident.excite.files import write_excitation
@@ -64,31 +63,10 @@ def rival(kind, machine, limits, seconds, seed):
 def simulated(machine, sensitivity, planned, values):
     """Return what the reference makes of set-points."""
     named = {p.name: v for p, v in zip(sensitivity.parameters, values, strict=True)}
-    try:
-        twin = twin_of(machine)
-    except IdentError:
-        return arm_moved(machine, planned, named)
-    log = twin.simulate(machine, named, planned.position, planned.velocity)
+    log = twin_of(machine).simulate(machine, named, planned.position, planned.velocity)
     seen = derived(log.position, log.velocity, log.cycle)
     tool = log.platform if kind_of(machine).set_points else None
     return replace(seen, jerk=None, effort=log.torque, tool=tool)
-
-
-def arm_moved(machine, planned, named):
-    """Return the efforts of an arm by the reference's Newton-Euler and its joints' friction."""
-    bodies = read_urdf(machine.text('description'), machine.drives)
-    gravity = gravity_in_base(machine.number('free_fall'), 0.0, 0.0)
-    rows = (planned.position, planned.velocity, planned.acceleration)
-    effort = np.array(
-        [inverse_dynamics(bodies, gravity, *at) for at in zip(*(r.T for r in rows), strict=True)]
-    ).T
-    width = machine.numbers('coulomb_regularisation')
-    for d, drive in enumerate(machine.drives):
-        speed = planned.velocity[d]
-        effort[d] += named.get(f'{drive}.viscous_torque', 0.0) * speed
-        effort[d] += named.get(f'{drive}.coulomb_torque', 0.0) * np.tanh(speed / width[d])
-        effort[d] += named.get(f'{drive}.drive_inertia', 0.0) * planned.acceleration[d]
-    return replace(planned, jerk=None, effort=effort)
 
 
 def taken(limits, moved):
