@@ -13,13 +13,12 @@ import argparse
 import json
 from pathlib import Path
 import resource
-import struct
 import subprocess
 import sys
 import tempfile
 import time
-from typing import BinaryIO
 
+from mcap.writer import CompressionType, Writer
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
@@ -42,7 +41,6 @@ TRUTH = {
 }
 CYCLE, BACK, SETTLED = 20.0, 1.0, 0.5  # s; of a cycle, of its way back, of rest at its end
 TOPICS = ('/joint_states', '/effort', '/joint_command')
-MAGIC = b'\x89MCAP0\r\n'
 
 
 def simulated_cycle(seed: int) -> dict[str, np.ndarray]:
@@ -66,34 +64,19 @@ def simulated_cycle(seed: int) -> dict[str, np.ndarray]:
     }
 
 
-def record(opcode: int, content: bytes) -> bytes:
-    """Return an MCAP record."""
-    return struct.pack('<BQ', opcode, len(content)) + content
-
-
-def text(value: str) -> bytes:
-    """Return an MCAP string."""
-    raw = value.encode()
-    return struct.pack('<I', len(raw)) + raw
-
-
 def write_bag(path: Path, minutes: float, seed: int) -> int:
-    """Write the bag; return its messages. Messages of a chunk are rows of one table of bytes."""
+    """Write the bag, of which no more than a cycle is in memory; return its messages."""
     rng = np.random.default_rng(seed)
     names = load_machine(MACHINE).drives
     cycles = [simulated_cycle(seed + k) for k in range(3)]
     resting = {key: np.repeat(x[-1:], len(x), axis=0) for key, x in cycles[0].items()}
+    count = 0
     definition, _ = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(JOINT_STATE)
-    schema = struct.pack('<H', 1) + text(JOINT_STATE) + text('ros2msg') + text(definition)
-    channels = [
-        struct.pack('<HH', k, 1) + text(topic) + text('cdr') + struct.pack('<I', 0)
-        for k, topic in enumerate(TOPICS)
-    ]
-    chunks: list[bytes] = []
-    counts = [0, 0, 0]
     with path.open('wb') as file:
-        file.write(MAGIC + record(0x01, text('ros2') + text('')))
-        file.write(record(0x03, schema) + b''.join(record(0x04, c) for c in channels))
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start('ros2')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg', definition.encode())
+        channels = [writer.register_channel(topic, 'cdr', schema) for topic in TOPICS]
         for number in range(round(60.0 * minutes / CYCLE)):
             now = resting if number % 2 else cycles[number // 2 % 3]
             size = len(now['command'])
@@ -104,75 +87,13 @@ def write_bag(path: Path, minutes: float, seed: int) -> int:
                 (None, None, now['effort'] + noise),
                 (now['command'], None, None),
             )
-            tables = []
-            for channel, values in enumerate(fields):
-                tables.append(_rows(channel, stamp, cdr.encode(stamp, names, values)))
-                counts[channel] += size
-            _chunks(file, tables, stamp, chunks)
-        _summary(file, schema, channels, chunks, counts)
-    return sum(counts)
-
-
-def _rows(channel: int, stamp: np.ndarray, messages: list[bytes]) -> np.ndarray:
-    """Return message records (T, bytes)."""
-    data = np.frombuffer(b''.join(messages), dtype=np.uint8).reshape(len(messages), -1)
-    head = np.zeros(
-        len(messages),
-        dtype=[
-            ('op', 'u1'),
-            ('size', '<u8'),
-            ('channel', '<u2'),
-            ('sequence', '<u4'),
-            ('log', '<u8'),
-            ('sent', '<u8'),
-        ],
-    )
-    head['op'], head['size'], head['channel'] = 0x05, 22 + data.shape[1], channel
-    head['log'] = head['sent'] = stamp
-    return np.concatenate([head.view(np.uint8).reshape(len(messages), -1), data], axis=1)
-
-
-def _chunks(
-    file: BinaryIO, tables: list[np.ndarray], stamp: np.ndarray, chunks: list[bytes]
-) -> None:
-    """Write tables, a row of each in turn, in chunks of two seconds; note their index."""
-    table = np.concatenate(tables, axis=1)
-    begins = np.cumsum([0, *(x.shape[1] for x in tables)])
-    for at in range(0, len(table), 2000):
-        part, times = table[at : at + 2000], stamp[at : at + 2000]
-        raw, first, last = part.tobytes(), int(times[0]), int(times[-1])
-        head = struct.pack('<QQQI', first, last, len(raw), 0) + text('')
-        content = record(0x06, head + struct.pack('<Q', len(raw)) + raw)
-        start = file.tell()
-        file.write(content)
-        end, offsets = file.tell(), b''
-        for channel in range(len(tables)):
-            places = begins[channel] + table.shape[1] * np.arange(len(part))
-            index = np.stack([times, places], axis=1).astype('<u8').tobytes()
-            offsets += struct.pack('<HQ', channel, file.tell())
-            file.write(record(0x07, struct.pack('<HI', channel, len(index)) + index))
-        chunks.append(
-            struct.pack('<QQQQI', first, last, start, len(content), len(offsets))
-            + offsets
-            + struct.pack('<Q', file.tell() - end)
-            + text('')
-            + struct.pack('<QQ', len(raw), len(raw))
-        )
-
-
-def _summary(
-    file: BinaryIO, schema: bytes, channels: list[bytes], chunks: list[bytes], counts: list[int]
-) -> None:
-    """Write what stands at the end of the file: definitions, index of chunks, counts."""
-    file.write(record(0x0F, struct.pack('<I', 0)))
-    start = file.tell()
-    file.write(record(0x03, schema) + b''.join(record(0x04, c) for c in channels))
-    file.write(b''.join(record(0x08, c) for c in chunks))
-    (begin,), (end,) = struct.unpack('<Q', chunks[0][:8]), struct.unpack('<Q', chunks[-1][8:16])
-    sizes = (sum(counts), 1, len(channels), 0, 0, len(chunks), begin, end)
-    table = b''.join(struct.pack('<HQ', k, n) for k, n in enumerate(counts))
-    content = struct.pack('<QHIIIIQQ', *sizes) + struct.pack('<I', len(table)) + table
-    file.write(record(0x0B, content) + record(0x02, struct.pack('<QQI', start, 0, 0)) + MAGIC)
+            count += len(TOPICS) * size
+            encoded = [cdr.encode(stamp, names, values) for values in fields]
+            for when, *messages in zip(stamp.tolist(), *encoded, strict=True):
+                for channel, message in zip(channels, messages, strict=True):
+                    writer.add_message(channel, when, message, when)
+        writer.finish()
+    return count
 
 
 def main() -> None:
