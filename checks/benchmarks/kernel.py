@@ -15,7 +15,6 @@ import ctypes
 import functools
 import os
 from pathlib import Path
-import platform
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ import time
 
 import numpy as np
 
+from checks.benchmarks import measure
 from checks.reference.tripod import TABLE_5
 from ros2_ident.kernel import rows
 from ros2_ident.lanes import WIDTH
@@ -166,10 +166,8 @@ class Limit:
     def peak(self) -> float:
         """Return the core's fused multiply-adds in operations a second; the best of several."""
         rounds = 2_000_000
-        return max(
-            2 * 8 * 12 * rounds / seconds_of(lambda: self.library.peak(ctypes.c_int64(rounds)))
-            for _ in range(9)
-        )
+        least = in_turn(9, lambda: self.library.peak(ctypes.c_int64(rounds))).min()
+        return float(2 * 8 * 12 * rounds / least)
 
 
 def _grid(model: Tripod) -> np.ndarray:
@@ -197,16 +195,10 @@ def _at(values: np.ndarray) -> ctypes.c_void_p:
     return values.ctypes.data_as(ctypes.c_void_p)
 
 
-def seconds_of(what: Callable[[], object]) -> float:
-    """Return the CPU time of this process that a call takes, s."""
-    start = time.process_time()
-    what()
-    return time.process_time() - start
-
-
 def in_turn(rounds: int, *calls: Callable[[], object]) -> np.ndarray:
-    """Return (rounds, calls) CPU times, s; every round runs each call once."""
-    return np.array([[seconds_of(call) for call in calls] for _ in range(rounds)])
+    """Return (rounds, calls) CPU times of this process, s; every round runs each call once."""
+    times = measure.interleaved({str(n): call for n, call in enumerate(calls)}, rounds)
+    return np.array([x.seconds for x in times.values()]).T
 
 
 class Hooked(Tripod):
@@ -324,14 +316,6 @@ def starts(folder: Path) -> None:
         print(f'{name}: {wall:.2f} s, CPU time {cpu:.2f} s')
 
 
-def processor() -> str:
-    """Return the processor's name."""
-    for line in Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines():
-        if line.startswith('model name'):
-            return line.split(':', 1)[1].strip()
-    return platform.processor()
-
-
 def main() -> None:
     """Print all figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -339,8 +323,7 @@ def main() -> None:
     parser.add_argument('--rounds', type=int, default=9, help='repetitions')
     parser.add_argument('--delta', action='store_true', help='only the delta beside the tripod')
     args = parser.parse_args()
-    load = ', '.join(f'{x:.1f}' for x in os.getloadavg())
-    print(f'{processor()}, {os.cpu_count()} cores, load {load}; {WIDTH} lanes')
+    print(f'{measure.machine()}; {WIDTH} lanes')
     beside_the_delta(args.seconds, args.rounds)
     if args.delta:
         return

@@ -12,17 +12,17 @@ them out of the way: everything runs at real-time priority, the threads that sim
 """
 
 import argparse
-import datetime
 import gc
 import os
 from pathlib import Path
-import platform
 import subprocess
 import sys
 import threading
 import time
 
 import numpy as np
+
+from checks.benchmarks.measure import machine
 
 ROOT = Path(__file__).resolve().parents[2]
 BAG = ROOT / 'bags/tripod_pick_and_place'
@@ -177,7 +177,7 @@ def main() -> int:
     ]
     if options.only is not None:
         cases = [cases[options.only]]
-    load = os.getloadavg()[0]
+    where = machine()
     lines = [
         '| | sent | lost | p50 [ms] | p99 [ms] | p99.9 [ms] | longest [ms] | simulated |',
         '| --- | --- | --- | --- | --- | --- | --- | --- |',
@@ -189,13 +189,6 @@ def main() -> int:
         lines.append(row(name, got))
         print(lines[-1], f' cpu {got["cpu"]:.1f} s', flush=True)
         good = good and got['lost'] == 0 and (got['p99'] < 2.0 or workers == cores)
-    model = platform.processor() or platform.machine()
-    with open('/proc/cpuinfo', encoding='utf-8') as file:
-        model = next((x.split(':')[1].strip() for x in file if x.startswith('model name')), model)
-    where = (
-        f'{cores} cores of {model}, Python {platform.python_version()}, '
-        f'{datetime.date.today():%Y-%m-%d}, load average before {load:.1f}'
-    )
     print(where)
     return 0 if good else 1
 

@@ -11,13 +11,13 @@ Process time, the best of the rounds; both in turn. Needs MuJoCo.
 import argparse
 from pathlib import Path
 import tempfile
-import time
 
 import mujoco
 import mujoco.rollout
 import numpy as np
 import yaml
 
+from checks.benchmarks.measure import interleaved
 from ros2_ident.models import load_machine
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.recording import Dataset
@@ -42,17 +42,6 @@ def machine_of(path, joints, cycle):
         }
         (Path(folder) / 'machine.yaml').write_text(yaml.safe_dump(content))
         return load_machine(Path(folder) / 'machine.yaml')
-
-
-def best(rounds, *calls):
-    """Return the least process time of each call, s."""
-    times = [[] for _ in calls]
-    for _ in range(rounds):
-        for call, kept in zip(calls, times, strict=True):
-            started = time.process_time()
-            call()
-            kept.append(time.process_time() - started)
-    return [min(kept) for kept in times]
 
 
 def main():
@@ -87,7 +76,8 @@ def main():
             count = min(part, args.candidates - first)
             roller.rollout([bare] * count, spare, np.zeros((count, size)), steps)
 
-    ours, theirs = best(args.rounds, lambda: model.simulate(theta), plain)
+    jobs = {'ours': lambda: model.simulate(theta), 'theirs': plain}
+    ours, theirs = (t.least for t in interleaved(jobs, args.rounds).values())
     done = args.candidates * len(instants) * 4
     print(
         f'{args.mjcf.name}: {done / ours:.0f} steps a second, bare {done / theirs:.0f}, '
