@@ -6,8 +6,7 @@ is, comes from the droop under gravity where the arm stands; from there the attr
 to parts of two bags and judged on others. `kv` and `damping` act alike on a position, so `kv` is
 held at 0. Rotation and Wrist_Roll turn about what gravity does not tell: their zero stays.
 
-What is left on the others is held against what a joint does: what it moves, which way, how fast,
-and what it carries. `--picture` draws goal, position and both simulations of one of them.
+`--picture` draws goal, position and both simulations of one of the others.
 
     python checks/benchmarks/mujoco_arm.py DIRECTORY_OF_BAGS so101.xml --picture so101.png
 """
@@ -20,7 +19,6 @@ import tempfile
 
 from matplotlib.figure import Figure
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 import yaml
 
@@ -58,8 +56,6 @@ SECONDS = 20.0
 # What a model may miss, rad.
 NOISE = 5e-3
 ENDS = 'low', 'high'
-# Below this speed, rad/s, a joint has hardly a direction.
-SLOW = 0.02
 PICTURED = 'step_response'
 
 
@@ -184,46 +180,6 @@ def missed(machine, data, theta):
     return [1e3 * np.sqrt(np.nanmean(x, axis=1)) for x in square]
 
 
-def gaps(machine, data, theta):
-    """Return (5, K) measured less simulated positions [rad], NaN where no sample is."""
-    return data.position - Mujoco(machine, data, fixed=HELD).simulate(theta[None])[0]
-
-
-def clues(mjcf, signs, zero, data, left):
-    """Return for each joint the shares of what is left that go with what it does.
-
-    Args:
-        mjcf: The description.
-        signs: (5,) which way round the log counts.
-        zero: (5,) the log's positions at the joints' zeros [rad].
-        data: The recording.
-        left: (5, K) what is left [rad].
-    """
-    import mujoco
-
-    model = mujoco.MjModel.from_xml_path(str(mjcf))
-    state = mujoco.MjData(model)
-    seen = np.flatnonzero(np.isfinite(data.position).all(axis=0))
-    place = data.position[:, seen]
-    speed = uniform_filter1d(np.gradient(place, seen * data.cycle, axis=1), 9, axis=1)
-    load = np.empty_like(place)
-    for k in range(seen.size):
-        state.qpos[:] = signs * (place[:, k] - zero)
-        mujoco.mj_forward(model, state)
-        load[:, k] = signs * state.qfrc_bias
-    told = {'offset': np.zeros_like(place), 'direction': np.tanh(speed / SLOW), 'speed': speed,
-            'load': load}  # fmt: skip
-    shares = []
-    for d, rest in enumerate(left[:, seen]):
-        total = float(rest @ rest)
-        shares.append({})
-        for name, column in told.items():
-            columns = np.stack([np.ones_like(rest), column[d]], axis=1)
-            off = rest - columns @ np.linalg.lstsq(columns, rest, rcond=None)[0]
-            shares[-1][name] = 1.0 - float(off @ off) / total
-    return shares
-
-
 def picture(path, machine, whole, before, after):
     """Draw goal, position and what both simulations make of it, joint by joint."""
     figure = Figure(figsize=(10, 12), layout='tight')
@@ -283,17 +239,13 @@ def main():
     found = along(models, started(parameters, *ranked[0][3:]))
     for p, stated, value in zip(parameters, theirs, found, strict=True):
         print(f'| {p.name} | {stated:g} | {value:.4g} {p.unit} |')
-    of = {p.name: value for p, value in zip(parameters, found, strict=True)}
     for name in (*FITTED, *JUDGED):
         whole = bag(name)
         data = part(whole, *FITTED.get(name, (0.0, SECONDS)))
         before, goal = missed(machine, data, theirs)
         after, _ = missed(machine, data, found)
-        zero = np.array([of.get(f'{joint}.joint_zero', 0.0) for joint in JOINTS])
-        told = clues(args.mjcf, ranked[0][2], zero, data, gaps(machine, data, found))
         for d, joint in enumerate(JOINTS):
             numbers = [f'{x:.1f}' for x in (goal[d], before[d], after[d])]
-            numbers += [f'{100.0 * share:.0f}' for share in told[d].values()]
             print('|', ' | '.join([name, joint, *numbers]), '|', flush=True)
         if args.picture and name == PICTURED:
             picture(args.picture, machine, data, theirs, found)
