@@ -18,9 +18,6 @@ def start(name: str, command: ModuleType, argv: Sequence[str] | None = None) -> 
         name: Behind `python -m`.
         command: DESCRIPTION, EXAMPLES, EXIT_CODES, add_arguments(parser) and run(args).
         argv: The words after its name; those of the process where None.
-
-    Returns:
-        The exit code.
     """
     one_thread_for_linear_algebra()
     words = list(sys.argv[1:] if argv is None else argv)

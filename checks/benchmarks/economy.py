@@ -165,12 +165,10 @@ def ours(
     """Return a genetic algorithm with a refinement after it, as `identify` does.
 
     Args:
-        settings: Of the genetic algorithm.
         starts: Most candidates that are refined; the others are left out once one has reached the
             noise.
         distance: What the starts are apart, in box widths.
         tolerance: Relative change that ends a refinement.
-        most: Simulations of a refinement.
     """
 
     def run(watched: Watched, seed: int) -> None:
@@ -277,10 +275,7 @@ def tripod_task(machine: Machine, motion: Motion, noise: float, seed: int) -> It
     """Open a tripod with three equal drives: Table 3's five parameters, all three torques.
 
     Args:
-        machine: The machine file's content.
-        motion: Set-points.
         noise: Standard deviation of the logged torque, N m.
-        seed: Of the true parameters and of the noise.
     """
     rng = np.random.default_rng([2011, seed])
     truth = _truth(machine, rng)

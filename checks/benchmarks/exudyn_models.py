@@ -69,10 +69,7 @@ def belt_torque(
 
     Args:
         c: Constants by name, as in `config/belt_drive.yaml`.
-        cycle: Sampling interval, s.
         reference: (K,) set-point, rad.
-        solver: One of Exudyn's explicit solvers.
-        substeps: Integration steps in a sampling interval.
     """
     inertia, stiffness = belt_matrices(c)
     gain = c['position_gain']
@@ -319,17 +316,7 @@ class TripodDrive:
 def genetic_optimization(
     objective: Any, bounds: Mapping[str, tuple[float, float]], seed: int, processes: int
 ) -> tuple[dict[str, float], list[float]]:
-    """Run Exudyn's genetic algorithm with the paper's settings, 2760 simulations.
-
-    Args:
-        objective: Takes a dictionary of parameters, returns their cost.
-        bounds: Box by name.
-        seed: Of its random generator.
-        processes: Processes that simulate; 1 for none beside this one.
-
-    Returns:
-        Best parameters and the costs of all candidates in their order.
-    """
+    """Run Exudyn's genetic algorithm with the paper's settings, 2760 simulations."""
     import exudyn.processing as processing
 
     best, _, _, costs = processing.GeneticOptimization(

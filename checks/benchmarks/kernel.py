@@ -110,12 +110,7 @@ def at(model: Tripod, values: Mapping[str, float]) -> np.ndarray:
 
 
 class Limit:
-    """The C kernel on a model's log.
-
-    Args:
-        model: The tripod.
-        folder: Where to build.
-    """
+    """The C kernel on a model's log."""
 
     def __init__(self, model: Tripod, folder: Path) -> None:
         target = folder / 'limit.so'

@@ -83,12 +83,7 @@ def play(words: Sequence[str], said: str) -> None:
 
 
 class Run:
-    """A process that runs `ident` or the node.
-
-    Args:
-        words: What it is called with.
-        said: File for what it prints.
-    """
+    """A process that runs `ident` or the node."""
 
     def __init__(self, words: Sequence[str], said: Path) -> None:
         self.process = FORKED.Process(target=play, args=(list(words), str(said)))
@@ -161,8 +156,6 @@ class Trial:
     """One run that is killed again and again.
 
     Args:
-        name: The command.
-        out: Its directory.
         old: Result files of the earlier run, which lie there.
         new: Result files of the run, uninterrupted.
     """
@@ -180,9 +173,7 @@ class Trial:
         """Kill a run, go on with it to its end; return how often it was killed.
 
         Args:
-            words: The command.
             whole: The processor time that it takes, s.
-            generator: Draws the moments.
         """
         kills = 0
         moment: float | None = generator.uniform(0.0, whole)
@@ -235,12 +226,7 @@ class Trial:
 
 
 class Client:
-    """Starts the node, sends it a goal, and waits for the result.
-
-    Args:
-        bag: What to identify from.
-        out: The node's output directory.
-    """
+    """Starts the node, sends it a goal, and waits for the result."""
 
     def __init__(self, bag: Path, out: Path) -> None:
         import rclpy

@@ -67,14 +67,7 @@ def publish(seconds: float) -> None:
 
 
 def measure(seconds: float, workers: int, search: bool, realtime: bool) -> dict[str, float]:
-    """Return what happened to the messages.
-
-    Args:
-        seconds: How long to publish.
-        workers: Threads that simulate.
-        search: Whether an identification runs.
-        realtime: Whether all but the simulation has real-time priority.
-    """
+    """Return what happened to the messages."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter

@@ -51,7 +51,6 @@ def interleaved(
 
     Args:
         jobs: What to time by name; each is called once before the first round.
-        rounds: Rounds.
         clock: Seconds that never step back.
         shares: How many equal pieces a job does; its time is divided by it.
     """

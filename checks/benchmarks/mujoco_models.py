@@ -59,9 +59,7 @@ class MujocoBelt:
 
     Args:
         c: Constants by name, as in `config/belt_drive.yaml`.
-        cycle: Sampling interval, s.
         reference: (K,) set-point, rad.
-        substeps: Integration steps in a sampling interval.
     """
 
     def __init__(
@@ -108,10 +106,6 @@ class MujocoBelt:
             measured: (2, K) phi1 and M1.
             scale: (2,) sizes by which their residuals are divided.
             bounds: Box of `axial_stiffness` and `position_gain`.
-            start: Where to start.
-
-        Returns:
-            The parameters found, and the simulations it took.
         """
         r2 = self.constants['radius'] ** 2
 

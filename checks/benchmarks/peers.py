@@ -86,7 +86,6 @@ def speed_table(
         torque: One simulation by each program; that of this project is `ours`.
         error: What a simulation is off by.
         batch: What is timed of ours, and how many simulations it does.
-        rounds: Of the timing.
     """
     jobs = {**torque, 'ours': batch[0]}
     times = measure.interleaved(jobs, rounds, shares={'ours': batch[1]})

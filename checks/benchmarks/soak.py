@@ -394,14 +394,7 @@ HEAD = (
 
 
 class Soak:
-    """The hour: what is sent, looked at and told.
-
-    Args:
-        shared: What the processes count.
-        node: The node's process.
-        client: Sends the goals.
-        options: The command line.
-    """
+    """The hour: what is sent, looked at and told."""
 
     def __init__(
         self, shared: Shared, node: BaseProcess, client: Client, options: argparse.Namespace

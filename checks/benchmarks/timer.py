@@ -32,9 +32,6 @@ PERIOD = 1_000_000  # ns
 def lateness(seconds: float) -> tuple[np.ndarray, int]:
     """Run the timer in this thread.
 
-    Args:
-        seconds: How long, s.
-
     Returns:
         How late each tick was, s, and how many were skipped.
     """

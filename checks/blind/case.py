@@ -63,9 +63,6 @@ def write_case(
         folder: Of the case; one that is there is of a run that was cut short.
         clean: Of its bag to be held out with the machine's own effort, for the scores; none is
             written of a case with a fault.
-        drawer: That drew it.
-        label: From `Drawer.draw`, as the effects.
-        effects: All that is in the machine.
 
     Returns:
         The label, sizes in units of the true noise.

@@ -48,8 +48,6 @@ class Drawer:
 
     Args:
         plain: Content of the machine file that the machine is drawn about.
-        seed: Of the run.
-        wanted: What the case shall be.
     """
 
     generator = 'reference'
@@ -119,7 +117,6 @@ class Drawer:
         """Return what gives an effect, at a place and of a form drawn now, a size.
 
         Args:
-            effect: Its name.
             taken: Drives with other effects; a generator may have to keep clear of them.
         """
         form = FORMS[str(self.rng.choice(self.forms()[effect]))]

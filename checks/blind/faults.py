@@ -93,14 +93,7 @@ def named_by(fault: Fault) -> tuple[str, ...]:
 
 
 def draw_fault(kind: str, rng: np.random.Generator, drives: int, plain: Plain) -> Fault:
-    """Draw a fault of a kind.
-
-    Args:
-        kind: One of `KINDS`.
-        rng: Source of chance.
-        drives: How many the machine has.
-        plain: The machine file's content.
-    """
+    """Draw a fault of a kind."""
     return KINDS[kind].draw(rng, drives, plain)
 
 

@@ -98,12 +98,6 @@ def _judge(labels: Labels) -> Judge:
 def verify(folder: str | Path) -> list[str]:
     """Check a kept run: seals, labels, table, figures.
 
-    Args:
-        folder: From `keep_all`.
-
-    Returns:
-        What was checked, as sentences.
-
     Raises:
         IdentError: INVALID_GOAL for the first thing that is not what was sealed.
     """

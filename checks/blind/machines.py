@@ -51,11 +51,7 @@ def draw_machine(plain: Mapping[str, Any], rng: np.random.Generator, pi_only: bo
 
     Args:
         plain: The file's content; its numbers are those of a machine in the middle.
-        rng: Source of chance.
         pi_only: Whether its drives have PI controllers only.
-
-    Returns:
-        The content of the drawn machine's file.
     """
     out: Plain = copy.deepcopy(dict(plain))
     if 'rod_length' not in out.get('geometry', {}):

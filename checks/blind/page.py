@@ -46,12 +46,7 @@ def write_page(
 
     Args:
         path: The page; its pictures go to a folder of its name beside it.
-        rows: The table.
-        scores: From `score.score`.
         about: From the run's directory: command, seed, manifest.
-
-    Returns:
-        The page.
     """
     page = Path(path)
     folder = page.parent / page.stem

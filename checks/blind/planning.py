@@ -114,13 +114,6 @@ def plan(
 ) -> tuple[Wanted, ...]:
     """Divide the cases.
 
-    Args:
-        inside: Effects of the catalogue that the machine can have.
-        outside: Effects outside it.
-        cases: How many.
-        seed: Of the run.
-        shares: How they are divided.
-
     Returns:
         What each case shall be, in an order that tells nothing.
     """

@@ -51,8 +51,6 @@ class Probe:
     """One machine with its parameters on two motions.
 
     Args:
-        machine: The true machine.
-        parameters: Its true nominal parameters.
         motions: Of the recording to fit on and of the one held out.
         noise: Standard deviation of the effort's noise.
     """

@@ -86,8 +86,6 @@ def draw_rough(limit: float, rng: np.random.Generator, hard: bool) -> Rough:
 
     Args:
         limit: The drives' torque limit; scales the noise [N m, or N].
-        rng: Source of chance.
-        hard: See `Rough.hard`.
     """
 
     def between(low: float, high: float) -> float:
@@ -145,12 +143,6 @@ def record(
     log: Log, motion: Motion, rough: Rough, rng: np.random.Generator
 ) -> tuple[dict[str, Stream], dict[str, Stream], Array]:
     """Record a simulated log.
-
-    Args:
-        log: What the machine did.
-        motion: Its set-points.
-        rough: What lies between.
-        rng: Source of chance.
 
     Returns:
         Streams by topic, the same with the machine's own effort, and (D,) the standard deviation

@@ -145,9 +145,7 @@ def ask_all(
     """Diagnose cases in processes of their own, and keep how each went.
 
     Args:
-        store: The run.
         orders: Paths by the case's number, see `worker.diagnose`.
-        processes: How many at a time.
         stopped: Asked often; True ends the processes and raises `Stopped`.
 
     Yields:
@@ -250,15 +248,7 @@ GENERATOR = drawn_by(Drawer)
 
 
 class BlindCheck:
-    """One run in one directory; every step goes on where it was left.
-
-    Args:
-        root: The run's directory.
-        processes: How many cases at a time.
-        tell: Told the share done and what is being done.
-        stopped: Asked often; True ends with `Stopped`.
-        generator: What it is of.
-    """
+    """One run in one directory; every step goes on where it was left."""
 
     def __init__(
         self,

@@ -198,7 +198,6 @@ def off(row: Row, truth: str = 'true') -> float:
     """Return how far the predicted share closed is from the truth, NaN where that is not known.
 
     Args:
-        row: The case.
         truth: `true`, what the diagnosed model closes of the gap without noise; `oracle`, what the
             generator's own model with the true effect closes, imperfections left.
     """

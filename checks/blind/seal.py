@@ -32,10 +32,6 @@ def _canonical(label: Mapping[str, Any]) -> bytes:
 def close(label: Mapping[str, Any], seed: int) -> dict[str, str]:
     """Seal a label.
 
-    Args:
-        label: Plain values.
-        seed: Seed of the run.
-
     Returns:
         `nonce`, `sha256` of nonce and canonical JSON, and `box`, all in hexadecimal digits.
     """

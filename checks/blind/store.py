@@ -53,11 +53,7 @@ def read_json(path: Path) -> Any:
 
 
 class Store:
-    """Paths and files of one run.
-
-    Args:
-        root: The run's directory.
-    """
+    """Paths and files of one run."""
 
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root)

@@ -127,15 +127,7 @@ class Other(Probe):
 
 
 class TableDrawer(Drawer):
-    """Draws one case of a tripod.
-
-    Args:
-        row: Of the table.
-        number: Within the row.
-        case: Its number.
-        seed: Of the table.
-        seconds: Of the two recordings.
-    """
+    """Draws one case of a tripod."""
 
     def __init__(
         self, row: str, number: int, case: int, seed: int, seconds: tuple[float, float]

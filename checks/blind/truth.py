@@ -27,12 +27,8 @@ def make_row(label_plain: Mapping[str, Any], case: Path, clean: Path) -> dict[st
     """Return a case's row.
 
     Args:
-        label_plain: The opened label.
         case: Directory of the case, with the diagnosis.
         clean: Bag held out as it would be without noise; it need not be there.
-
-    Returns:
-        Plain values.
     """
     label = from_mapping(label_plain)
     went = read_json(case / 'run.json') or {'error': 'no diagnosis'}

@@ -28,11 +28,7 @@ FORBIDDEN = (
 
 
 class Fence:
-    """Refuses files of the run that are not the present case's.
-
-    Args:
-        root: The run's directory.
-    """
+    """Refuses files of the run that are not the present case's."""
 
     def __init__(self, root: Path) -> None:
         self.root = str(root.resolve()) + os.sep

@@ -343,7 +343,6 @@ def shown(folder: Path, noise: Array) -> Array:
     """Return (D,) what of the efforts links and friction cannot imitate, in units of the noise.
 
     Args:
-        folder: Of the case.
         noise: (D,) standard deviation of the noise that was put in.
     """
     machine = load_machine(folder / MACHINE)

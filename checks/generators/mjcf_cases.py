@@ -70,8 +70,6 @@ class Plant:
     """An MJCF's joints and actuators, stepped by hand.
 
     Args:
-        text: The MJCF.
-        log: How it is recorded.
         finer: Steps of RK4 in one of the description's; 1 for the description's own.
     """
 
@@ -288,7 +286,6 @@ class Seen:
     """What changes leave on a motion once the hidden inertias are fitted, linearly.
 
     Args:
-        owned: The machine.
         command: (D, K) the motion.
     """
 

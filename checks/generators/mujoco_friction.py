@@ -68,8 +68,6 @@ def dry_friction(
     """Let joints of a simulation have dry friction while the context lasts.
 
     Args:
-        data: The simulation.
-        dofs: The joints' degrees of freedom.
         levels: Of each, friction forwards and backwards [N m].
         width: Speed over which the sign is regularised [rad/s].
     """

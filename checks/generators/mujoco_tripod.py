@@ -150,13 +150,7 @@ def nominal(machine: Machine, parameters: Mapping[str, float]) -> True3:
 
 
 class Simulation:
-    """One machine in MuJoCo.
-
-    Args:
-        machine: What is known of it.
-        true: What it truly is.
-        substeps: Integration steps in a controller cycle.
-    """
+    """One machine in MuJoCo."""
 
     def __init__(self, machine: Machine, true: True3, substeps: int = SUBSTEPS) -> None:
         self.machine, self.true, self.substeps = machine, true, substeps
@@ -337,9 +331,6 @@ class Simulation:
         Args:
             target: (3, K) set-point at every cycle [m].
             target_speed: (3, K) its derivative [m/s].
-
-        Returns:
-            What the machine did.
         """
         drives = self.true.drives
         law, data, model = self.machine.number, self.data, self.model

@@ -92,7 +92,6 @@ def step_reference(
     """Return a step-like set-point as in Fig. 5, its steps evenly spread over the duration.
 
     Args:
-        cycle: Sampling interval, s.
         duration: Length, s.
         steps: Number of steps upwards.
         height: Height of a step, rad; 0.1 degrees by default.
@@ -153,14 +152,7 @@ def identify(
     """Identify a belt drive from noise-free data.
 
     Args:
-        belt: The model.
         truth: (2,) EA [N] and P [Nm/rad] behind the data.
-        settings: The genetic algorithm's settings.
-        seed: Its seed.
-        record: Whether to keep every candidate and its cost.
-
-    Returns:
-        What was found.
     """
     measured = belt.simulate(truth[None, :])[0]
     tried: list[Array] = []
@@ -196,14 +188,7 @@ def trials(
     """Repeat an identification with other seeds.
 
     Args:
-        belt: The model.
-        settings: The genetic algorithm's settings.
-        seeds: Number of repetitions.
-        progress: Takes the number of repetitions done.
         anywhere: Draw each truth anywhere in the box instead of taking the paper's.
-
-    Returns:
-        One trial for each seed.
     """
     low, high = box(belt)
     found = []

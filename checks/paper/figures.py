@@ -43,7 +43,6 @@ def eigenfrequency(path: Path, found: Array = TRUTH) -> tuple[float, float]:
     """Draw Fig. 4 and return the lowest and highest first eigenfrequency, Hz.
 
     Args:
-        path: Of the picture.
         found: (2,) EA [N] and P [Nm/rad].
     """
     positions = np.linspace(0.0, 0.7, 141)

@@ -44,9 +44,6 @@ def run(
         out_dir: Folder for `paper.md` and, in `paper/`, its pictures; made where absent.
         progress: Takes the part that is done, 0 to 1, and what is being done.
         seeds: Repetitions behind every success rate.
-
-    Returns:
-        The page.
     """
     folder = Path(out_dir)
     pictures = folder / 'paper'
@@ -67,12 +64,8 @@ def belt_findings(
     """Rerun section 3: Figs. 4 to 9 and the success rates behind them.
 
     Args:
-        pictures: Folder for the pictures; exists.
         progress: Takes the part of this section that is done, 0 to 1, and what is being done.
         seeds: Repetitions behind every success rate.
-
-    Returns:
-        The numbers the page needs.
     """
     belt = BeltDrive(belt_machine(), *step_reference())
     progress(0.0, 'belt drive: figures 4 to 7')

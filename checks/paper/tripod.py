@@ -27,7 +27,6 @@ def tripod_section(
         pictures: Folder for the pictures of Figs. 11 to 13; exists.
         progress: Takes the part of this section that is done, 0 to 1, and a short text.
         seeds: Draws of noise, each with a search of its own; more than `MOST_SEEDS` are not run.
-        plan: Log and settings; the paper's by default.
 
     Returns:
         Markdown from its `##` heading on; pictures are referred to as `paper/NAME.png`.
@@ -47,13 +46,8 @@ def tripod_findings(
     """Rerun section 4: the trials and Figs. 11 to 13.
 
     Args:
-        pictures: Folder for the pictures; exists.
         progress: Takes the part of this section that is done, 0 to 1, and what is being done.
         seeds: Draws of noise, each with a search of its own.
-        plan: Log and settings; the paper's by default.
-
-    Returns:
-        The numbers the page needs.
     """
     progress(0.0, 'tripod: the log')
     bench = Bench(plan or Plan())

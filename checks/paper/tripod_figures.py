@@ -31,7 +31,6 @@ def candidates(path: Path, trial: DriveTrial, noise: float) -> None:
     """Draw Fig. 11: the cost of every candidate over each parameter.
 
     Args:
-        path: The picture.
         trial: A trial that kept its candidates.
         noise: Standard deviation of the log's noise, N m.
     """
@@ -88,7 +87,6 @@ def torque(
     """Draw Fig. 12 or 13: torque measured and optimised, and what is left.
 
     Args:
-        path: The picture.
         time: (K,) s.
         measured: (K,) N m, NaN where there is no sample.
         found: Label -> (K,) simulated torque, N m; two of them.

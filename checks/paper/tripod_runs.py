@@ -253,12 +253,8 @@ def tripod_trials(
     """Run every case over all seeds.
 
     Args:
-        bench: The machine and its log.
         seeds: Draws of noise, each with a search of its own.
         progress: Takes the part that is done, 0 to 1, and what is being done.
-
-    Returns:
-        The trials of each case.
     """
     found: dict[Case, list[DriveTrial]] = {case: [] for case in CASES}
     total, done = len(CASES) * seeds, 0

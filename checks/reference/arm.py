@@ -97,7 +97,6 @@ def read_urdf(text: str, names: Sequence[str]) -> tuple[Body, ...]:
     """Return the bodies of a URDF; joints that are not named are locked at zero.
 
     Args:
-        text: The URDF.
         names: Joints, each behind the one that carries it.
     """
     root = ElementTree.fromstring(text)
@@ -205,8 +204,6 @@ def inverse_dynamics(
         bodies: Each behind the one that carries it.
         gravity: (3,) acceleration of free fall in the base, m/s^2.
         position: (D,) or (D, K), rad or m.
-        velocity: Likewise.
-        acceleration: Likewise.
 
     Returns:
         (D,) or (D, K) N m or N.

@@ -36,13 +36,6 @@ def axis_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
             `measurement_delay` [s], `constant_force` [N m, or N where the effort is a force], the
             load against the positive direction, and numeric constants of the machine file. Each
             also as `x_axis.moving_mass`.
-
-    Returns:
-        The machine, ready for effects.
-
-    Raises:
-        IdentError: UNKNOWN_PARAMETER for a name that is missing or not this axis's,
-        BAD_MACHINE_FILE for a gain that is missing.
     """
     names = machine.drives
     elastic = any(key.endswith('gear_stiffness') for key in parameters)

@@ -28,10 +28,6 @@ def simulate_bag(
         motion: Set-points, from `draw_motion`.
         seed: Seed of noise, jitter and losses.
         nuisance: What lies between machine and log; by the machine file's noise where not given.
-        effects: What the machine has beside the nominal physics.
-
-    Returns:
-        The streams with the log behind them.
 
     Raises:
         IdentError: UNKNOWN_MODEL for a machine that has no reference here.
@@ -49,13 +45,6 @@ def draw_parameters(machine: Machine, rng: np.random.Generator) -> dict[str, flo
     Friction is drawn for each drive by itself, the gear's stiffness spreads by a twentieth about a
     common value (never below a third of its box: softer gears are another machine), the rest is
     common.
-
-    Args:
-        machine: The machine.
-        rng: Source of chance.
-
-    Returns:
-        Parameters by name, SI units.
     """
     drives = machine.drives
     drawn = {}

@@ -25,7 +25,6 @@ def belt_forces(
     """Return the change of pull in the three belt parts.
 
     Args:
-        constants: Names and SI values as in `config/belt_drive.yaml`.
         phi1: Angle of the driving gear, rad.
         phi2: Angle of the driven gear, rad.
         carriage: Displacement of the rail mass, x - x0, m.
@@ -55,8 +54,6 @@ def simulate_belt(
     """Simulate one belt drive.
 
     Args:
-        constants: Names and SI values as in `config/belt_drive.yaml`.
-        cycle: Sampling interval, s.
         reference: (K,) set-point phi1d, rad, constant over each sample.
         tolerance: Relative tolerance of the integrator (Dormand-Prince, order 8).
 
@@ -128,13 +125,7 @@ def simulate_log(
     """Simulate a log of a belt drive: the driving gear's angle, and its moment as the effort.
 
     Args:
-        machine: A belt drive.
-        parameters: Constants of the machine file by name.
         position: (1, K) set-point at every sample [rad], held until the next.
-        velocity: (1, K) not read.
-        effects: None can sit here.
-        rtol: Relative tolerance of the integrator.
-        atol: Not read; `simulate_belt` has its own.
 
     Returns:
         The log; its speed is the difference of the angles.

@@ -21,9 +21,6 @@ def compiled(function: F, sources: str = SOURCES) -> F:
     Args:
         function: A function in the subset of Python that numba compiles.
         sources: Digest of all sources it is made of, where that is not this folder alone.
-
-    Returns:
-        The compiled function under the type of the plain one.
     """
     return cached(function, sources, error_model='numpy')
 
@@ -32,10 +29,6 @@ def settled(function: Callable[..., object], signature: Any) -> None:
     """Compile a function for one signature now, and for no other later.
 
     A function that is handed to compiled ones as a value needs that.
-
-    Args:
-        function: From `compiled`.
-        signature: numba's signature.
     """
     dispatcher = cast(Any, function)
     if not dispatcher.signatures:

@@ -47,16 +47,8 @@ def drive_law(
     """Write the forces of a drive as the reference has them, and the rates of its states.
 
     Args:
-        time: Time since the start [s].
-        held: The controller's torque of this cycle [N m].
-        delivered: Share of the torque that the supply delivers.
         motion: (4,) motor position at the rail [m], its speed [m/s], and those of the carriage
             relative to the frame.
-        shared: (SHARED_COLUMNS,) the machine's numbers.
-        d: (DRIVE_COLUMNS,) the drive's numbers.
-        own: (INTERNALS,) the drive's states; empty where no effect needs one.
-        rates: (INTERNALS,) output: their rates, per second; as empty.
-        forces: (FORCES,) output.
     """
     place, speed, rail_place, rail_speed = motion[0], motion[1], motion[2], motion[3]
     torque = rotor_torque(held, place, delivered, own, d)

@@ -65,10 +65,6 @@ def joint(i: int, place: float, shared: Array, drive: Array, out: Array) -> None
     """Write where the joint of drive i and its rod is, relative to the frame.
 
     Args:
-        i: Number of the drive.
-        place: Its coordinate S_i.
-        shared: (SHARED_COLUMNS,) the machine's numbers.
-        drive: (D, DRIVE_COLUMNS) the drives' numbers.
         out: (3, 3) output: the joint [m], its first and its second derivative by S_i.
     """
     d = drive[i]
@@ -95,15 +91,7 @@ def _height(above: float, q: Array, count: int, shared: Array) -> float:
 
 @compiled
 def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Array) -> None:
-    """Write the matrix [[M, G^T], [G, 0]] over (S_i, p, y, mu_i).
-
-    Args:
-        time: Time since the start [s], for a payload that comes and goes.
-        q: (2D + 4,) coordinates.
-        shared: (SHARED_COLUMNS,) the machine's numbers.
-        drive: (D, DRIVE_COLUMNS) the drives' numbers.
-        matrix: (2D + 4, 2D + 4) output.
-    """
+    """Write the matrix [[M, G^T], [G, 0]] over (S_i, p, y, mu_i)."""
     count = drive.shape[0]
     rod = shared[at.ROD_MASS]
     height = count + 2  # row of p_z
@@ -151,12 +139,6 @@ def mass_and_rods(time: float, q: Array, shared: Array, drive: Array, matrix: Ar
 def weight_of_drive(i: int, place: float, shared: Array, drive: Array) -> float:
     """Return what gravity does to a drive's own body and its rod's end, per its acceleration.
 
-    Args:
-        i: Number of the drive.
-        place: Its coordinate S_i.
-        shared: (SHARED_COLUMNS,) the machine's numbers.
-        drive: (D, DRIVE_COLUMNS) the drives' numbers.
-
     Returns:
         Mass [kg] of a carriage, first moment [kg m] of an arm, against the coordinate.
     """
@@ -173,9 +155,6 @@ def _turn(x: Array, shared: Array, drive: Array, side: Array) -> None:
     """Write what the rates make: of the rods' accelerations, and of the loads of turning arms.
 
     Args:
-        x: (n,) state.
-        shared: (SHARED_COLUMNS,) the machine's numbers.
-        drive: (D, DRIVE_COLUMNS) the drives' numbers.
         side: (2D + 4,) loads; the rods' part is set, the others' changed.
     """
     count = drive.shape[0]
@@ -217,16 +196,9 @@ def derivative(
     """Write the time derivative of the state.
 
     Args:
-        law: Of the drives, see `drive_law`.
-        time: Time since the start [s].
         x: (n,) state; n = 2 (2D + 4), and where an effect has internal states those of each
             drive behind that.
-        held: (D,) torque the controllers hold in this cycle [N m].
-        shared: (SHARED_COLUMNS,) the machine's numbers.
-        drive: (D, DRIVE_COLUMNS) the drives' numbers.
-        matrix: (2D + 4, 2D + 4) work space.
         side: (2D + 4,) work space; holds the multipliers behind the accelerations on return.
-        dx: (n,) output.
     """
     count = drive.shape[0]
     m = 2 * count + 4
@@ -310,12 +282,7 @@ def project(
     """Pull positions and velocities back onto the rods by the shortest way, weighed by mass.
 
     Args:
-        time: Time since the start [s].
         x: (n,) state, changed in place.
-        shared: (SHARED_COLUMNS,) the machine's numbers.
-        drive: (D, DRIVE_COLUMNS) the drives' numbers.
-        matrix: (2D + 4, 2D + 4) work space.
-        side: (2D + 4,) work space.
 
     Returns:
         The largest error of a rod's length before the correction [m].

@@ -124,14 +124,9 @@ def draw_effect(
     """Draw an effect's numbers.
 
     Args:
-        name: The kind's id.
-        rng: Source of chance.
         size: 0 (seen by nobody) to 1 (gross): the size quantity is low (high / low)^size.
         where: Drives, or `('all',)`; kinds that sit on the whole machine are put on all.
         machine: The machine; scales torques and forces.
-
-    Returns:
-        The effect.
     """
     kind = kind_of(name)
     magnitude = kind.size.low * (kind.size.high / kind.size.low) ** size * kind.size.scale(machine)

@@ -37,17 +37,7 @@ def bristle_rate(state: float, speed: float, length: float) -> float:
 
 @compiled
 def coulomb_sign(speed: float, sign: float, internals: Array, d: Array) -> float:
-    """Return what multiplies the Coulomb torque: the sign, or the bristles where presliding is on.
-
-    Args:
-        speed: Motor speed at the rail [m/s].
-        sign: The regularised sign of that speed.
-        internals: (INTERNALS,) internal states of the drive.
-        d: (DRIVE_COLUMNS,) the drive's numbers.
-
-    Returns:
-        Dimensionless friction, about -1 to 1.
-    """
+    """Return what multiplies the Coulomb torque: the sign, or bristles where presliding is on."""
     length = d[at.PRESLIDE_LENGTH]
     if length == 0.0:
         return sign
@@ -76,22 +66,10 @@ def squared_press(torque: float, load: float, d: Array) -> float:
 def friction_torque(
     time: float, place: float, speed: float, load: float, torque: float, internals: Array, d: Array
 ) -> float:
-    """Return the friction torque of one drive.
+    """Return the friction torque of one drive, against the motion [N m].
 
     Nominal: M_C tanh(v/v_eps) + M_V v. Beside it every friction effect whose amplitude is not
     zero.
-
-    Args:
-        time: Time since the start [s].
-        place: Motor position at the rail [m].
-        speed: Motor speed at the rail [m/s].
-        load: Gear force [N].
-        torque: Torque on the rotor [N m].
-        internals: (INTERNALS,) internal states; may be empty where no effect needs one.
-        d: (DRIVE_COLUMNS,) the drive's numbers.
-
-    Returns:
-        Torque against the motion [N m].
     """
     sign = smooth_sign(speed, d[at.SIGN_WIDTH])
     coulomb: float = d[at.COULOMB]
@@ -126,18 +104,7 @@ def friction_torque(
 
 @compiled
 def rotor_torque(held: float, place: float, delivered: float, internals: Array, d: Array) -> float:
-    """Return the torque on the rotor.
-
-    Args:
-        held: The controller's torque of this cycle [N m].
-        place: Motor position at the rail [m].
-        delivered: Share of the torque that the supply delivers.
-        internals: (INTERNALS,) internal states.
-        d: (DRIVE_COLUMNS,) the drive's numbers.
-
-    Returns:
-        Torque before friction [N m].
-    """
+    """Return the torque on the rotor before friction [N m]."""
     torque: float = internals[at.CURRENT] if d[at.CURRENT_LAG] > 0.0 else held
     torque *= (1.0 + d[at.ACTUATOR_GAIN]) * delivered
     if d[at.RIPPLE_TORQUE] != 0.0:
@@ -148,15 +115,7 @@ def rotor_torque(held: float, place: float, delivered: float, internals: Array, 
 
 @compiled
 def internal_rates(speed: float, held: float, internals: Array, d: Array, rates: Array) -> None:
-    """Write the time derivatives of one drive's internal states.
-
-    Args:
-        speed: Motor speed at the rail [m/s].
-        held: The controller's torque of this cycle [N m].
-        internals: (INTERNALS,) internal states.
-        d: (DRIVE_COLUMNS,) the drive's numbers.
-        rates: (INTERNALS,) output, per second.
-    """
+    """Write the time derivatives of one drive's internal states."""
     rates[:] = 0.0
     if d[at.PRESLIDE_LENGTH] > 0.0:
         rates[at.BRISTLE] = bristle_rate(internals[at.BRISTLE], speed, d[at.PRESLIDE_LENGTH])

@@ -4,6 +4,22 @@
 `drive[i, COLUMN]` holds what belongs to drive i, `shared[COLUMN]` what belongs to the machine.
 Zero is the neutral value of every effect's amplitude; widths and speeds beside an amplitude of
 zero are never read.
+
+Arguments that many functions here and in `blind.forms` have:
+
+    time, cycle: since the start, and of the controllers [s]
+    i, d: number of a drive, and its row of `drive`
+    place, speed: of the motor at the rail [m, m/s]; in `dynamics` place is the coordinate S_i
+    rail_place, rail_speed: of the carriage relative to the frame [m, m/s]
+    load: force of the gear [N]
+    held, delivered: torque of the controller in this cycle [N m], share that the supply delivers
+    own or internals, rates: (INTERNALS,) states of a drive, empty where no effect needs one, and
+        what is written: their rates
+    x, dx: (n,) state, see `dynamics`, and what is written: its derivative
+    matrix, side, slopes: (2D + 4, 2D + 4), (2D + 4,), (STAGES + 1, n) work space
+    position, velocity: (D, K) set-points at every cycle [m or rad] and their derivatives
+    rtol, atol: tolerances of an integration step, the absolute one in the unit of each state
+    effects: what the machine has beside the nominal physics
 """
 
 # Per drive: nominal physics.

@@ -41,12 +41,6 @@ def control(
 
     Args:
         position: Motor position read from the encoder [m].
-        speed: Motor speed [m/s].
-        target: Set-point [m].
-        target_speed: Its derivative [m/s].
-        cycle: Controller cycle [s].
-        memory: (MEMORY,) the controller's memory, changed in place.
-        d: (DRIVE_COLUMNS,) the drive's numbers.
 
     Returns:
         Torque [N m]; under law 2 the share of the supply [1].
@@ -105,16 +99,10 @@ def run(
     """Simulate the closed loop.
 
     Args:
-        law: Of the drives, see `drive_law`.
-        target: (D, K) set-point the controllers see at every cycle [m].
-        target_speed: (D, K) its derivative [m/s].
         x: (n,) state at the start, changed in place.
         memory: (D, MEMORY) controllers' memory at the start, changed in place.
-        shared: (SHARED_COLUMNS,) the machine's numbers.
         drive: (D, DRIVE_COLUMNS) the drives' numbers; the braking of a servo that is switched off
             is taken away.
-        rtol: Relative tolerance of an integration step.
-        atol: Absolute tolerance of an integration step.
         torque: (D, K) output: the controllers' torque [N m].
         states: (K, 2 (2D + 4)) output: positions and velocities at the controllers' instants.
         tally: (3,) output, see `stepper.advance`.

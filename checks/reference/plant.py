@@ -115,13 +115,7 @@ def value(
     """Look a parameter up: the drive's own one, else the shared one.
 
     Args:
-        name: `gear_stiffness`.
-        drive: `drive_1`.
-        parameters: Parameters by name.
         default: What it is where nobody says.
-
-    Returns:
-        The number, in SI units.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER where it has no value.
@@ -166,9 +160,7 @@ def known_names(parameters: Mapping[str, float], machine: Machine, own: Sequence
     """Raise an IdentError (UNKNOWN_PARAMETER) for a parameter that the machine does not have.
 
     Args:
-        parameters: Parameters by name.
         machine: The machine, each of whose numeric constants can be one.
-        own: What else it has.
     """
     names = machine.drives
     numeric = [n for n, values in machine.constants.items() if not isinstance(values[0], str)]
@@ -188,7 +180,6 @@ def read_drives(plant: Plant, machine: Machine, parameters: Mapping[str, float])
     Args:
         plant: The plant; it is rigid where its shared numbers say so.
         machine: The machine with the true values of its constants.
-        parameters: Parameters by name.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER where the gear or the motor of an elastic drive has no value.
@@ -233,10 +224,6 @@ def set_columns(
 
 def platform_plant(machine: Machine, parameters: Mapping[str, float]) -> tuple[Machine, Plant]:
     """Begin the nominal machine of three elastic drives that carry a platform on rods.
-
-    Args:
-        machine: A machine of such a kind.
-        parameters: Parameters by name.
 
     Returns:
         The machine with the true values of its constants, and its plant with gravity, platform and

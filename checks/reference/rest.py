@@ -14,15 +14,10 @@ from ros2_ident.errors import ErrorCode, IdentError
 
 
 def platform_at(carriage: Array, shared: Array, drive: Array) -> Array:
-    """Return where three rods carry the platform: the lower meeting point of three spheres [m].
+    """Return where rods carry the platform (3,): the lower meeting point of three spheres [m].
 
     Args:
         carriage: (3,) carriage heights [m], or angles of arms [rad].
-        shared: (SHARED_COLUMNS,) numbers of the machine.
-        drive: (3, DRIVE_COLUMNS) numbers of the drives.
-
-    Returns:
-        (3,) platform position [m].
 
     Raises:
         IdentError: BAD_VALUES where the rods do not reach.
@@ -63,10 +58,6 @@ def still(plant: Plant, i: int, place: float, rail: float, held: float = 0.0) ->
     """Return (FORCES,) the forces in drive i while nothing moves, see `drive_law`.
 
     Args:
-        plant: The machine.
-        i: Index of the drive.
-        place: Motor position [m].
-        rail: Carriage position [m].
         held: The controller's torque [N m].
     """
     forces, own = np.zeros(FORCES), np.zeros(plant.internals)
@@ -79,14 +70,10 @@ def still(plant: Plant, i: int, place: float, rail: float, held: float = 0.0) ->
 
 
 def static_loads(x: Array, plant: Plant) -> Array:
-    """Return the gear forces that hold the machine still.
+    """Return the gear forces (D,) that hold the machine still, positive upwards [N].
 
     Args:
         x: (n,) state with carriages and platform in place and no speed.
-        plant: The machine.
-
-    Returns:
-        (D,) gear force, positive upwards [N].
     """
     shared, drive = plant.shared, plant.drive
     count = len(plant.names)
@@ -133,7 +120,6 @@ def carriages_at(plant: Plant, start: Array) -> Array:
     """Return the state with the carriages at given heights and nothing moving.
 
     Args:
-        plant: The machine.
         start: (D,) carriage heights [m].
 
     Returns:
@@ -156,14 +142,7 @@ def holding_torque(place: float, rail: float, load: float, plant: Plant, i: int)
     """Return the torque drive i's controller has to ask for to carry a load at rest [N m].
 
     Args:
-        place: Motor position [m].
-        rail: Carriage position [m].
         load: Gear force, or the load itself where the gear is rigid [N].
-        plant: The machine.
-        i: Index of the drive.
-
-    Returns:
-        Torque [N m].
     """
     d = plant.drive[i]
     rest = still(plant, i, place, rail)
@@ -175,7 +154,6 @@ def _on_frame(plant: Plant, x: Array, load: Array) -> float:
     """Return what the machine rests on its frame [N]; arms count with the frame.
 
     Args:
-        plant: The machine.
         x: (n,) state at rest.
         load: (D,) gear forces, or torques, at rest.
     """
@@ -187,7 +165,7 @@ def _on_frame(plant: Plant, x: Array, load: Array) -> float:
 
 
 def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
-    """Return state and controllers' memory of the machine at rest.
+    """Return state (n,) and controllers' memory (D, MEMORY) of the machine at rest.
 
     The carriages stand where the set-point is, the motors ahead by what the gear yields under its
     load, the integral parts at the holding torque. Without an integral part the position error has
@@ -197,9 +175,6 @@ def at_rest(plant: Plant, start: Array, nominal: Plant) -> tuple[Array, Array]:
         plant: The machine; the frame's preload is written into it.
         start: (D,) first set-point [m].
         nominal: The machine without effects, whose loads count where the plant is not settled.
-
-    Returns:
-        State (n,) and memory (D, MEMORY).
     """
     count = len(plant.names)
     shared, drive = plant.shared, plant.drive
@@ -240,8 +215,6 @@ def set_moving(plant: Plant, x: Array, memory: Array, start: tuple[Array, Array]
     """Let the drives of a machine without a platform begin in motion.
 
     Args:
-        plant: The machine.
-        x: (n,) state at rest, changed in place.
         memory: (D, MEMORY) controllers' memory, changed in place: the readings before the first
             one are those of a steady motion.
         start: Positions [m] and speeds [m/s], each (D,).

@@ -20,18 +20,10 @@ def delta_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     """Build the nominal delta.
 
     Args:
-        machine: A delta.
         parameters: `measurement_delay` [s], `gear_stiffness` [N m/rad], `gear_damping_ratio` [1],
             `tool_mass` [kg], `drive_inertia` [kg m^2], `coulomb_torque` [N m], `viscous_torque`
             [N m s/rad], and numeric constants of the machine file; all of a drive also as
             `drive_1.gear_stiffness`. The friction torques are zero where not given.
-
-    Returns:
-        The machine, ready for effects.
-
-    Raises:
-        IdentError: UNKNOWN_PARAMETER for a name that is missing or not the delta's,
-        BAD_MACHINE_FILE for a gain that is missing.
     """
     true, plant = platform_plant(machine, parameters)
     plant.shared[at.ROTARY] = 1.0

@@ -51,7 +51,6 @@ def bodies_of(machine: Machine, parameters: Mapping[str, float]) -> tuple[arm.Bo
     """Return the links as described, with what parameters say otherwise.
 
     Args:
-        machine: An arm.
         parameters: `elbow.link_mass`, `elbow.link_moment_x` and so on, each as it is, not as far
             from the description's; `payload_mass` and its place.
 
@@ -105,16 +104,6 @@ def simulate_serial(
     start: tuple[Array, Array] | None = None,
 ) -> Log:
     """Return what an arm's log holds whose joints follow set-points.
-
-    Args:
-        machine: An arm, by a URDF or a table.
-        parameters: By name, as `bodies_of` and the machine file have them.
-        position: (D, K) of the joints, rad or m.
-        velocity: (D, K) their derivatives.
-        effects: None.
-        rtol: Not looked at: nothing is integrated.
-        atol: Likewise.
-        start: Likewise.
 
     Raises:
         IdentError: INVALID_GOAL with effects, UNKNOWN_PARAMETER, or as `bodies_of`.

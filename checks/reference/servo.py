@@ -30,16 +30,9 @@ def servo_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     """Build the nominal servos; their gears are rigid where no gear stiffness is given.
 
     Args:
-        machine: A servo.
         parameters: `coulomb_torque` [N m], `viscous_torque` [N m s/rad], `gear_stiffness`
             [N m/rad], `gear_damping_ratio` [1], and numeric constants of the machine file. Each
             also as `elbow.coulomb_torque`.
-
-    Returns:
-        The machine, ready for effects.
-
-    Raises:
-        IdentError: UNKNOWN_PARAMETER for a name that is missing or not this machine's.
     """
     elastic = any(key.endswith('gear_stiffness') for key in parameters)
     known_names(parameters, machine, (*PARAMETERS, *(ELASTIC if elastic else ())))
@@ -93,13 +86,6 @@ def simulate_servo(
     """Simulate servos from their set-points.
 
     Args:
-        machine: A servo.
-        parameters: Parameters by name, see `servo_plant`.
-        position: (D, K) set-point at every cycle of the firmware [rad].
-        velocity: (D, K) its derivative [rad/s].
-        effects: Effects beside the nominal physics, from `effects.draw_effect`.
-        rtol: Relative tolerance of an integration step.
-        atol: Absolute tolerance of an integration step.
         start: Position [rad] and speed [rad/s] at the start, each (D,); without it at rest where
             the set-point is.
         release: When the motors are switched off [s]; 0 for never.

@@ -18,11 +18,6 @@ from ros2_ident.machine.machine import Machine
 def late(torque: Array, delay: Array, cycle: float) -> Array:
     """Return torques as they are logged: M(t - delay), linear between the controllers' instants.
 
-    Args:
-        torque: (D, K) torque [N m].
-        delay: (D,) delay [s].
-        cycle: Controller cycle [s].
-
     Returns:
         (D, K) logged torque; before the start it is the first one [N m].
     """
@@ -60,17 +55,8 @@ def simulate(
     """Simulate one log.
 
     Args:
-        nominal: The machine without effects.
-        position: (D, K) set-point at every controller cycle [m].
-        velocity: (D, K) its derivative [m/s].
-        effects: What the machine has beside the nominal physics.
-        rtol: Relative tolerance of an integration step.
-        atol: Absolute tolerance of an integration step, in the unit of each state.
         start: Position [m] and speed [m/s] of the drives, each (D,), where the log begins in
             motion; only for machines without a platform.
-
-    Returns:
-        The log.
 
     Raises:
         IdentError: BAD_VALUES for set-points of the wrong shape or not finite, DIVERGED where the
@@ -170,14 +156,6 @@ def simulate_machine(
     """Simulate a machine from its set-points.
 
     Args:
-        plant_of: Builds its nominal plant.
-        machine: The machine.
-        parameters: Parameters by name, as `plant_of` takes them.
-        position: (D, K) set-point at every controller cycle [m, or rad].
-        velocity: (D, K) its derivative [per second]; not read by a P controller on velocity.
-        effects: Effects beside the nominal physics, from `effects.draw_effect`.
-        rtol: Relative tolerance of an integration step.
-        atol: Absolute tolerance of an integration step.
         start: Position and speed, each (D,), where the log begins in motion.
 
     Returns:

@@ -33,14 +33,6 @@ def error_ratio(
 ) -> float:
     """Return the estimated error of a step over its tolerance, summed over all states.
 
-    Args:
-        slopes: (STAGES + 1, n) derivatives at the stages and at the end.
-        step: Step [s].
-        old: (n,) state before the step.
-        new: (n,) state after it.
-        rtol: Relative tolerance.
-        atol: Absolute tolerance, in the unit of each state.
-
     Returns:
         At most 1 where the step is good.
     """
@@ -80,19 +72,8 @@ def advance(
     """Integrate the plant over one cycle of held torque.
 
     Args:
-        law: Of the drives, see `drive_law`.
-        time: Start of the cycle [s].
-        end: End of the cycle [s].
         x: (n,) state, changed in place.
-        held: (D,) torque [N m].
-        shared: (SHARED_COLUMNS,) the machine's numbers.
-        drive: (D, DRIVE_COLUMNS) the drives' numbers.
         step: First step to try [s].
-        rtol: Relative tolerance of a step.
-        atol: Absolute tolerance of a step.
-        slopes: (STAGES + 1, n) work space.
-        matrix: (2D + 4, 2D + 4) work space.
-        side: (2D + 4,) work space.
         tally: (3,) steps taken, steps refused, largest rod error before a correction [m]; added
             to.
 

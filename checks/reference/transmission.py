@@ -26,20 +26,10 @@ def kinematic_error(place: float, d: Array) -> tuple[float, float]:
 def gear_force(
     place: float, speed: float, rail_place: float, rail_speed: float, d: Array
 ) -> tuple[float, float]:
-    """Return the force that the gear passes to the carriage, and its lever on the motor.
+    """Return the force that the gear passes to the carriage [N], and its lever on the motor [1].
 
     Nominal: F = c_G (z - s) + d_G (z' - s'). The lever is 1 + e'(z), so that the gear's ideal part
     passes power without loss.
-
-    Args:
-        place: Motor position at the rail [m].
-        speed: Motor speed at the rail [m/s].
-        rail_place: Carriage position relative to the frame [m].
-        rail_speed: Its speed [m/s].
-        d: (DRIVE_COLUMNS,) the drive's numbers.
-
-    Returns:
-        Force [N] and lever [1].
     """
     error, slope = kinematic_error(place, d)
     lever = 1.0 + slope
@@ -72,8 +62,6 @@ def load_force(stretch: float, rate: float, d: Array) -> float:
 
     Args:
         stretch: Motor position less the load's [m].
-        rate: Its rate [m/s].
-        d: (DRIVE_COLUMNS,) the drive's numbers.
     """
     stiffness, damping = spring_of_load(d)
     force: float = stiffness * stretch * (1.0 + d[at.LOAD_HARDENING] * stretch**2) + damping * rate
@@ -82,15 +70,7 @@ def load_force(stretch: float, rate: float, d: Array) -> float:
 
 @compiled
 def carriage_force(rail_place: float, d: Array) -> float:
-    """Return the force between frame and carriage beside the gear's: offset and cable.
-
-    Args:
-        rail_place: Carriage position relative to the frame [m].
-        d: (DRIVE_COLUMNS,) the drive's numbers.
-
-    Returns:
-        Force on the carriage, positive along the rail [N].
-    """
+    """Return the force on the carriage beside the gear's [N]: offset and cable."""
     force: float = -d[at.CABLE_STIFFNESS] * (rail_place - d[at.CABLE_PLACE])
     force -= d[at.CONSTANT_FORCE]
     return force

@@ -47,14 +47,10 @@ def draw_form(form: Form, machine: Machine, where: str, size: float, seed: int) 
     """Draw a form's numbers.
 
     Args:
-        form: The form.
         machine: The machine; it scales torques and forces.
         where: The drive; forms of the whole machine sit on all.
         size: 0 (seen by nobody) to 1 (gross), geometric between the ends of the size's range.
         seed: Of everything but the size: with another size, signs and shapes stay.
-
-    Returns:
-        The form with its numbers.
     """
     rng = np.random.default_rng(seed)
     sign = -1.0 if form.size.signed and rng.random() < 0.5 else 1.0

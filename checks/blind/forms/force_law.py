@@ -22,7 +22,6 @@ def wave(angle: float, first: int, d: Array) -> tuple[float, float]:
     Args:
         angle: Of the fundamental [rad].
         first: Column of its phase; behind it share and phase of the second and third harmonic.
-        d: The drive's numbers.
     """
     value = math.sin(angle + d[first])
     slope = math.cos(angle + d[first])

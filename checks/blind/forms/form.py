@@ -38,12 +38,7 @@ class Range(Quantity):
         return float(self.low + share * (self.high - self.low))
 
     def draw(self, rng: np.random.Generator, starts: Sequence[float]) -> float:
-        """Return a number that is no start value.
-
-        Args:
-            rng: Source of chance.
-            starts: Of the counterpart.
-        """
+        """Return a number that is no start value."""
         while True:
             value = self.at(rng.random())
             if all(abs(value - s) > CLEAR * abs(s) for s in starts):

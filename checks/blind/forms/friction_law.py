@@ -143,19 +143,7 @@ def warmed(time: float, d: Array) -> float:
 def friction_with_forms(
     time: float, place: float, speed: float, load: float, own: Array, d: Array
 ) -> float:
-    """Return the friction torque of one drive.
-
-    Args:
-        time: Time since the start [s].
-        place: Motor position at the rail [m].
-        speed: Its speed [m/s].
-        load: Gear force [N].
-        own: (STATES,) the drive's states.
-        d: The drive's numbers.
-
-    Returns:
-        Torque against the motion [N m].
-    """
+    """Return the friction torque of one drive, against the motion [N m]."""
     sign = smooth_sign(speed, d[nominal.SIGN_WIDTH])
     dry: float = d[nominal.COULOMB] * dry_sign(speed, own, d)
     if d[at.PLACE_SHARE] != 0.0:

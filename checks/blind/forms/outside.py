@@ -45,9 +45,6 @@ def bad_state(
     """Return whether each frame is lost: Gilbert's two states, never at the first.
 
     Args:
-        rng: Source of chance.
-        frames: How many.
-        share: Of the frames that are lost.
         burst: Mean length of a loss, in frames.
     """
     leave = 1.0 / burst
