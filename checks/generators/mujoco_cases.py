@@ -294,21 +294,14 @@ class MujocoProbe(Probe):
 
     def _simulate(self, motion: Motion, effects: Sequence[Any]) -> Log:
         course, true = self.course(motion, effects)
-        cycle, none = self.machine.number('cycle'), np.zeros((3, 0))
+        cycle = self.machine.number('cycle')
         return Log(
-            names=self.machine.drives,
-            cycle=cycle,
-            effort=reported(course, true, cycle),
-            position=course.position,
-            velocity=course.velocity,
-            torque=course.torque,
-            carriage=none,
-            platform=none,
-            frame=none,
-            carriage_velocity=none,
-            platform_velocity=none,
-            frame_velocity=none,
-            steps=0,
+            self.machine.drives,
+            cycle,
+            reported(course, true, cycle),
+            course.position,
+            course.velocity,
+            course.torque,
             rod_error=float(np.abs(course.rods).max()),
         )
 

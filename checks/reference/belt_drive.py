@@ -141,25 +141,8 @@ def simulate_log(
     constants = {name: true.number(name) for name in true.constants}
     cycle = machine.number('cycle')
     phi1, torque = simulate_belt(constants, cycle, position[0], tolerance=rtol)[:, None]
-    still = np.zeros_like(phi1)
-    away = np.zeros((3, phi1.shape[1]))
     speed = np.gradient(phi1, cycle, axis=1)
-    return Log(
-        names=machine.drives,
-        cycle=cycle,
-        effort=torque,
-        position=phi1,
-        velocity=speed,
-        torque=torque,
-        carriage=still,
-        platform=away,
-        frame=still[0],
-        carriage_velocity=still,
-        platform_velocity=away,
-        frame_velocity=still[0],
-        steps=0,
-        rod_error=0.0,
-    )
+    return Log(machine.drives, cycle, torque, phi1, speed, torque)
 
 
 TWIN = Twin('belt_drive', _no_plant, simulate_log)

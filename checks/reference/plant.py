@@ -42,6 +42,10 @@ PARAMETERS = (
 ELASTIC = ('gear_stiffness', 'gear_damping_ratio', 'drive_inertia')
 
 
+def _nothing() -> Array:
+    return np.zeros((3, 0))
+
+
 @dataclass(frozen=True)
 class Log(simulate.Log):
     """What a simulated machine did, at every controller cycle.
@@ -49,24 +53,22 @@ class Log(simulate.Log):
     Attributes:
         torque: (D, K) the controllers' torque at its own instant [N m, or N].
         carriage: (D, K) carriage position in space [m].
-        platform: (3, K) platform position [m]; zeros without a platform.
+        platform: (3, K) platform position [m]; empty without a platform, as what follows.
         frame: (K,) height of the frame [m].
         carriage_velocity: (D, K) [m/s].
         platform_velocity: (3, K) [m/s].
         frame_velocity: (K,) [m/s].
-        steps: Integration steps taken.
         rod_error: Largest error of a rod's length before it was corrected [m].
     """
 
     torque: Array
-    carriage: Array
-    platform: Array
-    frame: Array
-    carriage_velocity: Array
-    platform_velocity: Array
-    frame_velocity: Array
-    steps: int
-    rod_error: float
+    carriage: Array = field(default_factory=_nothing)
+    platform: Array = field(default_factory=_nothing)
+    frame: Array = field(default_factory=_nothing)
+    carriage_velocity: Array = field(default_factory=_nothing)
+    platform_velocity: Array = field(default_factory=_nothing)
+    frame_velocity: Array = field(default_factory=_nothing)
+    rod_error: float = 0.0
 
 
 @dataclass

@@ -121,12 +121,8 @@ def simulate_serial(
     joints = asked + _balance(machine, parameters, position)
     effort = _motors(machine, parameters, joints, velocity, acceleration)
     delay = np.full(len(machine.drives), parameters.get('measurement_delay', 0.0))
-    none = np.zeros((3, position.shape[1]))
     logged = late(effort, delay, cycle)
-    return Log(
-        machine.drives, cycle, logged, position, velocity, effort, position, none, none[0],
-        velocity, none, none[0], position.shape[1], 0.0,
-    )  # fmt: skip
+    return Log(machine.drives, cycle, logged, position, velocity, effort, position)
 
 
 def _own(machine: Machine, parameters: Mapping[str, float], name: str) -> Array:

@@ -137,7 +137,6 @@ def simulate(
         carriage_velocity=motion[m + count : m + 2 * count],
         platform_velocity=motion[m + 2 * count : m + 2 * count + 3],
         frame_velocity=motion[2 * m - 1],
-        steps=int(tally[0]),
         rod_error=float(tally[2]),
     )
 

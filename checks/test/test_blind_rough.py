@@ -16,23 +16,7 @@ NAMES = ('drive_1', 'drive_2', 'drive_3')
 def a_log(cycles: int = 16000, cycle: float = 5e-4) -> tuple[Log, Motion]:
     time = np.arange(cycles) * cycle
     wave = np.sin(2.0 * np.pi * np.array([[0.7], [1.1], [0.4]]) * time)
-    none = np.zeros((3, 0))
-    log = Log(
-        NAMES,
-        cycle,
-        wave,
-        0.4 + 0.1 * wave,
-        0.1 * wave,
-        wave,
-        none,
-        none,
-        none,
-        none,
-        none,
-        none,
-        0,
-        0.0,
-    )
+    log = Log(NAMES, cycle, wave, 0.4 + 0.1 * wave, 0.1 * wave, wave)
     return log, Motion('mixed', cycle, 0.4 + 0.1 * wave, 0.1 * wave)
 
 
