@@ -72,9 +72,8 @@ class DeltaSimulation(Simulation):
             f'<site name="foot_{i}" pos="{foot}"/></body>'
         )
 
-    def rest(self, carriage: np.ndarray) -> np.ndarray:
-        """Put the machine where it rests; return what the motors hold (3,) [N m]."""
-        mujoco.mj_resetData(self.model, self.data)
+    def place(self, carriage: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the platform [m] below arms (3,) [rad], and the gears' loads at rest [N m]."""
         turned = carriage - self.zero
         up = self.sense * np.array([0.0, 0.0, 1.0])
         cos, sin = np.cos(turned)[:, None], np.sin(turned)[:, None]
@@ -88,14 +87,7 @@ class DeltaSimulation(Simulation):
         weight = np.array([0.0, 0.0, -self.true.whole.tool_mass * self.gravity])
         tension = np.linalg.solve(along.T, weight)
         own = self.sense * self.gravity * self.machine.numbers('arm_moment') * cos[:, 0]
-        load = own - tension * np.sum(along * tangent, axis=1)
-        for i, d in enumerate(self.true.drives):
-            self.data.qpos[self._address(f'carriage_{i}')] = carriage[i]
-            ahead = load[i] / d.stiffness
-            self.data.qpos[self._address(f'motor_{i}')] = self.gear * (carriage[i] + ahead)
-        for axis, value in zip('xyz', tool + [0.0, 0.0, self.depth], strict=True):
-            self.data.qpos[self._address(f'tool_{axis}')] = value
-        return np.asarray(load / self.gear)
+        return tool, own - tension * np.sum(along * tangent, axis=1)
 
 
 def text(vector: np.ndarray) -> str:

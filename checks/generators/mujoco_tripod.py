@@ -308,14 +308,14 @@ class Simulation:
         # A carriage hangs at the lower end of its play.
         hung = carriage - np.array([0.5 * d.gap for d in self.true.drives])
         tool, load = self.place(hung)
+        at = {f'tool_{axis}': x for axis, x in zip('xyz', tool + [0, 0, self.depth], strict=True)}
         for i, d in enumerate(self.true.drives):
-            self.data.qpos[self._address(f'carriage_{i}')] = carriage[i]
-            if d.gap:
-                self.data.qpos[self._address(f'play_{i}')] = -0.5 * d.gap
             ahead = load[i] / d.stiffness
-            self.data.qpos[self._address(f'motor_{i}')] = self.gear * (carriage[i] + ahead)
-        for axis, value in zip('xyz', tool + [0.0, 0.0, self.depth], strict=True):
-            self.data.qpos[self._address(f'tool_{axis}')] = value
+            at[f'carriage_{i}'] = carriage[i]
+            at[f'motor_{i}'] = self.gear * (carriage[i] + ahead)
+            at |= {f'play_{i}': -0.5 * d.gap} if d.gap else {}
+        for joint, value in at.items():
+            self.data.qpos[self._address(joint)] = value
         for i, actuator in enumerate(self._drives()):
             if self.true.drives[i].inductive:
                 first = self.model.actuator_actadr[actuator]
