@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from checks.benchmarks.measure import table
 from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.models import load_machine
 from ros2_ident.models.tripod.model import Tripod
@@ -14,6 +15,7 @@ from ros2_ident.recording import Dataset
 from ros2_ident.simulate.motions import draw_motion
 
 STEPS = (1, 2, 4, 8, 16)
+CORNER = 'gear_stiffness', 'gear_damping_ratio', 'drive_inertia', 'coulomb_torque'
 
 
 def model_and_reference(
@@ -23,16 +25,8 @@ def model_and_reference(
     machine = load_machine(Path(__file__).parents[2] / 'config' / 'tripod.yaml')
     motion = draw_motion(kind, machine, seconds, 7)
     log = simulate_tripod(machine, parameters, motion.position, motion.velocity)
-    data = Dataset(
-        machine.drives,
-        machine.number('cycle'),
-        0,
-        motion.position,
-        motion.velocity,
-        None,
-        None,
-        log.effort,
-    )
+    course = motion.position, motion.velocity
+    data = Dataset(machine.drives, log.cycle, 0, *course, None, None, log.effort)
     return Tripod(machine, data), log.effort
 
 
@@ -60,42 +54,27 @@ def chosen(parameters: dict[str, float]) -> int:
     return int(model._steps(model.rows(theta_of(model, parameters)))[0])
 
 
-def table() -> list[str]:
-    """Return the study as lines of Markdown."""
-    head = (
-        '| ' + ' | '.join(f'{s} ({500 / s:.4g} us)' for s in STEPS) + ' | chosen | error there |'
-    )
-    lines = [
-        '| motion | c_G [N/m] | zeta_G | J_D [kg m^2] | M_C [N m] ' + head,
-        '|' + ' --- |' * (5 + len(STEPS) + 2),
-    ]
+def study() -> str:
+    """Return the study as a table."""
+    values = 'motion', 'c_G [N/m]', 'zeta_G', 'J_D [kg m^2]', 'M_C [N m]'
+    head = *values, *(f'{s} ({500 / s:.4g} us)' for s in STEPS), 'chosen', 'error there'
+    rows = []
     cases = [(kind, TABLE_5) for kind in ('pick_and_place', 'multi_point', 'chirp', 'creep')]
-    for stiffness, damping, inertia, friction in itertools.product(
-        (1e2, 1e4, 3e5), (0.0, 0.4, 2.0), (5e-5, 15e-5), (0.0, 0.2)
-    ):
-        corner = {
-            **TABLE_5,
-            'gear_stiffness': stiffness,
-            'gear_damping_ratio': damping,
-            'drive_inertia': inertia,
-            'coulomb_torque': friction,
-        }
-        cases.append(('pick_and_place', corner))
+    for corner in itertools.product((1e2, 1e4, 3e5), (0.0, 0.4, 2.0), (5e-5, 15e-5), (0.0, 0.2)):
+        cases.append(('pick_and_place', TABLE_5 | dict(zip(CORNER, corner, strict=True))))
     for kind, p in cases:
         found = errors(p, kind, 3.0)
-        cells = ' | '.join(f'{found[s]:.1e}' for s in STEPS)
-        lines.append(
-            f'| {kind} | {p["gear_stiffness"]:.3g} | {p["gear_damping_ratio"]:.2g} '
-            f'| {p["drive_inertia"]:.2g} | {p["coulomb_torque"]:.2g} | {cells} '
-            f'| {chosen(p)} | {found[None]:.1e} |'
-        )
-    return lines
+        numbers = [p[x] for x in CORNER]
+        errors_of = [f'{found[s]:.1e}' for s in (*STEPS, None)]
+        own = [kind, *(f'{x:.3g}' for x in numbers)]
+        rows.append([*own, *errors_of[:-1], chosen(p), errors_of[-1]])
+    return table(head, rows)
 
 
 def main() -> None:
     """Print the study."""
     argparse.ArgumentParser(description=__doc__).parse_args()
-    print('\n'.join(table()))
+    print(study())
 
 
 if __name__ == '__main__':

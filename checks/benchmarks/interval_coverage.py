@@ -10,18 +10,20 @@ Example: python checks/benchmarks/interval_coverage.py --write build/coverage.md
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+import sys
 import time
 
 import numpy as np
 import numpy.typing as npt
 
+from checks.benchmarks.measure import table
 from checks.blind.store import stamp
 from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import identify
+from ros2_ident.machine.machine import Parameter
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.recording import Recording
 from ros2_ident.search import intervals, refine, ThreadedEvaluator
@@ -47,37 +49,13 @@ VALUES = {
 }
 
 
-@dataclass(frozen=True)
-class Draws:
-    """Estimates of all draws.
-
-    Attributes:
-        names: (N,) parameters.
-        units: (N,) their units.
-        truth: (N,) true values.
-        theta: (M, N) estimates.
-        half: (M, N) half widths of the intervals.
-        rms: (M,) residual RMS [N m].
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    truth: Array
-    theta: Array
-    half: Array
-    rms: Array
-
-    @property
-    def covered(self) -> npt.NDArray[np.bool_]:
-        """(M, N) whether the interval covers the truth."""
-        inside: npt.NDArray[np.bool_] = np.abs(self.theta - self.truth) <= self.half
-        return inside
-
-
 def run(
     machine: Machine, truth: Mapping[str, float], motion: str, seconds: float, count: int
-) -> Draws:
-    """Identify all draws."""
+) -> tuple[tuple[Parameter, ...], Array, Array, Array]:
+    """Identify all draws; return (N,) parameters, and of each draw.
+
+    Estimates (M, N), half widths of the intervals (M, N), residual RMS (M,) [N m].
+    """
     way = draw_motion(motion, machine, seconds, 3)
     log = simulate_tripod(machine, truth, way.position, way.velocity)
     theta, half, rms = [], [], []
@@ -113,52 +91,49 @@ def run(
         half.append(told.half_width)
         rms.append(found.cost)
         print(f'draw {seed}: {found.cost:.5f} N m, {time.monotonic() - before:.1f} s', flush=True)
-    names = tuple(p.name for p in problem.parameters)
-    return Draws(
-        names,
-        tuple(p.unit for p in problem.parameters),
-        np.array([truth[name.rpartition('.')[2]] for name in names]),
-        np.array(theta),
-        np.array(half),
-        np.array(rms),
+    return problem.parameters, np.array(theta), np.array(half), np.array(rms)
+
+
+def page(args: argparse.Namespace) -> str:
+    """Identify the draws and return the page on them."""
+    values, count = VALUES[args.values], args.draws
+    parameters, theta, half, rms = run(
+        load_machine(args.machine), values, args.motion, args.seconds, count
     )
-
-
-def page(draws: Draws, motion: str, seconds: float, how: str) -> str:
-    """Return the page on the draws."""
-    count = len(draws.theta)
-    share = draws.covered.mean()
-    error = 100.0 * (draws.theta / draws.truth - 1.0)
-    scatter = draws.theta.std(axis=0, ddof=1)
-    stated = draws.half.mean(axis=0) / 1.96
-    lines = [
-        '# Coverage of the 95 % intervals',
-        '',
-        f'One log of the reference tripod ({motion}, {seconds:g} s, all three drives), {count}',
-        'draws of its noise (0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand',
-        'lost).',
-        f'Made by `python checks/benchmarks/interval_coverage.py{how}`.',
-        f'Written at commit {stamp()["commit"][:7]}.',
-        '',
-        f'All intervals together cover the truth in {100.0 * share:.1f} % of '
-        f'{draws.covered.size} cases; residual {draws.rms.mean():.5f} N m RMS.',
-        '',
-        '| parameter | truth | unit | covered | mean error | largest error | scatter / stated |',
-        '| --- | --- | --- | --- | --- | --- | --- |',
-    ]
-    for n, name in enumerate(draws.names):
-        lines.append(
-            f'| {name} | {draws.truth[n]:g} | {draws.units[n]} '
-            f'| {int(draws.covered[:, n].sum())} of {count} | {error[:, n].mean():+.3f} % '
-            f'| {np.abs(error[:, n]).max():.3f} % | {scatter[n] / stated[n]:.2f} |'
+    truth = np.array([values[p.name.rpartition('.')[2]] for p in parameters])
+    covered = np.abs(theta - truth) <= half
+    error = 100.0 * (theta / truth - 1.0)
+    scatter, stated = theta.std(axis=0, ddof=1), half.mean(axis=0) / 1.96
+    head = ('parameter', 'truth', 'unit', 'covered', 'mean error', 'largest error',
+            'scatter / stated')  # fmt: skip
+    rows = [
+        (
+            p.name,
+            f'{truth[n]:g}',
+            p.unit,
+            f'{int(covered[:, n].sum())} of {count}',
+            f'{error[:, n].mean():+.3f} %',
+            f'{np.abs(error[:, n]).max():.3f} %',
+            f'{scatter[n] / stated[n]:.2f}',
         )
-    lines += [
-        '',
-        '"Scatter / stated" compares the standard deviation of the estimates over the draws with',
-        'the one that the intervals state. A fair 95 % interval covers 36 to 40 of 40 in 95 % of',
-        'the cases.',
+        for n, p in enumerate(parameters)
     ]
-    return '\n'.join(lines) + '\n'
+    return f"""# Coverage of the 95 % intervals
+
+One log of the reference tripod ({args.motion}, {args.seconds:g} s, all three drives), {count}
+draws of its noise (0.01 N m, steps of 0.002 N m, jitter 10 us, one sample in a thousand
+lost).
+Made by `python {' '.join(sys.argv)}`.
+Written at commit {stamp()['commit'][:7]}.
+
+All intervals together cover the truth in {100.0 * covered.mean():.1f} % of {covered.size} cases;
+residual {rms.mean():.5f} N m RMS.
+
+{table(head, rows)}
+"Scatter / stated" compares the standard deviation of the estimates over the draws with
+the one that the intervals state. A fair 95 % interval covers 36 to 40 of 40 in 95 % of
+the cases.
+"""
 
 
 def main() -> None:
@@ -171,11 +146,7 @@ def main() -> None:
     parser.add_argument('--draws', type=int, default=40)
     parser.add_argument('--write', type=Path, metavar='FILE', help='write the page here')
     args = parser.parse_args()
-    machine, truth = load_machine(args.machine), VALUES[args.values]
-    draws = run(machine, truth, args.motion, args.seconds, args.draws)
-    how = '' if args.values == 'table_5' else f' --values {args.values}'
-    how += f' --write {args.write}' if args.write else ''
-    text = page(draws, args.motion, args.seconds, how)
+    text = page(args)
     print(text)
     if args.write:
         args.write.write_text(text, encoding='utf-8')
