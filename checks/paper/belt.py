@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Section 3 of the paper: the belt drive's experiments, as numbers."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -177,28 +176,11 @@ def identify(
     )
 
 
-def trials(
-    belt: BeltDrive,
-    settings: GeneticSettings,
-    seeds: int,
-    progress: Callable[[int], None],
-    *,
-    anywhere: bool = False,
-) -> list[Trial]:
-    """Repeat an identification with other seeds.
-
-    Args:
-        anywhere: Draw each truth anywhere in the box instead of taking the paper's.
-    """
+def trial(belt: BeltDrive, settings: GeneticSettings, seed: int, *, anywhere: bool) -> Trial:
+    """Identify the paper's truth, or one drawn anywhere in the box."""
     low, high = box(belt)
-    found = []
-    for seed in range(seeds):
-        truth = TRUTH
-        if anywhere:
-            truth = low + np.random.default_rng([2011, seed]).random(2) * (high - low)
-        found.append(identify(belt, truth, settings, seed))
-        progress(seed + 1)
-    return found
+    drawn = low + np.random.default_rng([2011, seed]).random(2) * (high - low)
+    return identify(belt, drawn if anywhere else TRUTH, settings, seed)
 
 
 def local_minima(belt: BeltDrive, count: int = 8001) -> int:

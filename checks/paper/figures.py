@@ -4,7 +4,6 @@
 from pathlib import Path
 from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -17,9 +16,7 @@ INK, SECOND, GREY = '#1f4e79', '#d1732b', '#8a8a8a'
 
 
 def _axes(width: float = 6.4, height: float = 3.4) -> tuple[Figure, Any]:
-    # The canvas of its own needs no display and leaves pyplot's state alone.
     figure = Figure(figsize=(width, height), layout='constrained')
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     tidy(axes)
     return figure, axes
@@ -93,7 +90,6 @@ def torque(path: Path, belt: BeltDrive, window: tuple[float, float]) -> float:
 def cloud(path: Path, belt: BeltDrive, trial: Trial, title: str) -> None:
     """Draw Fig. 8 or 9: the cost of every candidate over EA, and over EA and P."""
     figure = Figure(figsize=(10.0, 4.2))
-    FigureCanvasAgg(figure)
     flat = figure.add_axes((0.07, 0.13, 0.46, 0.76))
     tidy(flat)
     stiffness = trial.points[:, 0] * 1e-5

@@ -32,8 +32,6 @@ class BeltFindings:
         close_torque: The same from 0.2 to 0.26 s, Nm.
         rates: (survivors, distance) or None for our settings -> trials at the paper's truth, and
             at truths anywhere in the box.
-        trapped_seed: Seed of Fig. 8, None where no seed was trapped.
-        found_seed: Seed of Fig. 9, None where no seed found the optimum.
     """
 
     frequencies: tuple[float, float]
@@ -42,8 +40,6 @@ class BeltFindings:
     largest_torque: float
     close_torque: float
     rates: dict[tuple[int, float] | None, tuple[list[Trial], list[Trial]]]
-    trapped_seed: int | None
-    found_seed: int | None
 
 
 def _hits(found: list[Trial]) -> int:

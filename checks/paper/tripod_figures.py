@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,6 @@ def candidates(path: Path, trial: DriveTrial, noise: float) -> None:
         noise: Standard deviation of the log's noise, N m.
     """
     figure = Figure(figsize=(10.0, 6.2), layout='constrained')
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 4, height_ratios=(1.25, 1.0))
     places = [grid[0, :], *(grid[1, i] for i in range(4))]
     there = np.isfinite(trial.costs)
@@ -96,7 +94,6 @@ def torque(
     there = seen & ~np.isnan(measured)
     close = window[1] - window[0] < 3.0
     figure = Figure(figsize=(10.0, 5.4), layout='constrained')
-    FigureCanvasAgg(figure)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
     tidy(upper)
     tidy(lower)

@@ -2,7 +2,6 @@
 """The paper's page: complete and repeatable, and its numbers are those of the trials."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from checks.paper.belt import (
     TRUTH,
 )
 from checks.paper.page import belt_section
-from checks.paper.tripod import tripod_section
 from checks.paper.tripod_runs import Plan
 from ros2_ident.models.belt_drive.model import BeltDrive
 from ros2_ident.search import GeneticSettings
@@ -37,11 +35,7 @@ QUICK = Plan(
 def out(tmp_path_factory):
     folder = tmp_path_factory.mktemp('paper')
     seen = []
-    run.tripod_section, kept = partial(tripod_section, plan=QUICK), run.tripod_section
-    try:
-        page = run.run(folder, lambda part, text: seen.append((part, text)), seeds=1)
-    finally:
-        run.tripod_section = kept
+    page = run.run(folder, lambda part, text: seen.append((part, text)), seeds=1, plan=QUICK)
     return folder, page.read_text(encoding='utf-8'), seen
 
 
@@ -108,8 +102,6 @@ def findings(harm):
         largest_torque=0.2,
         close_torque=0.06,
         rates={},
-        trapped_seed=None,
-        found_seed=0,
     )
     full = stand_in(90, 100), stand_in(90, 100)
     rates = dict.fromkeys(PAPER_SETTINGS, full)
