@@ -7,6 +7,7 @@ from pathlib import Path
 import shlex
 from typing import Any, TYPE_CHECKING
 
+from checks.blind.sorts import SHARES
 from ros2_ident.cli.arguments import count, whole
 from ros2_ident.errors import ErrorCode, IdentError
 
@@ -38,17 +39,6 @@ GENERATORS = {
     'suspects': 'checks.blind.suspects',
 }
 EXIT_CODES = {0: 'scored, drawn, or verified', 1: 'stopped; the same command goes on'}
-# Share of each sort of case, as `planning.Shares` has it, and what the sort is.
-SHARES = {
-    'single': (0.36, 'with one effect'),
-    'pair': (0.13, 'with two effects'),
-    'triple': (0.04, 'with three effects'),
-    'none': (0.14, 'with imperfections, and no effect'),
-    'ideal': (0.05, 'with nothing at all'),
-    'outside': (0.11, 'with a cause that the catalogue lacks'),
-    'hidden': (0.05, 'with an effect too small or not excited'),
-    'fault': (0.12, 'whose log contradicts the machine file'),
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -182,11 +172,10 @@ def _run(args: argparse.Namespace) -> int:
 def _rows(check: 'BlindCheck', args: argparse.Namespace) -> list[dict[str, Any]] | None:
     """Return the scored cases; None where nothing shall be diagnosed."""
     from checks.blind.keep import keep_seals
-    from checks.blind.planning import Shares
 
     if args.rescore:
         return check.score(again=True) if args.reopen else check.store.rows()
-    shares = Shares(**{name: getattr(args, name) for name in SHARES})
+    shares = {name: getattr(args, name) for name in SHARES}
     command = shlex.join(args.command)
     more: dict[str, Any] = {'generator': args.generator}
     if args.generator == 'mjcf':

@@ -7,14 +7,12 @@ from typing import Any
 
 from checks.blind.faults import Fault
 from checks.blind.rough import Rough
+from ros2_ident.arrays import plain
 from ros2_ident.machine.kind import Space
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import space_of
+from ros2_ident.report.schema import read
 from ros2_ident.simulate.motions import draw_motion, Motion
-
-# What a case can hold: one effect, two, three, imperfections only, not even these, one that no
-# catalogue lists, one that the motion does not show, a bookkeeping fault.
-SORTS = ('single', 'pair', 'triple', 'none', 'ideal', 'outside', 'hidden', 'fault')
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class Label:
 
     Attributes:
         case: Its number, from 1.
-        sort: One of `SORTS`.
+        sort: One of `sorts.SHARES`.
         generator: `reference` or `mujoco`.
         machine: Content of the true machine's file.
         parameters: The machine's true nominal parameters.
@@ -111,30 +109,11 @@ class Label:
 
 def to_mapping(label: Label) -> dict[str, Any]:
     """Return a label as a mapping of plain values."""
-    return {
-        **dict(vars(label).items()),
-        'machine': dict(label.machine),
-        'parameters': dict(label.parameters),
-        'motions': [asdict(m) for m in label.motions],
-        'effects': [asdict(e) for e in label.effects],
-        'imperfections': [asdict(e) for e in label.imperfections],
-        'fault': asdict(label.fault) if label.fault else None,
-        'rough': label.rough.to_mapping(),
-        'noise': list(label.noise),
-    }
+    mapping: dict[str, Any] = plain(asdict(label))
+    return mapping
 
 
-def from_mapping(plain: Mapping[str, Any]) -> Label:
+def from_mapping(mapping: Mapping[str, Any]) -> Label:
     """Return the label that `to_mapping` wrote."""
-    fit, check = (MotionOrder(**m) for m in plain['motions'])
-    return Label(
-        **{
-            **plain,
-            'motions': (fit, check),
-            'effects': tuple(Part(**e) for e in plain['effects']),
-            'imperfections': tuple(Part(**e) for e in plain['imperfections']),
-            'fault': Fault(**plain['fault']) if plain['fault'] else None,
-            'rough': Rough.from_mapping(plain['rough']),
-            'noise': tuple(plain['noise']),
-        }
-    )
+    label: Label = read(Label, mapping)
+    return label

@@ -21,19 +21,9 @@ from checks.blind.score import (
     SEEN,
     verdict_of,
 )
+from checks.blind.sorts import SHARES
 from ros2_ident.files import write_text
 from ros2_ident.gap.verdict import UNKNOWN
-
-SORTS = {
-    'single': 'with one effect',
-    'pair': 'with two',
-    'triple': 'with three',
-    'none': 'with imperfections only',
-    'ideal': 'with nothing',
-    'outside': 'with one outside the catalogue',
-    'hidden': 'with one the motion does not show',
-    'fault': 'with a bookkeeping fault',
-}
 
 
 def write_page(
@@ -85,7 +75,7 @@ def write_page(
 def _of_what(rows: Sequence[Row], about: Mapping[str, Any]) -> list[str]:
     """Return which cases the page is of, and by which program they were drawn and diagnosed."""
     counts = Counter(str(r['sort']) for r in rows)
-    sorts = ', '.join(f'{n} {SORTS[sort]}' for sort, n in counts.most_common())
+    sorts = ', '.join(f'{n} {SHARES[sort][1]}' for sort, n in counts.most_common())
     drawn, diagnosed = about.get('drawn', {}), about.get('diagnosed', [])
     programs = ', then '.join(f'{d["commit"]} (sources `{d["sources"]}`)' for d in diagnosed)
     out = [

@@ -21,29 +21,15 @@ TRIES = 6
 HARD = 0.2
 
 
-@dataclass(frozen=True)
-class Shares:
-    """How the cases are divided; normalised to one."""
-
-    single: float = 0.36
-    pair: float = 0.13
-    triple: float = 0.04
-    none: float = 0.14
-    ideal: float = 0.05
-    outside: float = 0.11
-    hidden: float = 0.05
-    fault: float = 0.12
-
-    def counts(self, cases: int) -> dict[str, int]:
-        """Return how many cases of each sort there are among `cases`."""
-        parts = {name: float(value) for name, value in vars(self).items()}
-        total = sum(parts.values())
-        exact = {name: cases * value / total for name, value in parts.items()}
-        out = {name: int(value) for name, value in exact.items()}
-        order = sorted(exact, key=lambda name: out[name] - exact[name])
-        for name in order[: cases - sum(out.values())]:
-            out[name] += 1
-        return out
+def counts_of(shares: Mapping[str, float], cases: int) -> dict[str, int]:
+    """Return how many of so many cases are of each sort, by shares of any sum."""
+    total = sum(shares.values())
+    exact = {name: cases * value / total for name, value in shares.items()}
+    out = {name: int(value) for name, value in exact.items()}
+    order = sorted(exact, key=lambda name: out[name] - exact[name])
+    for name in order[: cases - sum(out.values())]:
+        out[name] += 1
+    return out
 
 
 @dataclass(frozen=True)
@@ -52,7 +38,7 @@ class Wanted:
 
     Attributes:
         case: Its number, from 1.
-        sort: One of `label.SORTS`.
+        sort: One of `sorts.SHARES`.
         names: Effects to try, in this order; or the kind of fault.
         sizes: Sizes aimed at.
         hard: Whether its noise is hard.
@@ -110,7 +96,11 @@ def spread(rng: np.random.Generator, ends: tuple[float, float], count: int) -> l
 
 
 def plan(
-    inside: Sequence[str], outside: Sequence[str], cases: int, seed: int, shares: Shares
+    inside: Sequence[str],
+    outside: Sequence[str],
+    cases: int,
+    seed: int,
+    shares: Mapping[str, float],
 ) -> tuple[Wanted, ...]:
     """Divide the cases.
 
@@ -118,7 +108,7 @@ def plan(
         What each case shall be, in an order that tells nothing.
     """
     rng = np.random.default_rng([seed, 0])
-    counts = shares.counts(cases)
+    counts = counts_of(shares, cases)
     drawn = _several(rng, inside, counts)
     foreign = _Bag(outside, rng)
     for size in spread(rng, OUTSIDE, counts['outside']):

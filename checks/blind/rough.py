@@ -5,9 +5,7 @@ The noise is an autoregression; its size is the standard deviation of what the l
 machine's own effort.
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -64,15 +62,6 @@ class Rough:
     with_command_velocity: bool = False
     stated: float = 1.0
     hard: bool = False
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return it as plain values."""
-        return {**asdict(self), 'colour': list(self.colour)}
-
-    @staticmethod
-    def from_mapping(plain: Mapping[str, Any]) -> 'Rough':
-        """Return what `to_mapping` wrote."""
-        return Rough(**{**plain, 'colour': tuple(plain['colour'])})
 
     @property
     def memory(self) -> float:

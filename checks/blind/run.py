@@ -23,7 +23,7 @@ from checks.blind.draw import Drawer
 from checks.blind.label import to_mapping
 from checks.blind.machines import machine_of, read_plain
 from checks.blind.page import write_page
-from checks.blind.planning import plan, Shares, Wanted
+from checks.blind.planning import plan, Wanted
 from checks.blind.score import score, sentences
 from checks.blind.store import stamp, Store, write_json
 from checks.blind.truth import make_row
@@ -218,8 +218,8 @@ def _plan(drawer: type[Drawer], store: Store) -> Mapping[int, Wanted]:
     names = list(drawer.known(machine_of(read_plain(store.machine))))
     inside = [name for name in names if name in CATALOGUE]
     outside = [name for name in names if name not in CATALOGUE]
-    shares = Shares(**about['shares'])
-    wanted = plan(inside, outside, int(about['cases']), int(about['seed']), shares)
+    cases, seed = int(about['cases']), int(about['seed'])
+    wanted = plan(inside, outside, cases, seed, about['shares'])
     return {w.case: w for w in wanted}
 
 
@@ -269,10 +269,16 @@ class BlindCheck:
         self._tell(low + (high - low) * done / max(1, count), f'{part} {done} of {count} cases')
 
     def begin(
-        self, machine: str | Path, cases: int, seed: int, shares: Shares, command: str, **more: Any
+        self,
+        machine: str | Path,
+        cases: int,
+        seed: int,
+        shares: Mapping[str, float],
+        command: str,
+        **more: Any,
     ) -> None:
         """Begin a run or go on with it; `more` is what its generator wants to know."""
-        what = {'command': command, 'cases': cases, 'seed': seed, 'shares': vars(shares)}
+        what = {'command': command, 'cases': cases, 'seed': seed, 'shares': dict(shares)}
         self.store.begin(what | more, machine)
 
     def draw(self) -> str:

@@ -3,6 +3,36 @@
 
 from typing import Any
 
+from checks.blind.faults import Fault
+from checks.blind.label import Label, MotionOrder, Part
+from checks.blind.machines import read_plain
+from checks.blind.rough import Rough
+
+
+def a_label() -> Label:
+    values = {'torque': 0.05, 'speed': 0.034}
+    effect = Part('stribeck', 'stribeck.rational', 'drive_2', values, 2.1)
+    small = Part('neighbour', 'neighbour', 'drive_1', {'force': 0.3}, None)
+    motions = MotionOrder('mixed', 8.0, 3), MotionOrder('creep', 6.0, 4, 0.5)
+    return Label(
+        case=5,
+        sort='single',
+        generator='reference',
+        machine=read_plain('config/tripod.yaml'),
+        parameters={'tool_mass': 1.3},
+        motions=motions,
+        effects=(effect,),
+        imperfections=(small,),
+        fault=Fault('lag', -1, 0.03, 'command'),
+        rough=Rough(0.01, (0.9,)),
+        noise=(0.01, 0.011, 0.009),
+        rho=2.1,
+        rho_small=0.2,
+        rho_all=2.2,
+        share=0.98,
+        seed=9,
+    )
+
 
 def effect(name: str, where: str, rho: float, form: str = 'some.form') -> dict[str, Any]:
     return {'effect': name, 'where': [where], 'rho': rho, 'form': form}

@@ -7,20 +7,20 @@ from pathlib import Path
 import subprocess
 import sys
 
+from blind_rows import a_label
 import numpy as np
 import pytest
 
 from checks.blind import command, keep, seal
 from checks.blind.command import numbers
 from checks.blind.draw import Drawer
-from checks.blind.faults import Fault
 from checks.blind.forms import draw_form, FORMS, suits
-from checks.blind.label import from_mapping, Label, MotionOrder, Part, to_mapping
+from checks.blind.label import from_mapping, MotionOrder, to_mapping
 from checks.blind.machines import draw_machine, machine_of, read_plain
-from checks.blind.planning import forms_of, plan, Shares, Wanted
+from checks.blind.planning import counts_of, forms_of, plan, Wanted
 from checks.blind.probe import Probe
-from checks.blind.rough import Rough
 from checks.blind.run import scrubbed
+from checks.blind.sorts import SHARES
 from checks.blind.store import Store, write_json
 from checks.blind.truth import make_row
 from checks.program import start
@@ -31,47 +31,22 @@ from ros2_ident.errors import IdentError
 TRIPOD = Path(__file__).parents[2] / 'config' / 'tripod.yaml'
 PLAIN = read_plain(TRIPOD)
 MACHINE = machine_of(PLAIN)
+USUAL = {name: share for name, (share, _) in SHARES.items()}
 FORMS_HERE = forms_of(MACHINE)
 INSIDE = [name for name in FORMS_HERE if name in CATALOGUE]
 OUTSIDE = [name for name in FORMS_HERE if name not in CATALOGUE]
 
 
-def a_label() -> Label:
-    values = {'torque': 0.05, 'speed': 0.034}
-    effect = Part('stribeck', 'stribeck.rational', 'drive_2', values, 2.1)
-    small = Part('neighbour', 'neighbour', 'drive_1', {'force': 0.3}, None)
-    motions = MotionOrder('mixed', 8.0, 3), MotionOrder('creep', 6.0, 4, 0.5)
-    return Label(
-        case=5,
-        sort='single',
-        generator='reference',
-        machine=PLAIN,
-        parameters={'tool_mass': 1.3},
-        motions=motions,
-        effects=(effect,),
-        imperfections=(small,),
-        fault=Fault('lag', -1, 0.03, 'command'),
-        rough=Rough(0.01, (0.9,)),
-        noise=(0.01, 0.011, 0.009),
-        rho=2.1,
-        rho_small=0.2,
-        rho_all=2.2,
-        share=0.98,
-        seed=9,
-    )
-
-
 def test_shares_add_up() -> None:
     for cases in (1, 7, 60, 300):
-        assert sum(Shares().counts(cases).values()) == cases
-    alone = dict.fromkeys(vars(Shares()), 0.0) | {'none': 1.0}
-    assert Shares(**alone).counts(9)['none'] == 9
+        assert sum(counts_of(USUAL, cases).values()) == cases
+    assert counts_of(dict.fromkeys(USUAL, 0.0) | {'none': 1.0}, 9)['none'] == 9
 
 
 def test_plan_is_reproducible_and_visits_every_effect() -> None:
-    wanted = plan(INSIDE, OUTSIDE, 240, 4, Shares())
-    assert wanted == plan(INSIDE, OUTSIDE, 240, 4, Shares())
-    assert wanted != plan(INSIDE, OUTSIDE, 240, 5, Shares())
+    wanted = plan(INSIDE, OUTSIDE, 240, 4, USUAL)
+    assert wanted == plan(INSIDE, OUTSIDE, 240, 4, USUAL)
+    assert wanted != plan(INSIDE, OUTSIDE, 240, 5, USUAL)
     first = Counter(w.names[0] for w in wanted if w.sort == 'single')
     assert set(first) == set(INSIDE)
     assert max(first.values()) - min(first.values()) <= 1
@@ -86,12 +61,6 @@ def test_plan_is_reproducible_and_visits_every_effect() -> None:
         assert all(len(w.sizes) == number for w in several)
     assert sum(w.hard for w in wanted) == pytest.approx(0.2 * 240, abs=1)
     assert len({w.sort for w in wanted[:60]}) >= 7  # the order tells nothing
-
-
-def test_the_sorts_of_the_command_are_those_of_the_plan() -> None:
-    from checks.blind.command import SHARES
-
-    assert vars(Shares()) == {name: share for name, (share, _) in SHARES.items()}
 
 
 def test_cases_are_read_as_numbers_and_ranges() -> None:
@@ -125,7 +94,7 @@ def test_seal_hides_and_proves() -> None:
 
 def test_directory_of_another_run_is_refused(tmp_path) -> None:
     store = Store(tmp_path / 'run')
-    what = {'command': 'x', 'cases': 4, 'seed': 1, 'shares': vars(Shares())}
+    what = {'command': 'x', 'cases': 4, 'seed': 1, 'shares': USUAL}
     store.begin(what, TRIPOD)
     store.begin(what, TRIPOD)
     with pytest.raises(IdentError, match='another run'):

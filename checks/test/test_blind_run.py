@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 from pathlib import Path
 import subprocess
 import sys
 
+from blind_rows import a_label
 import pytest
 
 from checks.blind import seal
 from checks.blind.keep import verify
-from checks.blind.label import Label, MotionOrder, Part, to_mapping
-from checks.blind.planning import Shares
-from checks.blind.rough import Rough
+from checks.blind.label import to_mapping
 from checks.blind.run import ask_all, BlindCheck, order_of, Stopped
 from checks.blind.score import score, verdict_of
 from checks.blind.store import read_json, stamp, Store
@@ -45,41 +45,18 @@ def test_stopping_ends_the_processes_and_answers_nothing(tmp_path) -> None:
 
 def test_row_of_a_case_without_diagnosis_counts_as_a_miss(tmp_path) -> None:
     store = Store(tmp_path)
-    effect = Part('torque_ripple', 'ripple.harmonics', 'drive_2', {'torque': 0.05}, 2.4)
-    plain = to_mapping(
-        Label(
-            case=1,
-            sort='single',
-            generator='reference',
-            machine={},
-            parameters={'tool_mass': 1.3},
-            motions=(MotionOrder('multi_point', 1.5, 3), MotionOrder('mixed', 1.5, 4)),
-            effects=(effect,),
-            imperfections=(),
-            fault=None,
-            rough=Rough(0.01),
-            noise=(0.01, 0.01, 0.01),
-            rho=2.4,
-            rho_small=0.0,
-            rho_all=2.4,
-            share=1.0,
-            seed=5,
-        )
-    )
+    plain = to_mapping(replace(a_label(), fault=None, rho_all=2.1))
     row = make_row(seal.unseal(seal.close(plain, 3), 3), store.case(1), store.clean(1))
     assert verdict_of(row) == 'error'
-    assert row['rho'] == row['rho_all'] == 2.4
+    assert row['rho'] == row['rho_all'] == 2.1
     by_name = {s.name: s for s in score([row])}
     assert by_name['diagnoses that failed'].value == 1.0
     assert by_name['exact effect first, rho from 1.5'].value == 0.0
 
 
 def test_intervals_stand_beside_the_parameters_they_are_of() -> None:
-    label = Label(
-        1, 'none', 'reference', {}, {'tool_mass': 1.3, 'drive_2.coulomb_torque': 0.05,
-        'measurement_delay': 0.02}, (MotionOrder('mixed', 8.0, 1), MotionOrder('dwell', 6.0, 2)),
-        (), (), None, Rough(0.01), (), 0.0, 0.0, 0.0, None, 1,
-    )  # fmt: skip
+    parameters = {'tool_mass': 1.3, 'drive_2.coulomb_torque': 0.05, 'measurement_delay': 0.02}
+    label = replace(a_label(), parameters=parameters)
     one = {'value': 1.2, 'low': 1.1, 'high': 1.25, 'unit': 'kg'}
     names = ('drive_1.tool_mass', 'drive_2.coulomb_torque', 'measurement_delay', 'x.torque')
     found = intervals(label, {'parameters': dict.fromkeys(names, one)})
@@ -104,7 +81,7 @@ def test_rows_come_back_in_order(tmp_path) -> None:
 
 def test_scoring_opens_only_what_is_diagnosed(tmp_path) -> None:
     check = BlindCheck(tmp_path / 'run', 1)
-    check.begin(TRIPOD, 1, 3, Shares(), 'python -m checks.blind')
+    check.begin(TRIPOD, 1, 3, {'none': 1.0}, 'python -m checks.blind')
     check.store.seal(1, seal.close({'case': 1}, 3))
     assert check.score() == []
 
