@@ -2,7 +2,7 @@
 """Scores of a table: what is counted, out of how many, with its interval and its level."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 import re
 from typing import Any
@@ -174,22 +174,31 @@ def calibration(rows: Sequence[Row], bins: int = BINS) -> tuple[float, float, li
 
 
 def _share(
-    name: str, rows: Sequence[Row], test: Callable[[Row], bool], level: str, least: float
+    name: str,
+    rows: Sequence[Row],
+    test: Callable[[Row], bool],
+    level: str = '',
+    good: Callable[[float], bool] = lambda value: True,
 ) -> Score:
     hits = sum(test(r) for r in rows)
     low, high = share_interval(hits, len(rows))
     value = hits / len(rows) if rows else math.nan
-    return Score(name, value, low, high, len(rows), level, value >= least if rows else None)
+    return Score(name, value, low, high, len(rows), level, good(value) if rows else None)
 
 
-def _at_most(
-    name: str, rows: Sequence[Row], test: Callable[[Row], bool], level: str, most: float
+def _least(percent: int) -> tuple[str, Callable[[float], bool]]:
+    return f'{percent} %', lambda value: value >= percent / 100
+
+
+def _most(share: float, level: str = '') -> tuple[str, Callable[[float], bool]]:
+    return level or f'at most {100 * share:g} %', lambda value: value <= share
+
+
+def _number(
+    name: str, values: Sequence[float], of: Callable[[Sequence[float]], float], most: float
 ) -> Score:
-    s = _share(name, rows, test, level, 0.0)
-    return Score(name, s.value, s.low, s.high, s.count, level, s.value <= most if rows else None)
-
-
-def _number(name: str, values: Sequence[float], value: float, level: str, most: float) -> Score:
+    value = float(of(values)) if values else math.nan
+    level = f'at most {most:g}' if math.isfinite(most) else ''
     good = value <= most if values else None
     return Score(name, value, math.nan, math.nan, len(values), level, good, share=False)
 
@@ -218,47 +227,39 @@ def score(rows: Sequence[Row]) -> list[Score]:
     nulls = [*by.get('none', []), *by.get('ideal', [])]
     singles = [r for r in by.get('single', []) if r['effects']]
     mujoco = any(r.get('generator') == 'mujoco' for r in rows)
-    level = ('88 %', 0.88) if mujoco else ('90 %', 0.9)
+    level = _least(88 if mujoco else 90)
     pairs = [r for r in by.get('pair', []) if min(e['rho'] for e in r['effects']) >= 1.0]
     triples = [r for r in by.get('triple', []) if min(e['rho'] for e in r['effects']) >= 1.0]
     faulty = by.get('fault', [])
     outside = [r for r in by.get('outside', []) if r['rho'] >= SEEN]
     hidden = [r for r in by.get('hidden', []) if r['effects'] and r['rho'] < Rules().material]
     strong = [r for r in singles if r['rho'] >= SEEN]
-    out = [_at_most('false alarms, no effect', nulls, detected, 'at most 2.5 %', 0.025)]
-    for (centre, low, high), least in zip(WINDOWS, (0.5, 0.9, 0.98), strict=True):
+    out = [_share('false alarms, no effect', nulls, detected, *_most(0.025))]
+    for (centre, low, high), least in zip(WINDOWS, (50, 90, 98), strict=True):
         window = [r for r in singles if low <= r['rho'] < high]
         text = f'rho {low:g} to {high:g}' if math.isfinite(high) else f'rho from {low:g}'
         name = f'detected at rho {centre:g} ({text})'
-        out.append(_share(name, window, detected, f'{100 * least:g} %', least))
+        out.append(_share(name, window, detected, *_least(least)))
     placed = [r for r in strong if named(r) and r['effects'][0]['where'] != ['all']]
     sets = [r for r in strong if named(r)]
     sizes = [float(len(confusable_set(r))) for r in sets]
     out += [
         _share(f'exact effect first, rho from {SEEN:g}', strong, exact, *level),
-        _share('effect or its class', strong, _class, '97 %', 0.97),
-        _share('confusable set holds the effect', sets, covered, '97 %', 0.97),
-        _number(
-            'mean size of the set',
-            sizes,
-            float(np.mean(sizes)) if sizes else math.nan,
-            'at most 3',
-            3.0,
-        ),
-        _share('drive right', placed, _drive, '98 %', 0.98),
-        _share('singles: no further effect named', sets, lambda r: not r['also'], '', 0.0),
-        _share('pairs: one of them first', pairs, lambda r: hits_of_pair(r, 1) == 1, '95 %', 0.95),
-        _share(
-            'pairs: both in the first two', pairs, lambda r: hits_of_pair(r, 2) == 2, '80 %', 0.8
-        ),
-        _share('pairs: exactly the two', pairs, _exactly, '72 %', 0.72),
-        _share('triples: one of them first', triples, lambda r: hits_of_pair(r, 1) == 1, '', 0.0),
-        _share('triples: all in the first three', triples, _all_three, '', 0.0),
-        _share('outside the catalogue, flagged', outside, _unknown, '90 %', 0.9),
-        _at_most('known effects flagged as unknown', strong, _unknown, 'at most 4 %', 0.04),
-        _share('bookkeeping faults, named before physics', faulty, fault_named, '95 %', 0.95),
-        _share('not testable, recognised', hidden, recognised, '90 %', 0.9),
-        _share('not testable, nothing named', hidden, lambda r: not named(r), '', 0.0),
+        _share('effect or its class', strong, _class, *_least(97)),
+        _share('confusable set holds the effect', sets, covered, *_least(97)),
+        _number('mean size of the set', sizes, np.mean, 3.0),
+        _share('drive right', placed, _drive, *_least(98)),
+        _share('singles: no further effect named', sets, lambda r: not r['also']),
+        _share('pairs: one of them first', pairs, lambda r: hits_of_pair(r, 1) == 1, *_least(95)),
+        _share('pairs: both in the first two', pairs, _both, *_least(80)),
+        _share('pairs: exactly the two', pairs, _exactly, *_least(72)),
+        _share('triples: one of them first', triples, lambda r: hits_of_pair(r, 1) == 1),
+        _share('triples: all in the first three', triples, lambda r: hits_of_pair(r, 3) == 3),
+        _share('outside the catalogue, flagged', outside, _unknown, *_least(90)),
+        _share('known effects flagged as unknown', strong, _unknown, *_most(0.04)),
+        _share('bookkeeping faults, named before physics', faulty, fault_named, *_least(95)),
+        _share('not testable, recognised', hidden, recognised, *_least(90)),
+        _share('not testable, nothing named', hidden, lambda r: not named(r)),
     ]
     return out + _intervals(rows) + _shares_closed(singles) + _rest(rows)
 
@@ -273,12 +274,12 @@ def _drive(row: Row) -> bool:
     return any(list(row['verdict']['where']) == list(e['where']) for e in row['effects'])
 
 
+def _both(row: Row) -> bool:
+    return hits_of_pair(row, 2) == 2
+
+
 def _exactly(row: Row) -> bool:
-    return len(found_names(row)) == 2 and hits_of_pair(row, 2) == 2
-
-
-def _all_three(row: Row) -> bool:
-    return hits_of_pair(row, 3) == 3
+    return len(found_names(row)) == 2 and _both(row)
 
 
 def _unknown(row: Row) -> bool:
@@ -314,8 +315,7 @@ def _intervals(rows: Sequence[Row]) -> list[Score]:
     out = []
     for text, some in what:
         each = [p for r in some for p in r.get('parameters', [])]
-        s = _share(f'95 % intervals hold the truth, {text}', each, holds, '90 to 98 %', 0.9)
-        out.append(_within(s))
+        out.append(_within(_share(f'95 % intervals hold the truth, {text}', each, holds)))
     return out
 
 
@@ -331,16 +331,16 @@ def _shares_closed(singles: Sequence[Row]) -> list[Score]:
     bounded = [r for r in known if None not in (r['share']['low'], r['share']['high'])]
     alike = [r for r in singles if named(r) and math.isfinite(off(r, 'oracle'))]
     return [
-        _share('share closed, within 0.05 of the truth', known, near('true'), '90 %', 0.9),
-        _within(_share('its interval covers the truth', bounded, _inside, '90 to 98 %', 0.9)),
-        _share('within 0.05 of what the true effect alone closes', alike, near('oracle'), '', 0.0),
+        _share('share closed, within 0.05 of the truth', known, near('true'), *_least(90)),
+        _within(_share('its interval covers the truth', bounded, _inside)),
+        _share('within 0.05 of what the true effect alone closes', alike, near('oracle')),
     ]
 
 
 def _within(s: Score) -> Score:
     """Return a share that shall be 90 to 98 %; more than 98 % has to be significant."""
     good = bool(s.value >= 0.9 and s.low <= 0.98) if s.count else None
-    return Score(s.name, s.value, s.low, s.high, s.count, s.level, good)
+    return replace(s, level='90 to 98 %', reached=good)
 
 
 def _rest(rows: Sequence[Row]) -> list[Score]:
@@ -351,23 +351,11 @@ def _rest(rows: Sequence[Row]) -> list[Score]:
     whole = [r for r in rows if r['sort'] != 'fault']
     cpu = [float(r['cpu_seconds']) for r in rows if r.get('cpu_seconds')]
     return [
-        _number('Brier score of the verdict', answered, brier, '', math.inf),
-        _number('calibration error (ECE)', answered, ece, 'at most 0.04', 0.04),
-        _number(
-            'seconds a case, 95th percentile',
-            seconds,
-            float(np.quantile(seconds, 0.95)) if seconds else math.nan,
-            'at most 60',
-            60.0,
-        ),
-        _number(
-            'processor seconds a case, median',
-            cpu,
-            float(np.median(cpu)) if cpu else math.nan,
-            '',
-            math.inf,
-        ),
-        _at_most('diagnoses that failed', whole, lambda r: verdict_of(r) == CRASH, 'none', 0.0),
+        _number('Brier score of the verdict', answered, lambda _: brier, math.inf),
+        _number('calibration error (ECE)', answered, lambda _: ece, 0.04),
+        _number('seconds a case, 95th percentile', seconds, lambda s: np.quantile(s, 0.95), 60.0),
+        _number('processor seconds a case, median', cpu, np.median, math.inf),
+        _share('diagnoses that failed', whole, lambda r: 'verdict' not in r, *_most(0, 'none')),
     ]
 
 
