@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The interval of a share, for the figures of all checks."""
+"""Shares with their intervals, and tables, for the figures of all checks."""
 
 from collections.abc import Sequence
 import math
@@ -23,3 +23,10 @@ def told_share(hits: Sequence[bool]) -> str:
     """Return how many hold, with the interval of their share in percent."""
     low, high = share_interval(sum(hits), len(hits)) if hits else (0.0, 1.0)
     return f'{sum(hits)} of {len(hits)} [{100.0 * low:.0f}, {100.0 * high:.0f} %]'
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return a Markdown table."""
+    lines = ['| ' + ' | '.join(head) + ' |', '|' + ' --- |' * len(head)]
+    lines += ['| ' + ' | '.join(str(cell) for cell in row) + ' |' for row in rows]
+    return '\n'.join(lines) + '\n'

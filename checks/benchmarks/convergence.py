@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from checks.benchmarks.measure import table
 from checks.reference.tripod import simulate_tripod, TABLE_5
+from checks.share import table
 from ros2_ident.models import load_machine
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset

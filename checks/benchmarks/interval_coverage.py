@@ -17,9 +17,9 @@ import time
 import numpy as np
 import numpy.typing as npt
 
-from checks.benchmarks.measure import table
 from checks.blind.store import stamp
 from checks.reference.tripod import simulate_tripod, TABLE_5
+from checks.share import table
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import identify

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all comparisons share: interleaved timing, the machine in words, tables.
+"""What all comparisons share: interleaved timing, the machine in words.
 
 Times of one thread are its processor time, which other programs on the machine disturb less than
 the clock; jobs of several processes are timed by the clock.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -85,10 +85,3 @@ def machine() -> str:
         f'{model}, {os.cpu_count()} processors, Linux {platform.release().split("-")[0]}, '
         f'Python {platform.python_version()}; load average {load}'
     )
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a Markdown table."""
-    lines = ['| ' + ' | '.join(head) + ' |', '|' + ' --- |' * len(head)]
-    lines += ['| ' + ' | '.join(str(cell) for cell in row) + ' |' for row in rows]
-    return '\n'.join(lines) + '\n'

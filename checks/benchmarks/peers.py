@@ -22,6 +22,7 @@ from checks.benchmarks import exudyn_models as exudyn
 from checks.paper.belt import step_reference
 from checks.reference.belt_drive import simulate_belt
 from checks.reference.tripod import simulate_tripod, TABLE_5
+from checks.share import table
 from ros2_ident.models import load_machine
 from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS
 from ros2_ident.models.tripod.model import Tripod
@@ -101,7 +102,7 @@ def speed_table(
         for name, t in times.items()
     ]
     figures = 'ms a simulation', 'simulations a second and core', 'times ours', 'noise, %'
-    return measure.table((*head, *figures), rows)
+    return table((*head, *figures), rows)
 
 
 def belt_speed(rounds: int) -> str:
@@ -139,7 +140,7 @@ def belt_job(rounds: int) -> str:
         for name, t in times.items()
     ]
     head = '2760 simulations, settings of Table 2', 's, median', 's, minimum', 'times ours'
-    return measure.table(head, rows)
+    return table(head, rows)
 
 
 def sizes(measured: Array) -> Array:
@@ -235,7 +236,7 @@ def belt_economy(seeds: int, starts: int, budget: int) -> str:
         for name, (method, budget) in methods.items()
     }
     found['mujoco.sysid on MuJoCo, one start'] = mujoco_trials(starts)
-    return measure.table(ECONOMY_HEAD, [economy_row(n, t) for n, t in found.items()])
+    return table(ECONOMY_HEAD, [economy_row(n, t) for n, t in found.items()])
 
 
 # ---------------------------------------------------------------------- tripod
@@ -293,7 +294,7 @@ def tripod_economy(seeds: int, seconds: float, budget: int) -> str:
             continue
         parts.append(
             f'Noise {noise} N m; judged (in how many of {seeds} machines): {known}.\n\n'
-            + measure.table(ECONOMY_HEAD, [economy_row(n, t) for n, t in trials.items()])
+            + table(ECONOMY_HEAD, [economy_row(n, t) for n, t in trials.items()])
         )
     return '\n'.join(parts)
 

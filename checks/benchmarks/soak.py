@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 
 from checks.benchmarks import measure
 from checks.benchmarks.long_bag import simulated_cycle
+from checks.share import table
 from ros2_ident.ros.capture import QOS
 from ros2_ident.ros.capture import TOPICS as ROLES
 from ros2_ident.threads import ONE_THREAD
@@ -544,7 +545,7 @@ def main() -> int:
     with identifier_process(shared, options) as node:
         client = Client()
         client.connect()
-        print(measure.table(HEAD, []), end='', flush=True)
+        print(table(HEAD, []), end='', flush=True)
         soak = Soak(shared, node, client, options)
         seconds = soak.run()
         wrong = soak.judge()

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from checks.paper.belt import Trial, TRUTH
-from checks.share import share_interval
+from checks.share import share_interval, table
 
 FAR = 0.1  # relative error of EA that is another place altogether
 
@@ -53,21 +53,23 @@ def _share(found: list[Trial]) -> str:
 
 
 def _table(findings: BeltFindings) -> str:
-    rows = [
-        '| survivors | d_min,0 | simulations | found, truth of the paper | found, truth anywhere '
-        '| median error where found, EA and P | the paper |',
-        '| --- | --- | --- | --- | --- | --- | --- |',
-    ]
+    found = 'found, truth of the paper', 'found, truth anywhere'
+    head = *('survivors', 'd_min,0', 'simulations', *found), 'median error where found, EA and P'
+    rows = []
     for key, (middle, anywhere) in findings.rates.items():
         errors = [t.error for t in middle if t.success]
         error = 100.0 * np.median(errors, axis=0) if errors else np.full(2, math.nan)
-        name = '40 (`MANY_MINIMA`) | 0.05' if key is None else f'{key[0]} | {key[1]}'
-        said = '-' if key is None else REPORTED[key]
         rows.append(
-            f'| {name} | {max(t.evaluations for t in middle)} | {_share(middle)} '
-            f'| {_share(anywhere)} | {error[0]:.3f} %, {error[1]:.3f} % | {said} |'
+            (
+                *(('40 (`MANY_MINIMA`)', 0.05) if key is None else key),
+                max(t.evaluations for t in middle),
+                _share(middle),
+                _share(anywhere),
+                f'{error[0]:.3f} %, {error[1]:.3f} %',
+                '-' if key is None else REPORTED[key],
+            )
         )
-    return '\n'.join(rows)
+    return table((*head, 'the paper'), rows)
 
 
 def _good(findings: BeltFindings) -> str:
@@ -87,29 +89,21 @@ def _far(findings: BeltFindings) -> str:
 def belt_section(findings: BeltFindings) -> str:
     """Return section 3 as Markdown: its numbers and pictures."""
     low, high = findings.frequencies
-    modes = ', '.join(f'{f:.1f}' for f in findings.modes)
-    facts = [
-        '| quantity | here | the paper |',
-        '| --- | --- | --- |',
-        f'| first eigenfrequency over x0, Hz | {low:.1f} to {high:.1f} | 65 to 85 (axis) |',
-        f'| modes at x0 = 0.2 m, Hz | {modes} | |',
-        f'| largest torque, N m | {findings.largest_torque:.2f} | 0.4 (axis) |',
-        f'| the same from 0.2 to 0.26 s | {findings.close_torque:.3f} | 0.08 (axis) |',
-        f'| local minima along EA | {findings.minima} | "high number" |',
-        f"| 20 survivors, as near as the paper's run | {_good(findings)} | |",
-        f'| 8 survivors, trapped, farther than 10 % from EA | {_far(findings)} | 1 of 1 |',
-    ]
+    facts = {
+        'first eigenfrequency over x0, Hz': (f'{low:.1f} to {high:.1f}', '65 to 85 (axis)'),
+        'modes at x0 = 0.2 m, Hz': (', '.join(f'{f:.1f}' for f in findings.modes), ''),
+        'largest torque, N m': (f'{findings.largest_torque:.2f}', '0.4 (axis)'),
+        'the same from 0.2 to 0.26 s': (f'{findings.close_torque:.3f}', '0.08 (axis)'),
+        'local minima along EA': (findings.minima, '"high number"'),
+        "20 survivors, as near as the paper's run": (_good(findings), ''),
+        '8 survivors, trapped, farther than 10 % from EA': (_far(findings), '1 of 1'),
+    }
     seeds = len(findings.rates[20, 0.0][0])
-    pictures = (f'![Figure {n}](paper/figure_{n}.png)' for n in range(4, 10))
-    return (
-        '\n\n'.join(
-            [
-                '## Section 3: the belt drive',
-                '\n'.join(facts),
-                f'Table 2 over {seeds} seeds, found within 1 % without refinement [95 %]:',
-                _table(findings),
-                *pictures,
-            ]
-        )
-        + '\n'
-    )
+    parts = [
+        '## Section 3: the belt drive',
+        table(('quantity', 'here', 'the paper'), [(name, *x) for name, x in facts.items()]),
+        f'Table 2 over {seeds} seeds, found within 1 % without refinement [95 %]:',
+        _table(findings),
+        *(f'![Figure {n}](paper/figure_{n}.png)' for n in range(4, 10)),
+    ]
+    return '\n\n'.join(part.rstrip() for part in parts) + '\n'

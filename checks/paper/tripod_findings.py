@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from checks.paper.tripod_runs import Case, DriveTrial, LOUD, QUIET
+from checks.share import table
 
 Trials = Mapping[Case, list[DriveTrial]]
 
@@ -40,8 +41,7 @@ def findings_table(trials: Trials, influence: Mapping[str, float]) -> str:
     share = 100 * float(held.mean())
     within = f'{held.sum()} of {held.size} ({share:.1f} %)'
     rows.append(('95 % intervals hold the truth', within, ''))
-    head = ['| finding | here | the paper |', '| --- | --- | --- |']
-    return '\n'.join(head + ['| ' + ' | '.join(row) + ' |' for row in rows])
+    return table(('finding', 'here', 'the paper'), rows)
 
 
 def _distance(trials: Trials, noise: float) -> tuple[str, str, str]:

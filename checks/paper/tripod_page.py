@@ -4,19 +4,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checks.paper.tripod_findings import findings_table
-from checks.paper.tripod_runs import (
-    Case,
-    DriveTrial,
-    LOUD,
-    Plan,
-    QUIET,
-    TRUTH,
-)
+from checks.paper.tripod_runs import Case, DriveTrial, LOUD, Plan, QUIET, TRUTH
+from checks.share import table
 
 Array = NDArray[np.float64]
 
@@ -72,96 +67,69 @@ def spread(errors: Array) -> str:
     return f'{percent(float(np.median(errors)))} ({percent(low)} to {percent(high)})'
 
 
-def _pooled(trials: list[DriveTrial], name: str, what: Callable[[DriveTrial], Array]) -> Array:
+def _pooled(trials: list[DriveTrial], name: str, what: Callable[[DriveTrial], Any]) -> Any:
     return np.concatenate([what(t)[t.columns(name)] for t in trials])
-
-
-def _number(value: float) -> str:
-    return f'{value:.6g}'
 
 
 def values_table(trials: Mapping[Case, list[DriveTrial]]) -> str:
     """Return Table 5 again: the genetic algorithm's values beside the truth and the paper's."""
     near, far = trials[Case(LOUD, False, 0.0)], trials[Case(LOUD, False, 0.5)]
-    rows = [
-        '| parameter | truth | GA, d_min,0 = 0 | GA, d_min,0 = 0.5 | refined, 95 % interval '
-        '| the paper, d_min,0 = 0 | the paper, d_min,0 = 0.5 |',
-        '| --- | --- | --- | --- | --- | --- | --- |',
-    ]
+    head = ('parameter', 'truth', 'GA, d_min,0 = 0', 'GA, d_min,0 = 0.5', 'refined, 95 % interval',
+            'the paper, d_min,0 = 0', 'the paper, d_min,0 = 0.5')  # fmt: skip
+    first, rows = near[0], []
     for name, truth in TRUTH.items():
-        i = near[0].columns(name)[0]
-        first = near[0]
-        half = 0.5 * (first.high[i] - first.low[i])
-        rows.append(
-            f'| {LABELS[name]} | {_number(truth)} '
-            f'| {_number(first.ga[i])} | {_number(far[0].ga[i])} '
-            f'| {_number(first.found[i])} ± {half:.2g} '
-            f'| {_number(REPORTED[name][0])} | {_number(REPORTED[name][1])} |'
-        )
-    rows.append(
-        f'| residual e_min, N m | {LOUD:g} (noise) | {near[0].ga_cost:.6f} | {far[0].ga_cost:.6f} '
-        f'| {near[0].cost:.6f} | 0.129705 | 0.133413 |'
-    )
-    return '\n'.join(rows)
+        i = first.columns(name)[0]
+        numbers = [f'{x:.6g}' for x in (truth, first.ga[i], far[0].ga[i], first.found[i])]
+        numbers[-1] += f' ± {0.5 * (first.high[i] - first.low[i]):.2g}'
+        rows.append((LABELS[name], *numbers, *(f'{x:.6g}' for x in REPORTED[name])))
+    costs = (f'{x:.6f}' for x in (first.ga_cost, far[0].ga_cost, first.cost))
+    rows.append(('residual e_min, N m', f'{LOUD:g} (noise)', *costs, '0.129705', '0.133413'))
+    return table(head, rows)
 
 
 def errors_table(trials: Mapping[Case, list[DriveTrial]], noise: float) -> str:
     """Return the errors of the one drive over all seeds at one noise."""
     near, far = trials[Case(noise, False, 0.0)], trials[Case(noise, False, 0.5)]
-    rows = [
-        '| parameter | GA, d_min,0 = 0, % | GA, d_min,0 = 0.5, % | refined, % '
-        '| 95 % interval, ± % | holds the truth |',
-        '| --- | --- | --- | --- | --- | --- |',
-    ]
+    head = ('parameter', 'GA, d_min,0 = 0, %', 'GA, d_min,0 = 0.5, %', 'refined, %',
+            '95 % interval, ± %', 'holds the truth')  # fmt: skip
+    rows = []
     for name in TRUTH:
-        half = float(np.median(_pooled(near, name, lambda t: t.half_width)))
-        rows.append(
-            f'| {LABELS[name].split(",")[0]} '
-            f'| {spread(_pooled(near, name, lambda t: t.ga_error))} '
-            f'| {spread(_pooled(far, name, lambda t: t.ga_error))} '
-            f'| {spread(_pooled(near, name, lambda t: t.error))} '
-            f'| {percent(half)} | {_covered(near, name)} |'
-        )
-    rows.append(
-        f'| residual, N m | {_median_cost(near, ga=True)} | {_median_cost(far, ga=True)} '
-        f'| {_median_cost(near, ga=False)} | | |'
-    )
-    return '\n'.join(rows)
+        ga, *others = _cells(near, name)
+        of_far = spread(_pooled(far, name, lambda t: t.ga_error))
+        rows.append((LABELS[name].split(',')[0], ga, of_far, *others))
+    costs = _costs(near)
+    rows.append(('residual, N m', costs[0], _costs(far)[0], costs[1], '', ''))
+    return table(head, rows)
 
 
 def three_table(trials: Mapping[Case, list[DriveTrial]]) -> str:
     """Return the errors where all drives are identified, those of equal parameters together."""
-    loud, quiet = trials[Case(LOUD, True, 0.0)], trials[Case(QUIET, True, 0.0)]
-    head = ''.join(
-        f'| GA, {noise:g} N m, % | refined, % | interval, ± % | holds the truth '
-        for noise in (LOUD, QUIET)
-    )
-    rows = [f'| parameter {head}|', '| --- ' * 9 + '|']
-    for name in TRUTH:
-        cells = ''
-        for case in (loud, quiet):
-            half = float(np.median(_pooled(case, name, lambda t: t.half_width)))
-            cells += (
-                f'| {spread(_pooled(case, name, lambda t: t.ga_error))} '
-                f'| {spread(_pooled(case, name, lambda t: t.error))} '
-                f'| {percent(half)} | {_covered(case, name)} '
-            )
-        rows.append(f'| {LABELS[name].split(",")[0]} {cells}|')
-    costs = ''.join(
-        f'| {_median_cost(case, ga=True)} | {_median_cost(case, ga=False)} | | '
-        for case in (loud, quiet)
-    )
-    rows.append(f'| residual, N m {costs}|')
-    return '\n'.join(rows)
+    cases = [trials[Case(noise, True, 0.0)] for noise in (LOUD, QUIET)]
+    each = 'GA, {:g} N m, %', 'refined, %', 'interval, ± %', 'holds the truth'
+    head = ['parameter', *(x.format(noise) for noise in (LOUD, QUIET) for x in each)]
+    rows = [
+        [LABELS[name].split(',')[0], *(x for case in cases for x in _cells(case, name))]
+        for name in TRUTH
+    ]
+    rows.append(['residual, N m', *(x for case in cases for x in (*_costs(case), '', ''))])
+    return table(head, rows)
 
 
-def _covered(trials: list[DriveTrial], name: str) -> str:
-    held = np.concatenate([t.covered[t.columns(name)] for t in trials])
-    return f'{int(held.sum())} of {held.size}'
+def _cells(trials: list[DriveTrial], name: str) -> list[str]:
+    """Return errors of the genetic algorithm, refined, the interval, and how often it holds."""
+    held = _pooled(trials, name, lambda t: t.covered)
+    return [
+        spread(_pooled(trials, name, lambda t: t.ga_error)),
+        spread(_pooled(trials, name, lambda t: t.error)),
+        percent(float(np.median(_pooled(trials, name, lambda t: t.half_width)))),
+        f'{int(held.sum())} of {held.size}',
+    ]
 
 
-def _median_cost(trials: list[DriveTrial], *, ga: bool) -> str:
-    return f'{np.median([t.ga_cost if ga else t.cost for t in trials]):.5f}'
+def _costs(trials: list[DriveTrial]) -> list[str]:
+    """Return the median residuals of the genetic algorithm and refined."""
+    both = zip(*((t.ga_cost, t.cost) for t in trials), strict=True)
+    return [f'{np.median(x):.5f}' for x in both]
 
 
 def tripod_text(findings: TripodFindings) -> str:
@@ -185,4 +153,4 @@ def tripod_text(findings: TripodFindings) -> str:
         ]
     parts += ['All three drives at once:', three_table(trials)]
     parts += [f'![Figure {n}](paper/figure_{n}.png)' for n in (11, 12, 13)]
-    return '\n\n'.join(parts) + '\n'
+    return '\n\n'.join(part.rstrip() for part in parts) + '\n'
