@@ -3,10 +3,10 @@
 
 Compares, in turn within one run, the kernel with the same by hand in C (`tripod_limit.c`, built
 with gcc; needs AVX-512) and with one compiled with the hooks of effects; then times the paper's
-Table 4 schedule, the first compilation and a second start, and the delta's kernel beside the
-tripod's. Figures are medians, with the least in brackets; CPU time unless wall time is said.
+Table 4 schedule, the first compilation and a second start. Figures are medians, with the least in
+brackets; CPU time unless wall time is said.
 
-    python checks/benchmarks/kernel.py [--seconds 10] [--rounds 9] [--delta]
+    python checks/benchmarks/kernel.py [--seconds 10] [--rounds 9]
 """
 
 import argparse
@@ -27,22 +27,12 @@ from checks.reference.tripod import TABLE_5
 from ros2_ident.kernel import rows
 from ros2_ident.lanes import WIDTH
 from ros2_ident.models import load_machine
-from ros2_ident.models.tripod.model import Delta, Tripod
+from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, ThreadedEvaluator
 from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).resolve().parents[2]
-DELTA = {
-    'measurement_delay': 0.0021,
-    'gear_stiffness': 6000.0,
-    'gear_damping_ratio': 0.2,
-    'tool_mass': 0.7,
-    'drive_inertia': 4e-5,
-    'arm_inertia': 0.02,
-    'coulomb_torque': 0.03,
-    'viscous_torque': 0.004,
-}
 # Rows of the C kernel's blocks, as its enumerations have them.
 MACHINE = ('rail_radius', 'rod_length', 'tool_mass', 'gravity')
 DRIVE = (
@@ -77,28 +67,19 @@ print(time.perf_counter() - wall, time.process_time() - cpu)
 """
 
 
-def synthetic(
-    seconds: float,
-    kind: type[Tripod] = Tripod,
-    values: Mapping[str, float] = TABLE_5,
-    substeps: int | None = None,
-) -> Tripod:
-    """Return a machine on a log of that length, its effort simulated at values of its own."""
-    machine = load_machine(ROOT / 'config' / f'{kind.__name__.lower()}.yaml')
+def synthetic(seconds: float) -> Tripod:
+    """Return the tripod on a log of that length, its effort simulated at Table 5's values."""
+    machine = load_machine(ROOT / 'config' / 'tripod.yaml')
     motion = draw_motion('pick_and_place', machine, seconds, 7)
-    cycle = machine.number('cycle')
-    blank = np.zeros(motion.position.shape)
 
     def model(effort: np.ndarray) -> Tripod:
-        data = Dataset(
-            machine.drives, cycle, 0, motion.position, motion.velocity, None, None, effort
+        course = motion.position, motion.velocity
+        return Tripod(
+            machine, Dataset(machine.drives, motion.cycle, 0, *course, None, None, effort)
         )
-        made = kind(machine, data)
-        made.substeps = substeps
-        return made
 
-    plain = model(blank)
-    effort = plain.simulate(at(plain, values)[None])[0]
+    plain = model(np.zeros(motion.position.shape))
+    effort = plain.simulate(at(plain, TABLE_5)[None])[0]
     effort += machine.effort_noise * np.random.default_rng(1).standard_normal(effort.shape)
     effort[:, 1::2] = np.nan  # a log of 1 kHz
     return model(effort)
@@ -246,30 +227,6 @@ def compare(model: Tripod, limit: Limit, rounds: int) -> None:
         )
 
 
-def beside_the_delta(seconds: float, rounds: int) -> None:
-    """Print how much longer a candidate of the delta takes than one of the tripod."""
-    rng = np.random.default_rng(0)
-    for substeps in (3, None):
-        made = [(kind, values) for kind, values in ((Tripod, TABLE_5), (Delta, DELTA))]
-        models = [synthetic(seconds, kind, values, substeps) for kind, values in made]
-        calls = []
-        for model, (_, values) in zip(models, made, strict=True):
-            near = at(model, values)
-            theta = near * (1.0 + 0.02 * rng.standard_normal((64, len(near))))
-            assert np.isfinite(model.costs(theta)).all()
-            steps = model._steps(model.rows(theta)).mean()
-            calls.append(functools.partial(model.costs, theta))
-            print(f'  {type(model).__name__}: {steps:.2f} steps a cycle at most')
-        took = 1e3 / 64 * in_turn(rounds, *calls)
-        tripod, delta = np.median(took, axis=0)
-        print(
-            f'delta {delta:.3f} ms, tripod {tripod:.3f} ms a candidate: '
-            f'{np.median(took[:, 1] / took[:, 0]) - 1.0:+.1%} (least of each: '
-            f'{took[:, 1].min() / took[:, 0].min() - 1.0:+.1%})',
-            flush=True,
-        )
-
-
 def schedule(model: Tripod, rounds: int) -> None:
     """Print the wall time of Table 4's schedule on two threads."""
     low = np.array([p.low for p in model.parameters])
@@ -316,12 +273,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=10.0, help='length of the log')
     parser.add_argument('--rounds', type=int, default=9, help='repetitions')
-    parser.add_argument('--delta', action='store_true', help='only the delta beside the tripod')
     args = parser.parse_args()
     print(f'{measure.machine()}; {WIDTH} lanes')
-    beside_the_delta(args.seconds, args.rounds)
-    if args.delta:
-        return
     model = synthetic(args.seconds)
     with tempfile.TemporaryDirectory() as name:
         compare(model, Limit(model, Path(name)), args.rounds)
