@@ -115,28 +115,6 @@ def tasks(args: argparse.Namespace, logs: dict[str, Kind]) -> Iterator[tuple[Any
             yield name, kind, args.seed, first, count, *limits, args.keep, args.judge
 
 
-def guided(kind: Kind, seconds: int) -> None:
-    """Let Atheris look for inputs by the code that they reach; ends at the first traceback."""
-    import atheris
-
-    with tempfile.TemporaryDirectory() as folder:
-        room = Path(folder)
-        truth = read_bag(kind.write(room, kind.data))
-        corpus = room / 'corpus'
-        corpus.mkdir()
-        (corpus / 'whole').write_bytes(kind.data)
-        for number in range(50):
-            (corpus / str(number)).write_bytes(damage(kind.data, random.Random(number), 1))
-        atheris.instrument_all()
-        limits = [f'-max_total_time={seconds}', '-timeout=10', '-rss_limit_mb=2048']
-        size = f'-max_len={2 * len(kind.data)}'
-        atheris.Setup(
-            [sys.argv[0], *limits, size, str(corpus)],
-            lambda data: outcome(kind.write(room, data), truth) and None,
-        )
-        atheris.Fuzz()
-
-
 def main() -> None:
     """Damage, read, count."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -150,13 +128,9 @@ def main() -> None:
     parser.add_argument('--size', type=int, default=120, help='samples of each stream')
     parser.add_argument('--judge', type=int, default=1, help='judge one of so many that are read')
     parser.add_argument('--keep', default='', help='directory for inputs that went wrong')
-    parser.add_argument('--atheris', metavar='KIND', help='search by coverage, for --seconds')
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         logs = kinds(Path(folder), args.size)
-    if args.atheris:
-        guided(logs[args.atheris], int(args.seconds))
-        return
     if args.keep:
         Path(args.keep).mkdir(parents=True, exist_ok=True)
     logs = {k: v for k, v in logs.items() if not args.kinds or k in args.kinds}
