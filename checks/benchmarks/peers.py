@@ -19,12 +19,12 @@ import numpy as np
 
 from checks.benchmarks import economy, measure, mujoco_models
 from checks.benchmarks import exudyn_models as exudyn
-from checks.paper.belt import step_reference
+from checks.benchmarks.search_belt import BELT, HIGH, LOW, PAPER_TRUTH, residuals_of, sizes
 from checks.reference.belt_drive import simulate_belt
 from checks.reference.tripod import simulate_tripod, TABLE_5
 from checks.share import table
 from ros2_ident.models import load_machine
-from ros2_ident.models.belt_drive.model import BeltDrive, CONSTANTS
+from ros2_ident.models.belt_drive.model import CONSTANTS
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSearch, GeneticSettings, MANY_MINIMA, minimise
@@ -32,12 +32,8 @@ from ros2_ident.simulate.motions import draw_motion
 
 Array = np.ndarray
 ROOT = Path(__file__).resolve().parents[2]
-BELT = BeltDrive(load_machine(ROOT / 'config' / 'belt_drive.yaml'), *step_reference())
-LOW = np.array([p.low for p in BELT.parameters])
-HIGH = np.array([p.high for p in BELT.parameters])
 BOUNDS = {p.name: (p.low, p.high) for p in BELT.parameters}
-PAPER = np.array([2e5, 45.0])
-MEASURED = BELT.simulate(PAPER[None])[0]
+MEASURED = BELT.simulate(PAPER_TRUTH[None])[0]
 TABLE_2 = GeneticSettings(1000, 20, 8, 12, 0.5)
 TRIPOD = load_machine(ROOT / 'config' / 'tripod.yaml')
 # Their delay belongs to the log and not to the simulation.
@@ -107,12 +103,12 @@ def speed_table(
 
 def belt_speed(rounds: int) -> str:
     """Return the section on one simulation of the belt drive."""
-    c = constants(PAPER)
+    c = constants(PAPER_TRUTH)
     truth = simulate_belt(c, BELT.cycle, BELT.reference)
     theta = LOW + np.random.default_rng(0).random((2048, 2)) * (HIGH - LOW)
     belt = partial(exudyn.belt_torque, c, BELT.cycle, BELT.reference)
     torque = {
-        'ours': lambda: BELT.simulate(PAPER[None])[0],
+        'ours': lambda: BELT.simulate(PAPER_TRUTH[None])[0],
         'Exudyn, RK67': belt,
         'Exudyn, RK44, 4 steps': partial(belt, solver='RK44', substeps=4),
         'MuJoCo, RK4, 3 steps': mujoco_models.MujocoBelt(c, BELT.cycle, BELT.reference).torque,
@@ -143,19 +139,11 @@ def belt_job(rounds: int) -> str:
     return table(head, rows)
 
 
-def sizes(measured: Array) -> Array:
-    """Return (2,) by what residuals of angle and torque are divided."""
-    return np.sqrt(np.mean((measured - [BELT.reference, 0.0 * BELT.reference]) ** 2, axis=1))
-
-
 def belt_task(seed: int) -> economy.Task:
     """Return the belt drive with a truth anywhere in the box, without noise."""
     truth = LOW + np.random.default_rng([2760, seed]).random(2) * (HIGH - LOW)
     measured = BELT.simulate(truth[None])[0]
     size = sizes(measured)
-
-    def residuals(theta: Array) -> Array:
-        return ((BELT.simulate(theta) - measured) / size[:, None]).reshape(len(theta), -1)
 
     def cost_of(row: Array) -> float:
         parts = np.sqrt(np.mean((row.reshape(2, -1) * size[:, None]) ** 2, axis=1))
@@ -168,7 +156,7 @@ def belt_task(seed: int) -> economy.Task:
         truth,
         np.ones(2, dtype=bool),
         lambda theta: BELT.cost(theta, measured),
-        residuals,
+        residuals_of(measured),
         cost_of,
         1e-7,
     )

@@ -35,6 +35,17 @@ def truths(count, seed):
     return LOW + np.random.default_rng([2760, seed]).random((count, 2)) * (HIGH - LOW)
 
 
+def sizes(measured):
+    """Return (2,) by what residuals of angle and torque are divided."""
+    return np.sqrt(np.mean((measured - [BELT.reference, 0.0 * BELT.reference]) ** 2, axis=1))
+
+
+def residuals_of(measured):
+    """Return the residuals (S, R) of candidates (S, 2) by outputs (2, K)."""
+    size = sizes(measured)[:, None]
+    return lambda theta: ((BELT.simulate(theta) - measured) / size).reshape(len(theta), -1)
+
+
 def identify(truth, settings, seed):
     """Return the GA's and the refinement's relative errors (2,), and simulations and seconds."""
     measured = BELT.simulate(truth[None, :])[0]
@@ -50,14 +61,9 @@ def identify(truth, settings, seed):
     left = BUDGET - result.evaluations
     if left < 50:
         return own, np.full(2, np.nan), result.evaluations, seconds
-    size = np.sqrt(np.mean((measured - [BELT.reference, 0.0 * BELT.reference]) ** 2, axis=1))
-
-    def residuals(theta):
-        return ((BELT.simulate(theta) - measured) / size[:, None]).reshape(len(theta), -1)
-
     inside = Box.of(LOW, HIGH).inside(result.survivors)
     refined = refine(
-        residuals,
+        residuals_of(measured),
         result.survivors[select(inside, result.survivor_costs, 16, 0.01)],
         LOW,
         HIGH,
