@@ -53,12 +53,9 @@ class Drawn:
 
     Attributes:
         machine: The machine, its bounds about what it is.
-        values: Its parameters.
-        motion: Its set-points.
         rate: Of the log, Hz.
         noise: Of the positions, in steps of their encoders.
         rest: Whether it stands for a good part of the log.
-        seed: Of the noise.
     """
 
     machine: Machine

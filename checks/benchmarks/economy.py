@@ -85,8 +85,6 @@ class Trial:
 
     Attributes:
         reached: Simulations after which the best stays within 1 %; inf where it never does.
-        simulations: All of them.
-        seconds: Wall time of the run.
     """
 
     reached: float

@@ -356,7 +356,6 @@ class Row:
         sent: Steps of the data published.
         calls: Binned times of callbacks (BINS,).
         ways: Binned times of messages to their callback (BINS,).
-        goals: Goals ended, by kind.
     """
 
     sent: int

@@ -22,7 +22,6 @@ class MotionOrder:
     Attributes:
         kind: One of `reference.motions.KINDS`.
         seconds: Duration [s].
-        seed: Its seed.
         pace: Share of the machine's usual speed; the acceleration goes with its square.
     """
 
@@ -49,7 +48,6 @@ class Part:
 
     Attributes:
         effect: The catalogue's id; outside it the form's name.
-        form: Name of the generator's form.
         where: The drive, or `all`.
         values: Its numbers, SI units.
         rho: What it alone leaves after a fit of the nominal parameters, RMS of the worst drive
@@ -68,7 +66,6 @@ class Label:
     """One case.
 
     Attributes:
-        case: Its number, from 1.
         sort: One of `sorts.SHARES`.
         generator: `reference` or `mujoco`.
         machine: Content of the true machine's file.
@@ -76,15 +73,11 @@ class Label:
         motions: Of the recording to fit on and of the one held out.
         effects: What has to be found.
         imperfections: Small unlisted deviations beside it.
-        fault: The bookkeeping fault, or None.
-        rough: The noise.
         noise: Standard deviation of each drive's true noise, of both recordings together.
         rho: What the listed effects leave together, as `Part.rho`.
         rho_small: What the imperfections leave.
-        rho_all: What everything leaves.
         share: Share of what everything leaves on the recording held out that the machine without
             the listed effects does not leave: what the true model closes.
-        seed: Of the logs' noise.
         clean: SHA-256 of the bag held out as it would be without noise; empty for none.
     """
 

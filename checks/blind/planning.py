@@ -37,11 +37,8 @@ class Wanted:
     """What a case shall be.
 
     Attributes:
-        case: Its number, from 1.
         sort: One of `sorts.SHARES`.
         names: Effects to try, in this order; or the kind of fault.
-        sizes: Sizes aimed at.
-        hard: Whether its noise is hard.
     """
 
     case: int

@@ -41,8 +41,6 @@ class Rough:
         burst: Mean length of a loss, in messages.
         position_step: Resolution of the logged position [m].
         velocity_noise: Standard deviation of the logged speed [m/s].
-        with_velocity: Whether the speed is logged.
-        with_command_velocity: Whether the set-point's derivative is logged.
         stated: What the machine file says of the noise over what is true; 0: it says nothing.
         hard: Whether the colour is AR(1) of 0.9 or 0.99 and the stated noise off by `OFF`.
     """

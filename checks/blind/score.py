@@ -32,11 +32,8 @@ class Score:
     """One quantity.
 
     Attributes:
-        name: What it is.
         value: The figure; NaN where no case asks for it.
         low: Lower end of the 95 % interval, NaN where it has none.
-        high: Upper end.
-        count: Cases behind it.
         level: What is to be reached, as text.
         reached: Whether it is; None where no case asks for it.
         share: Whether the figure is a share of the cases.

@@ -40,14 +40,9 @@ class Kind:
     """One effect in MuJoCo's form.
 
     Attributes:
-        name: What it is called on the page.
         effect: The catalogue's name of it; empty outside the catalogue.
         law: How MuJoCo makes it.
-        write: Puts it into a machine.
         start: First size to try, in the unit of `unit`; 0 where it has none.
-        least: Smallest size.
-        most: Largest size.
-        unit: Unit of the size.
         place: `drive` or `all`.
         power: How the size goes with what the effect leaves, roughly.
         substeps: Integration steps in a controller cycle.
@@ -78,10 +73,7 @@ class Added:
     """A kind with its numbers, at a place.
 
     Attributes:
-        form: The kind.
-        drive: Index of the drive.
         where: Its name, or `all`.
-        value: Its size.
         shape: Numbers from 0 to 1 that were drawn once for it.
     """
 

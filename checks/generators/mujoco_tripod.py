@@ -98,8 +98,6 @@ class True3:
     """A whole tripod as it truly is.
 
     Attributes:
-        whole: What belongs to the machine.
-        drives: Its drives.
         gear: Motor angle per travel [rad/m].
         late: Delay of the effort's log [s].
         bias: What the log adds to each drive's torque [N m].

@@ -40,7 +40,6 @@ class Trial:
         truth: (2,) EA [N] and P [Nm/rad] behind the data.
         found: (2,) the same as found.
         cost: RMS error averaged over phi1 and M1, eq. 2.
-        evaluations: Simulations.
         points: (E, 2) every candidate, physical units; empty unless asked for.
         costs: (E,) their costs.
     """

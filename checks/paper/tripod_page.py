@@ -37,7 +37,6 @@ class TripodFindings:
     """What section 4 gave.
 
     Attributes:
-        plan: What was run.
         spans: (D, 2) lowest and highest torque of each drive without noise, N m.
         speeds: (D,) largest speed of each drive, m/s.
         trials: Trials of each case, the same seeds in the same order.

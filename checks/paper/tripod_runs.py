@@ -40,7 +40,6 @@ class Plan:
         seconds: Duration of the log, s.
         close: Begin and end of Fig. 13, s.
         genetic: The genetic algorithm, Table 4, before the distance is put in.
-        motion_seed: Seed of the pick-and-place motion.
         speed: Largest speed of the platform, m/s.
         acceleration: Largest acceleration of the platform, m/s².
     """

@@ -22,11 +22,8 @@ class Quantity:
     """One drawn number of an effect.
 
     Attributes:
-        name: Name in labels.
-        unit: SI unit as text.
         low: Value at size 0, or lower end of the draw.
         high: Value at size 1, or upper end of the draw.
-        signed: Whether either sign is drawn.
         choices: Values to choose from, instead of the range.
     """
 
@@ -65,8 +62,6 @@ class Kind:
     """A kind of effect.
 
     Attributes:
-        name: The effect's id.
-        law: Its equation.
         write: Writes it into a plant: plant, drive's index (-1 for the machine), values.
         size: The quantity that the size draws, geometrically from low to high.
         others: Quantities drawn beside it, uniformly.

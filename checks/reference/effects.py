@@ -27,7 +27,6 @@ class Effect:
     """One effect with its numbers.
 
     Attributes:
-        name: The kind's id.
         where: Drives it sits on, or `('all',)`.
         values: Physical values by name, SI units.
     """

@@ -17,7 +17,6 @@ class Twin:
     """The reference of a kind of machine.
 
     Attributes:
-        kind: Name of the kind.
         plant: `plant(machine, parameters)`: the nominal machine, open to effects.
         simulate: `simulate(machine, parameters, position, velocity, effects, rtol, atol)`: one
             log from set-points (D, K) [m] and their derivatives [m/s].

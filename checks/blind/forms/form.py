@@ -24,7 +24,6 @@ class Range(Quantity):
     """A number drawn evenly from a continuous range, or evenly in its logarithm.
 
     Attributes:
-        geometric: Whether evenly in the logarithm.
         counterpart: The catalogue's parameter that means the same; its start values are avoided.
     """
 
@@ -55,7 +54,6 @@ class Form:
         law: The equation, in plain text.
         source: Author, year, and where.
         size: The quantity that the size draws, geometrically from low to high.
-        others: Numbers drawn beside it.
         write: Writes it into a plant: plant, drive's index (-1 for the machine), values, seed.
         place: `drive` where each drive can have it, `all` where the machine has one.
         needs: What the machine has to have, as of `reference.effect_kind.Kind`.
@@ -84,10 +82,8 @@ class Hidden:
     """A form with its numbers, at a place: what a case hides.
 
     Attributes:
-        form: The form.
         where: The drive, or `all`.
         values: Its numbers by name, SI units.
-        size: The size it was drawn with.
         seed: Seed of what is random in it over time.
     """
 
