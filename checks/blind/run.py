@@ -2,7 +2,13 @@
 """The blind check from the draw to the table: draw and seal all, diagnose all, open, score."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager
 from dataclasses import dataclass
 import functools
@@ -151,47 +157,35 @@ def ask_all(
     Yields:
         The numbers of the cases as they are answered.
     """
-    todo: queue.SimpleQueue[int] = queue.SimpleQueue()
-    answered: queue.SimpleQueue[int] = queue.SimpleQueue()
-    for number in orders:
-        todo.put(number)
     end = threading.Event()
-    workers: dict[int, _Worker] = {}
+    started: list[_Worker] = []
+    idle: queue.SimpleQueue[_Worker | None] = queue.SimpleQueue()
+    for _ in range(processes):
+        idle.put(None)
 
-    def serve(index: int) -> None:
-        while not end.is_set():
-            try:
-                number = todo.get_nowait()
-            except queue.Empty:
-                return
-            try:
-                if index not in workers:
-                    workers[index] = _Worker(store)
-                answer = workers[index].ask(orders[number])
-            except ConnectionError as exc:
-                workers.pop(index).end()
-                answer = {'error': str(exc)}
-            if not end.is_set():
-                write_json(store.case(number) / 'run.json', answer)
-                answered.put(number)
+    def ask(number: int) -> int:
+        worker = idle.get()
+        try:
+            if worker is None:
+                started.append(worker := _Worker(store))
+            answer = worker.ask(orders[number])
+        except ConnectionError as exc:
+            answer, worker = {'error': str(exc)}, None
+        idle.put(worker)
+        if not end.is_set():
+            write_json(store.case(number) / 'run.json', answer)
+        return number
 
-    threads = [threading.Thread(target=serve, args=(i,)) for i in range(processes)]
-    for thread in threads:
-        thread.start()
+    pool = ThreadPoolExecutor(processes)
     try:
-        while any(t.is_alive() for t in threads) or not answered.empty():
-            if stopped():
-                raise Stopped
-            try:
-                yield answered.get(timeout=0.2)
-            except queue.Empty:
-                continue
+        for task in _finished([pool.submit(ask, n) for n in orders], stopped):
+            yield task.result()
     finally:
         end.set()
-        for worker in list(workers.values()):
+        pool.shutdown(wait=False, cancel_futures=True)
+        for worker in started:
             worker.end()
-        for thread in threads:
-            thread.join()
+        pool.shutdown()
 
 
 @dataclass(frozen=True)
