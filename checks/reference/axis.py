@@ -8,10 +8,9 @@ the model of the EMPS benchmark (Janot, Gautier, Brunot 2019) with the force as 
 from collections.abc import Mapping
 from functools import partial
 
-import numpy as np
-
 from checks.reference import layout as at
 from checks.reference.plant import (
+    bare_plant,
     ELASTIC,
     known_names,
     PARAMETERS,
@@ -37,19 +36,11 @@ def axis_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
             load against the positive direction, and numeric constants of the machine file. Each
             also as `x_axis.moving_mass`.
     """
-    names = machine.drives
     elastic = any(key.endswith('gear_stiffness') for key in parameters)
     known_names(parameters, machine, (*PARAMETERS, 'moving_mass', *(ELASTIC if elastic else ())))
     true = true_machine(machine, parameters)
-    count = len(names)
-    plant = Plant(
-        names,
-        np.zeros(at.SHARED_COLUMNS),
-        np.zeros((count, at.DRIVE_COLUMNS)),
-        np.zeros(count),
-    )
+    plant = bare_plant(machine, elastic)
     plant.shared[at.GRAVITY] = true.number('gravity')
-    plant.shared[at.RIGID] = 0.0 if elastic else 1.0
     read_drives(plant, true, parameters)
     if not (plant.drive[:, at.CARRIAGE_MASS] > 0.0).all():
         raise IdentError(

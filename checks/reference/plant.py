@@ -224,6 +224,15 @@ def set_columns(
         plant.internals = max(plant.internals, at.INTERNALS)
 
 
+def bare_plant(machine: Machine, elastic: bool) -> Plant:
+    """Return a plant without a platform, its drives still to be written."""
+    count = len(machine.drives)
+    drive = np.zeros((count, at.DRIVE_COLUMNS))
+    plant = Plant(machine.drives, np.zeros(at.SHARED_COLUMNS), drive, np.zeros(count))
+    plant.shared[at.RIGID] = 0.0 if elastic else 1.0
+    return plant
+
+
 def platform_plant(machine: Machine, parameters: Mapping[str, float]) -> tuple[Machine, Plant]:
     """Begin the nominal machine of three elastic drives that carry a platform on rods.
 
@@ -237,7 +246,7 @@ def platform_plant(machine: Machine, parameters: Mapping[str, float]) -> tuple[M
     names = machine.drives
     known_names(parameters, machine, (*PARAMETERS, *ELASTIC, 'tool_mass'))
     true = true_machine(machine, parameters)
-    plant = Plant(names, np.zeros(at.SHARED_COLUMNS), np.zeros((3, at.DRIVE_COLUMNS)), np.zeros(3))
+    plant = bare_plant(machine, elastic=True)
     plant.shared[at.GRAVITY] = true.number('gravity')
     plant.shared[at.PLATFORM] = 1.0
     plant.shared[at.TOOL_MASS] = value('tool_mass', names[0], parameters)

@@ -7,11 +7,10 @@ inertia J_a + J + (m + m_a / 3) l^2; weight (m + m_a / 2) g l sin(q - q_0).
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from checks.reference import layout as at
 from checks.reference.plant import (
     Array,
+    bare_plant,
     ELASTIC,
     known_names,
     Log,
@@ -37,14 +36,7 @@ def servo_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     elastic = any(key.endswith('gear_stiffness') for key in parameters)
     known_names(parameters, machine, (*PARAMETERS, *(ELASTIC if elastic else ())))
     true = true_machine(machine, parameters)
-    count = len(machine.drives)
-    plant = Plant(
-        machine.drives,
-        np.zeros(at.SHARED_COLUMNS),
-        np.zeros((count, at.DRIVE_COLUMNS)),
-        np.zeros(count),
-    )
-    plant.shared[at.RIGID] = 0.0 if elastic else 1.0
+    plant = bare_plant(machine, elastic)
     inertias = {f'{name}.drive_inertia': true.number('armature', name) for name in true.drives}
     lengths = true.numbers('load_length')
     spread = (true.numbers('load_mass') + true.numbers('arm_mass') / 3.0) * lengths**2
