@@ -21,13 +21,7 @@ from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
-from ros2_ident.search import (
-    GeneticSearch,
-    GeneticSettings,
-    minimise,
-    refine,
-    ThreadedEvaluator,
-)
+from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, refine, ThreadedEvaluator
 from ros2_ident.search.jacobian import Box, finite_differences
 from ros2_ident.search.operators import select
 from ros2_ident.simulate.motions import Motion

@@ -80,9 +80,7 @@ def belt_torque(
     matrix[3:, :3] = -stiffness / inertia[:, None]
     node = mbs.AddNode(
         items.NodeGenericODE1(
-            referenceCoordinates=[0.0] * 6,
-            initialCoordinates=[0.0] * 6,
-            numberOfODE1Coordinates=6,
+            referenceCoordinates=[0.0] * 6, initialCoordinates=[0.0] * 6, numberOfODE1Coordinates=6
         )
     )
     body = mbs.AddObject(

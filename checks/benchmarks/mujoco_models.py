@@ -47,11 +47,7 @@ def _xml(c: Mapping[str, float], step: float) -> str:
 
 def _stiffness(c: Mapping[str, float]) -> tuple[float, float, float]:
     x0, stiff = c['rail_position'], c['axial_stiffness']
-    return (
-        stiff / (c['length_1'] + x0),
-        stiff / (c['length_2'] - x0),
-        stiff / c['length_3'],
-    )
+    return (stiff / (c['length_1'] + x0), stiff / (c['length_2'] - x0), stiff / c['length_3'])
 
 
 class MujocoBelt:
@@ -63,11 +59,7 @@ class MujocoBelt:
     """
 
     def __init__(
-        self,
-        c: Mapping[str, float],
-        cycle: float,
-        reference: np.ndarray,
-        substeps: int = SUBSTEPS,
+        self, c: Mapping[str, float], cycle: float, reference: np.ndarray, substeps: int = SUBSTEPS
     ) -> None:
         self.constants = {name: float(value) for name, value in c.items()}
         self.reference = reference
@@ -152,10 +144,7 @@ class MujocoBelt:
             'belt', self.spec, 'log', self.start[0], sysid.TimeSeries(times, control), record
         )
         residual = sysid.build_residual_fn(
-            models_sequences=[sequences],
-            modify_residual=compare,
-            n_threads=1,
-            resample_true=False,
+            models_sequences=[sequences], modify_residual=compare, n_threads=1, resample_true=False
         )
         with redirect_stdout(io.StringIO()):
             found, _ = sysid.optimize(

@@ -28,11 +28,7 @@ BAGS = ('friction_gravity', 'step_response', 'chirp_sweep', 'backlash_detection'
 def machine_of(joint: str) -> Machine:
     """Return the machine file's content of a joint; one that turns about a vertical is level."""
     load = {'load_mass': [0.0, 1.5, 'kg'], 'load_angle': [-3.2, 3.2, 'rad']}
-    drive = {
-        'supply_voltage': 12.0,
-        'resistance': 4.0,
-        'armature': 0.02,
-    }
+    drive = {'supply_voltage': 12.0, 'resistance': 4.0, 'armature': 0.02}
     return machine_from_mapping(
         {
             'machine': 'servo',

@@ -88,9 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--draw-only', action='store_true', help='draw and seal, and diagnose nothing yet'
     )
     parser.add_argument(
-        '--only',
-        metavar='CASES',
-        help='diagnose and score only these cases: 3,8,20-40',
+        '--only', metavar='CASES', help='diagnose and score only these cases: 3,8,20-40'
     )
     parser.add_argument(
         '--keep',

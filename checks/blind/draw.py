@@ -19,15 +19,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine
 
 FIT_SECONDS, CHECK_SECONDS = 8.0, 6.0
-ORDINARY = (
-    'multi_point',
-    'mixed',
-    'pick_and_place',
-    'multisine',
-    'reversals',
-    'dwell',
-    'chirp',
-)
+ORDINARY = ('multi_point', 'mixed', 'pick_and_place', 'multisine', 'reversals', 'dwell', 'chirp')
 # Motions that excite little: kind and pace.
 QUIET = (('creep', 1.0), ('multi_point', 0.12), ('dwell', 0.15))
 # What the imperfections leave together, in units of the noise.

@@ -13,14 +13,7 @@ from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.ticker import NullLocator  # noqa: E402
 import numpy as np  # noqa: E402
 
-from checks.blind.score import (  # noqa: E402
-    calibration,
-    CRASH,
-    detected,
-    exact,
-    Row,
-    verdict_of,
-)
+from checks.blind.score import calibration, CRASH, detected, exact, Row, verdict_of  # noqa: E402
 from checks.share import share_interval  # noqa: E402
 from ros2_ident.files import replacing  # noqa: E402
 from ros2_ident.gap.verdict import NONE, UNKNOWN  # noqa: E402

@@ -34,10 +34,7 @@ class MotionOrder:
         """Return the set-points."""
         usual = space_of(machine)
         space = Space(
-            usual.centre,
-            usual.reach,
-            usual.speed * self.pace,
-            usual.acceleration * self.pace**2,
+            usual.centre, usual.reach, usual.speed * self.pace, usual.acceleration * self.pace**2
         )
         return draw_motion(self.kind, machine, self.seconds, self.seed, space)
 

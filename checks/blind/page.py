@@ -27,10 +27,7 @@ from ros2_ident.gap.verdict import UNKNOWN
 
 
 def write_page(
-    path: str | Path,
-    rows: Sequence[Row],
-    scores: Sequence[Score],
-    about: Mapping[str, Any],
+    path: str | Path, rows: Sequence[Row], scores: Sequence[Score], about: Mapping[str, Any]
 ) -> Path:
     """Write the page and its pictures.
 

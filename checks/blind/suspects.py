@@ -245,10 +245,7 @@ def write_servo(
 
 
 def draw(
-    store: Store,
-    case: int,
-    seed: int,
-    seconds: tuple[float, float] = (FIT_SECONDS, CHECK_SECONDS),
+    store: Store, case: int, seed: int, seconds: tuple[float, float] = (FIT_SECONDS, CHECK_SECONDS)
 ) -> dict[str, Any]:
     """Write a case's bags; return its label."""
     row, number = order(seed)[case - 1]

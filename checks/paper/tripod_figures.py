@@ -143,8 +143,5 @@ def torque(
     upper.set_ylim(low, high + 0.16 * (high - low))
     for axes in (upper, lower):
         axes.legend(frameon=False, loc='upper right', ncols=3, fontsize=8, markerscale=4)
-    figure.suptitle(
-        'Motor torque of drive 1' + (', close-up' if close else ''),
-        fontsize=10,
-    )
+    figure.suptitle('Motor torque of drive 1' + (', close-up' if close else ''), fontsize=10)
     save(figure, path)

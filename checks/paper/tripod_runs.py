@@ -48,11 +48,7 @@ class Plan:
     close: tuple[float, float] = (7.5, 9.0)
     genetic: GeneticSettings = field(
         default_factory=lambda: GeneticSettings(
-            initial_population=1024,
-            survivors=8,
-            children=8,
-            generations=12,
-            range_reduction=0.5,
+            initial_population=1024, survivors=8, children=8, generations=12, range_reduction=0.5
         )
     )
     motion_seed: int = 2011

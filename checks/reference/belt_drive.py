@@ -45,11 +45,7 @@ def belt_forces(
 
 
 def simulate_belt(
-    constants: Mapping[str, float],
-    cycle: float,
-    reference: Array,
-    *,
-    tolerance: float = 1e-12,
+    constants: Mapping[str, float], cycle: float, reference: Array, *, tolerance: float = 1e-12
 ) -> Array:
     """Simulate one belt drive.
 

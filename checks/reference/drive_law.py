@@ -11,12 +11,7 @@ import numpy as np
 from checks.reference import layout as at
 from checks.reference.compiled import compiled, settled
 from checks.reference.friction import friction_torque, internal_rates, rotor_torque
-from checks.reference.transmission import (
-    carriage_force,
-    gear_force,
-    load_force,
-    pull_of_arm,
-)
+from checks.reference.transmission import carriage_force, gear_force, load_force, pull_of_arm
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 

@@ -114,11 +114,7 @@ def machine_has(needs: str, machine: Machine, gear: bool) -> bool:
 
 
 def draw_effect(
-    name: str,
-    rng: np.random.Generator,
-    size: float,
-    where: Sequence[str],
-    machine: Machine,
+    name: str, rng: np.random.Generator, size: float, where: Sequence[str], machine: Machine
 ) -> Effect:
     """Draw an effect's numbers.
 

@@ -124,13 +124,7 @@ def run(
             # The encoder of a servo sits behind its gear.
             seen = i + count if drive[i, at.LAW] == 2.0 else i
             torque[i, k] = control(
-                x[seen],
-                x[m + seen],
-                target[i, k],
-                target_speed[i, k],
-                cycle,
-                memory[i],
-                drive[i],
+                x[seen], x[m + seen], target[i, k], target_speed[i, k], cycle, memory[i], drive[i]
             )
             held[i] = torque[i, k]
             if drive[i, at.LAW] == 2.0:

@@ -7,23 +7,8 @@ import numpy as np
 import pytest
 
 from checks.paper.tripod_findings import sign_test
-from checks.paper.tripod_page import (
-    percent,
-    REPORTED,
-    spread,
-    tripod_text,
-    TripodFindings,
-)
-from checks.paper.tripod_runs import (
-    Bench,
-    Case,
-    CASES,
-    DriveTrial,
-    LOUD,
-    Plan,
-    QUIET,
-    TRUTH,
-)
+from checks.paper.tripod_page import percent, REPORTED, spread, tripod_text, TripodFindings
+from checks.paper.tripod_runs import Bench, Case, CASES, DriveTrial, LOUD, Plan, QUIET, TRUTH
 from ros2_ident.search import GeneticSearch, GeneticSettings
 
 SMALL = GeneticSettings(initial_population=128, survivors=4, children=4, generations=4)

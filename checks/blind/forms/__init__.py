@@ -7,14 +7,7 @@ import re
 
 import numpy as np
 
-from checks.blind.forms import (
-    controller,
-    friction,
-    measurement,
-    outside,
-    structure,
-    transmission,
-)
+from checks.blind.forms import controller, friction, measurement, outside, structure, transmission
 from checks.blind.forms.form import Form, Hidden, Range
 from checks.reference.effect_kind import TRIPOD_FORCE, TRIPOD_LIMIT
 from checks.reference.effects import machine_has

@@ -5,11 +5,7 @@ import numpy as np
 
 from checks.blind.forms import columns as at
 from checks.blind.forms.compiled import compiled
-from checks.blind.forms.force_law import (
-    beside_with_forms,
-    gear_with_forms,
-    rotor_with_forms,
-)
+from checks.blind.forms.force_law import beside_with_forms, gear_with_forms, rotor_with_forms
 from checks.blind.forms.friction_law import bristle_rates, friction_with_forms
 from checks.reference import layout as nominal
 from checks.reference.compiled import settled
