@@ -2,13 +2,16 @@
 """Pictures of a table: detection curve, reliability diagram, confusion matrix."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
 matplotlib.use('Agg')
 
 from matplotlib import pyplot as plt  # noqa: E402
+from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.ticker import NullLocator  # noqa: E402
 import numpy as np  # noqa: E402
@@ -30,18 +33,11 @@ def detection(rows: Sequence[Row], path: Path) -> Path:
         (detected, 'something is missing', 1.0),
         (exact, 'right name first', 1.04),
     ):
-        middle, share, low, high = [], [], [], []
-        for a, b in zip(EDGES[:-1], EDGES[1:], strict=True):
-            part = [r for r in singles if a <= r['rho'] < b]
-            if not part:
-                continue
-            hits = sum(test(r) for r in part)
-            ends = share_interval(hits, len(part))
-            middle.append(shift * float(np.exp(np.mean([np.log(r['rho']) for r in part]))))
-            share.append(hits / len(part))
-            low.append(max(0.0, share[-1] - ends[0]))
-            high.append(max(0.0, ends[1] - share[-1]))
-        ax.errorbar(middle, share, [low, high], fmt='o-', capsize=3, label=label)
+        parts = [[r for r in singles if a <= r['rho'] < b] for a, b in pairwise(EDGES)]
+        parts = [part for part in parts if part]
+        middle = [shift * float(np.exp(np.mean([np.log(r['rho']) for r in p]))) for p in parts]
+        hits = [(sum(test(r) for r in part), len(part)) for part in parts]
+        _shares(ax, middle, hits, fmt='o-', label=label)
     ax.plot(*zip(*LEVELS, strict=True), 'k^', label='level for the first')
     ax.set_xscale('log')
     ticks = (0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)
@@ -61,16 +57,8 @@ def reliability(rows: Sequence[Row], path: Path) -> Path:
     _, error, table = calibration(rows)
     fig, ax = plt.subplots(figsize=(4.6, 4.2))
     ax.plot([0, 1], [0, 1], 'k:', lw=1)
-    for p, share, count in table:
-        low, high = share_interval(round(share * count), count)
-        ax.errorbar(
-            p,
-            share,
-            [[max(0.0, share - low)], [max(0.0, high - share)]],
-            fmt='o',
-            color='C0',
-            capsize=3,
-        )
+    hits = [(round(share * count), count) for _, share, count in table]
+    _shares(ax, [p for p, _, _ in table], hits, fmt='o', color='C0')
     ax.set_xlabel('stated probability')
     ax.set_ylabel('share that is right')
     ax.set_title(f'calibration error {error:.3f}', fontsize=10)
@@ -115,6 +103,13 @@ def confusion(rows: Sequence[Row], path: Path) -> Path:
     ax.set_xlabel('verdict')
     ax.set_ylabel('truth')
     return _save(fig, path)
+
+
+def _shares(ax: Axes, x: list[float], hits: list[tuple[int, int]], **how: Any) -> None:
+    """Draw shares, hits of counts, with their intervals."""
+    y = np.array([n / count for n, count in hits])
+    ends = np.array([share_interval(n, count) for n, count in hits]).reshape(-1, 2).T
+    ax.errorbar(x, y, np.maximum(0.0, [y - ends[0], ends[1] - y]), capsize=3, **how)
 
 
 def _save(fig: Figure, path: Path) -> Path:
