@@ -133,12 +133,9 @@ def _cogging(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
     return _changed(true, i, dcmotor=(*true.drives[i].dcmotor, *waves))
 
 
-def _saturation(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
-    return _changed(true, i, limit=1.0 / size)
-
-
-def _delay(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
-    return _changed(true, i, delay=size)
+def _sets(name: str, of: Callable[[float], float] = float) -> Write:
+    """Return a `write` of one number of a drive, by the size."""
+    return lambda true, i, size, u: _changed(true, i, **{name: of(size)})
 
 
 def _winding(inductance: float, thermal: str = '') -> str:
@@ -155,10 +152,6 @@ def _inductance(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
 def _thermal(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
     heat = f'thermal="{size!r} 0 {2.0 + 4.0 * u[0]!r} 0.0039 25 25"'
     return _changed(true, i, winding=_winding(0.0, heat))
-
-
-def _backlash(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
-    return _changed(true, i, gap=size)
 
 
 def _payload(true: True3, i: int, size: float, u: Sequence[float]) -> True3:
@@ -222,13 +215,13 @@ KINDS = {
              3e-4, 4e-5, 2e-3, 'm'),
         Kind('cogging', 'torque_ripple', 'two `dcmotor` cogging terms, second at 40 %', _cogging,
              0.03, 1e-4, 0.3, 'N m', beside=True),
-        Kind('saturation', 'torque_saturation', '`forcerange`', _saturation,
+        Kind('saturation', 'torque_saturation', '`forcerange`', _sets('limit', lambda x: 1.0 / x),
              1.6, 0.5, 2.2, '1/N m', power=0.15),
-        Kind('delay', 'current_loop_lag', 'dead time of the actuator', _delay,
+        Kind('delay', 'current_loop_lag', 'dead time of the actuator', _sets('delay'),
              1.5e-3, 1e-4, 6e-3, 's'),
         Kind('inductance', 'current_loop_lag', '`dcmotor` with a winding', _inductance,
              1.5e-3, 2e-4, 8e-3, 's'),
-        Kind('backlash', 'backlash', 'two joints, the second within limits', _backlash,
+        Kind('backlash', 'backlash', 'two joints, the second within limits', _sets('gap'),
              2e-4, 1e-5, 2e-3, 'm', substeps=12),
         Kind('payload', 'payload_change', "the platform's mass changes", _payload,
              0.2, 0.01, 0.9, 'kg', 'all'),

@@ -25,26 +25,22 @@ WORDS = TABLE.view(np.int64)
 HERE = TABLE.ctypes.data
 
 
-@intrinsic
-def _doubles(typingctx: Any, address: Any) -> Any:
-    """Return a pointer to the doubles at an address."""
-    pointer = types.CPointer(types.float64)
+def _pointer_to(kind: Any) -> Any:
+    """Return a compiled function that makes a pointer of an address."""
 
-    def cast(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.inttoptr(args[0], context.get_value_type(pointer))
+    @intrinsic
+    def pointer(typingctx: Any, address: Any) -> Any:
+        made = types.CPointer(kind)
 
-    return pointer(types.int64), cast
+        def cast(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return builder.inttoptr(args[0], context.get_value_type(made))
+
+        return made(types.int64), cast
+
+    return pointer
 
 
-@intrinsic
-def _words(typingctx: Any, address: Any) -> Any:
-    """Return a pointer to the integers at an address."""
-    pointer = types.CPointer(types.int64)
-
-    def cast(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.inttoptr(args[0], context.get_value_type(pointer))
-
-    return pointer(types.int64), cast
+_doubles, _words = _pointer_to(types.float64), _pointer_to(types.int64)
 
 
 @cfunc(types.void(types.voidptr, types.voidptr))
