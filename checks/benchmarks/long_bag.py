@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
-from checks.reference.tripod import simulate_tripod
+from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.models import load_machine
 from ros2_ident.recording import cdr
 from ros2_ident.recording.content import JOINT_STATE
@@ -30,15 +30,7 @@ from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINE = ROOT / 'config/tripod.yaml'
-TRUTH = {
-    'measurement_delay': 0.0249,
-    'gear_stiffness': 2.3e4,
-    'gear_damping_ratio': 0.4,
-    'tool_mass': 1.76,
-    'drive_inertia': 8.9e-5,
-    'coulomb_torque': 0.05,
-    'viscous_torque': 0.05,
-}
+TRUTH = {**TABLE_5, 'gear_stiffness': 2.3e4}
 CYCLE, BACK, SETTLED = 20.0, 1.0, 0.5  # s; of a cycle, of its way back, of rest at its end
 TOPICS = ('/joint_states', '/effort', '/joint_command')
 

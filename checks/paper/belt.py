@@ -18,14 +18,7 @@ SUCCESS = 0.01  # relative error of both parameters that counts as found
 
 # Table 2: both numbers of survivors, both distances.
 PAPER_SETTINGS: dict[tuple[int, float], GeneticSettings] = {
-    (survivors, distance): GeneticSettings(
-        initial_population=1000,
-        survivors=survivors,
-        children=8,
-        generations=12,
-        range_reduction=0.5,
-        min_distance=distance,
-    )
+    (survivors, distance): GeneticSettings(1000, survivors, 8, 12, 0.5, distance)
     for survivors in (8, 20)
     for distance in (0.0, 0.5)
 }

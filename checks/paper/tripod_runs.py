@@ -2,7 +2,7 @@
 """Section 4 of the paper: one tripod drive, and all three, identified many times, as numbers."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 import tempfile
 
@@ -46,11 +46,7 @@ class Plan:
 
     seconds: float = 10.0
     close: tuple[float, float] = (7.5, 9.0)
-    genetic: GeneticSettings = field(
-        default_factory=lambda: GeneticSettings(
-            initial_population=1024, survivors=8, children=8, generations=12, range_reduction=0.5
-        )
-    )
+    genetic: GeneticSettings = GeneticSettings()
     motion_seed: int = 2011
     speed: float = 1.5
     acceleration: float = 45.0
