@@ -15,15 +15,13 @@ import argparse
 from dataclasses import fields, replace
 import itertools
 from pathlib import Path
-import tempfile
 
 from matplotlib.figure import Figure
 import numpy as np
 from scipy.optimize import least_squares
-import yaml
 
+from checks.benchmarks.mujoco_rollout import written_machine
 from ros2_ident.identify.data import read_data
-from ros2_ident.models import load_machine
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.search.least_squares import least_squares as descended
 
@@ -61,21 +59,9 @@ PICTURED = 'step_response'
 
 def machine_of(mjcf, signs):
     """Return the machine of an MJCF whose joints a log counts with these signs."""
-    content = {
-        'machine': 'mujoco',
-        'drives': list(JOINTS),
-        'geometry': {'description': 'robot.xml'},
-        'drive': {
-            'joint': list(JOINTS.values()),
-            'direction': ['forward' if s > 0 else 'backward' for s in signs],
-        },
-        'controller': {'cycle': 0.005},
-        'parameters': BOXES,
-    }
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / 'robot.xml').write_text(mjcf.read_text())
-        (Path(folder) / 'machine.yaml').write_text(yaml.safe_dump(content))
-        return load_machine(Path(folder) / 'machine.yaml')
+    direction = ['forward' if s > 0 else 'backward' for s in signs]
+    drive = {'joint': list(JOINTS.values()), 'direction': direction}
+    return written_machine(mjcf, list(JOINTS), 0.005, BOXES, drive=drive)
 
 
 def part(data, begin, end):

@@ -29,18 +29,18 @@ BOXES = {
 }
 
 
-def machine_of(path, joints, cycle):
-    """Return the machine of an MJCF."""
+def written_machine(mjcf, drives, cycle, boxes, **more):
+    """Return the `mujoco` machine of an MJCF."""
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / 'robot.xml').write_text(path.read_text())
+        (Path(folder) / 'robot.xml').write_text(mjcf.read_text())
         content = {
             'machine': 'mujoco',
-            'drives': joints,
+            'drives': drives,
             'geometry': {'description': 'robot.xml'},
             'controller': {'cycle': cycle},
-            'parameters': BOXES,
+            'parameters': boxes,
         }
-        (Path(folder) / 'machine.yaml').write_text(yaml.safe_dump(content))
+        (Path(folder) / 'machine.yaml').write_text(yaml.safe_dump(content | more))
         return load_machine(Path(folder) / 'machine.yaml')
 
 
@@ -59,7 +59,7 @@ def main():
     instants = np.arange(0.0, args.seconds, cycle)
     rates = 2.0 * np.pi * np.linspace(0.4, 0.9, len(joints))[:, None]
     command = 0.5 * np.sin(rates * instants) * np.minimum(instants, 1.0)
-    machine = machine_of(args.mjcf, joints, cycle)
+    machine = written_machine(args.mjcf, joints, cycle, BOXES)
     zero = np.zeros_like(command)
     data = Dataset(machine.drives, cycle, 0, command, zero, zero, None, zero)
     model = Mujoco(machine, data, quantities=('effort', 'position'))
