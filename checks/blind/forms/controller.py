@@ -6,7 +6,7 @@ from scipy.ndimage import uniform_filter1d
 
 from checks.blind.forms import columns as at
 from checks.blind.forms.form import Form, Range, setter, Values
-from checks.blind.forms.transmission import HARMONICS
+from checks.blind.forms.transmission import HARMONICS, harmonics
 from checks.reference import layout as nominal
 from checks.reference.plant import Array, Plant
 
@@ -87,15 +87,7 @@ FORMS = (
             Range('phase', 'rad', 0.0, 2.0 * np.pi),
             *HARMONICS,
         ),
-        setter(
-            torque=at.COGGING,
-            order=at.COGGING_ORDER,
-            phase=at.COGGING_PHASE,
-            second=at.COGGING_SECOND,
-            second_phase=at.COGGING_SECOND_PHASE,
-            third=at.COGGING_THIRD,
-            third_phase=at.COGGING_THIRD_PHASE,
-        ),
+        setter(torque=at.COGGING, order=at.COGGING_ORDER, **harmonics(at.COGGING_PHASE)),
     ),
     Form(
         'torque_constant.saturation',

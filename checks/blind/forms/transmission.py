@@ -15,6 +15,14 @@ HARMONICS = (
     Range('third', '1', 0.03, 0.25),
     Range('third_phase', 'rad', 0.0, 2.0 * np.pi),
 )
+
+
+def harmonics(phase: int) -> dict[str, int]:
+    """Return the columns of `HARMONICS` and the phase before them, see `force_law.wave`."""
+    names = ('phase', *(number.name for number in HARMONICS))
+    return {name: phase + n for n, name in enumerate(names)}
+
+
 _GAP = Range('gap', 'm', 2e-5, 6e-4, counterpart='gap')
 
 
@@ -80,14 +88,7 @@ FORMS = (
         'Tavakoli and Houser 1986, J. Mech. Trans. Autom. Des. 108(1): transmission error',
         Range('amplitude', 'm', 2e-5, 5e-4),
         (_PHASE, *HARMONICS),
-        setter(
-            amplitude=at.ERROR_LENGTH,
-            phase=at.ERROR_PHASE,
-            second=at.ERROR_SECOND,
-            second_phase=at.ERROR_SECOND_PHASE,
-            third=at.ERROR_THIRD,
-            third_phase=at.ERROR_THIRD_PHASE,
-        ),
+        setter(amplitude=at.ERROR_LENGTH, **harmonics(at.ERROR_PHASE)),
         needs='gear',
     ),
     Form(
