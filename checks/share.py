@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shares with their intervals, and tables, for the figures of all checks."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import math
 
 from scipy.stats import binomtest
@@ -25,7 +25,7 @@ def told_share(hits: Sequence[bool]) -> str:
     return f'{sum(hits)} of {len(hits)} [{100.0 * low:.0f}, {100.0 * high:.0f} %]'
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a Markdown table."""
     lines = ['| ' + ' | '.join(head) + ' |', '|' + ' --- |' * len(head)]
     lines += ['| ' + ' | '.join(str(cell) for cell in row) + ' |' for row in rows]

@@ -89,15 +89,8 @@ def confusion(rows: Sequence[Row], path: Path) -> Path:
     ax.imshow(table / total, cmap='Blues', vmin=0.0, vmax=1.0, aspect='auto')
     for i, j in zip(*np.nonzero(table), strict=True):
         dark = table[i, j] / total[i, 0] > 0.6
-        ax.text(
-            j,
-            i,
-            f'{table[i, j]:.0f}',
-            ha='center',
-            va='center',
-            fontsize=7,
-            color='w' if dark else 'k',
-        )
+        text = ax.text(j, i, f'{table[i, j]:.0f}', ha='center', va='center', fontsize=7)
+        text.set_color('w' if dark else 'k')
     ax.set_xticks(range(len(columns)), columns, rotation=90, fontsize=7)
     ax.set_yticks(range(len(rowsn)), rowsn, fontsize=7)
     ax.set_xlabel('verdict')

@@ -2,13 +2,12 @@
 """What was put into a case: the label that stays sealed until the case is diagnosed."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from checks.blind.faults import Fault
 from checks.blind.rough import Rough
 from ros2_ident.arrays import plain
-from ros2_ident.machine.kind import Space
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import space_of
 from ros2_ident.report.schema import read
@@ -32,11 +31,10 @@ class MotionOrder:
 
     def draw(self, machine: Machine) -> Motion:
         """Return the set-points."""
-        usual = space_of(machine)
-        space = Space(
-            usual.centre, usual.reach, usual.speed * self.pace, usual.acceleration * self.pace**2
-        )
-        return draw_motion(self.kind, machine, self.seconds, self.seed, space)
+        usual, pace = space_of(machine), self.pace
+        speed, acceleration = usual.speed * pace, usual.acceleration * pace**2
+        slower = replace(usual, speed=speed, acceleration=acceleration)
+        return draw_motion(self.kind, machine, self.seconds, self.seed, slower)
 
 
 @dataclass(frozen=True)

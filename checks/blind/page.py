@@ -22,6 +22,7 @@ from checks.blind.score import (
     verdict_of,
 )
 from checks.blind.sorts import SHARES
+from checks.share import table
 from ros2_ident.files import write_text
 from ros2_ident.gap.verdict import UNKNOWN
 
@@ -48,13 +49,8 @@ def write_page(
         ),
     }
     text = ['# A run of the blind check', '', '```bash', str(about.get('command', '')), '```', '']
-    text += [
-        *_of_what(rows, about),
-        '',
-        '| quantity | figure [95 %] | cases | level | |',
-        '| --- | --- | --- | --- | --- |',
-    ]
-    text += [_line(s) for s in scores]
+    head = 'quantity', 'figure [95 %]', 'cases', 'level', ''
+    text += [*_of_what(rows, about), '', table(head, map(_line, scores)).rstrip()]
     missed = [s for s in scores if s.reached is False and s.level]
     text += ['', '## Not reached', '']
     text += [f'- {s.name}: {figure(s)} of {s.count}, level {s.level}.' for s in missed] or [
@@ -87,21 +83,15 @@ def _of_what(rows: Sequence[Row], about: Mapping[str, Any]) -> list[str]:
     return out
 
 
-def _line(s: Score) -> str:
+def _line(s: Score) -> tuple[object, ...]:
     mark = '' if s.reached is None or not s.level else ('reached' if s.reached else '**missed**')
-    return f'| {s.name} | {figure(s)} | {s.count} | {s.level} | {mark} |'
+    return s.name, figure(s), s.count, s.level, mark
 
 
 def _wrong(rows: Sequence[Row]) -> list[str]:
     """Return the cases that went wrong though their effects could be seen."""
-    out = [
-        '## Cases that went wrong',
-        '',
-        f'With an effect of rho {SEEN:g} or more, or a false alarm.',
-        '',
-        '| case | truth (rho) | imperfections | verdict | probability | set |',
-        '| --- | --- | --- | --- | --- | --- |',
-    ]
+    head = 'case', 'truth (rho)', 'imperfections', 'verdict', 'probability', 'set'
+    out = []
     for r in rows:
         if not went_wrong(r):
             continue
@@ -120,8 +110,9 @@ def _wrong(rows: Sequence[Row]) -> list[str]:
             verdict += ' ' + ' '.join(r['verdict']['where'])
             verdict += ''.join(f', {a["effect"]} {a["where"][0]}' for a in r['also'])
             others = ', '.join(f'{n} {w[0]}' for n, w in confusable_set(r)[1:] if named(r))
-        out.append(f'| {r["case"]} | {truth or "none"} | {small} | {verdict} | {p} | {others} |')
-    return out
+        out.append((r['case'], truth or 'none', small, verdict, p, others))
+    which = f'With an effect of rho {SEEN:g} or more, or a false alarm.'
+    return ['## Cases that went wrong', '', which, '', table(head, out).rstrip()]
 
 
 def went_wrong(row: Row) -> bool:

@@ -81,15 +81,9 @@ class Probe:
         return self._kept[key]
 
     def _simulate(self, motion: Motion, effects: Sequence[Unmodelled]) -> Log:
-        return twin_of(self.machine).simulate(
-            self.machine,
-            self.parameters,
-            motion.position,
-            motion.velocity,
-            effects,
-            rtol=QUICK[0],
-            atol=QUICK[1],
-        )
+        course = motion.position, motion.velocity
+        twin = twin_of(self.machine)
+        return twin.simulate(self.machine, self.parameters, *course, effects, *QUICK)
 
     def effort(self, which: int, effects: Sequence[Unmodelled]) -> Array:
         """Return (D, K) the logged effort before noise, on one of the motions."""
@@ -101,16 +95,8 @@ class Probe:
         """Return the nominal model along one of the motions."""
         if which not in self._models:
             motion = self.motions[which]
-            data = Dataset(
-                self.machine.drives,
-                motion.cycle,
-                0,
-                motion.position,
-                motion.velocity,
-                None,
-                None,
-                np.zeros(motion.position.shape),
-            )
+            course, none = (motion.position, motion.velocity), np.zeros(motion.position.shape)
+            data = Dataset(self.machine.drives, motion.cycle, 0, *course, None, None, none)
             self._models[which] = make_model(self.machine, data)
         return self._models[which]
 
