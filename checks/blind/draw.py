@@ -44,6 +44,7 @@ class Drawer:
 
     generator = 'reference'
     pi_only = False
+    probing: type[Probe] = Probe
 
     def __init__(self, plain: Plain, seed: int, wanted: Wanted) -> None:
         self.wanted = wanted
@@ -92,7 +93,7 @@ class Drawer:
 
     def _probe(self, motions: tuple[MotionOrder, MotionOrder]) -> Probe:
         drawn = [m.draw(self.machine) for m in motions]
-        return Probe(self.machine, self.parameters, drawn, self.rough.sigma)
+        return self.probing(self.machine, self.parameters, drawn, self.rough.sigma)
 
     # ------------------------------------------------------------------ effects
 

@@ -154,16 +154,12 @@ def record(
     target, target_speed = taken(motion.position[:, native]), taken(motion.velocity[:, native])
     instants = grid * log.cycle
     streams, own = {}, {}
+    state = {'position': place, 'velocity': speed if rough.with_velocity else None}
+    ahead = target_speed if rough.with_command_velocity else None
     for topic, fields in (
-        ('/joint_states', {'position': place, 'velocity': speed if rough.with_velocity else None}),
+        ('/joint_states', state),
         ('/effort', {'effort': effort}),
-        (
-            '/joint_command',
-            {
-                'position': target,
-                'velocity': target_speed if rough.with_command_velocity else None,
-            },
-        ),
+        ('/joint_command', {'position': target, 'velocity': ahead}),
     ):
         kept, stamp = _stamps(instants, rough, rng)
         there = {name: value[kept] for name, value in fields.items() if value is not None}

@@ -207,6 +207,11 @@ class Generator:
     told: Callable[[Store, Sequence[Mapping[str, Any]]], list[str]]
 
 
+def numbered(store: Store) -> dict[int, int]:
+    """Return the plan of a run whose cases are drawn by their number alone."""
+    return {case: case for case in range(1, int(store.about()['cases']) + 1)}
+
+
 def _plan(drawer: type[Drawer], store: Store) -> Mapping[int, Wanted]:
     about = store.about()
     names = list(drawer.known(machine_of(read_plain(store.machine))))

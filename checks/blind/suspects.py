@@ -38,7 +38,7 @@ from checks.blind.machines import file_text, machine_of, Plain, read_plain
 from checks.blind.planning import Wanted
 from checks.blind.probe import Probe
 from checks.blind.rough import Rough
-from checks.blind.run import Generator, order_of
+from checks.blind.run import Generator, numbered, order_of
 from checks.blind.score import alike, found_names, hits_of_pair, holds, right
 from checks.blind.store import read_json, Store
 from checks.blind.truth import answer_of
@@ -324,10 +324,6 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return {name: f'{sum(hits):3d} of {len(hits)}' for name, hits in own.items()}
 
 
-def _plan(store: Store) -> dict[int, int]:
-    return {case: case for case in range(1, int(store.about()['cases']) + 1)}
-
-
 def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
     return seal.close(draw(store, case, seed), seed)
 
@@ -336,4 +332,4 @@ def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
     return {case: order_of(store, case) | {'threads': '1'}}
 
 
-GENERATOR = Generator(_plan, _draw, _orders, row, told)
+GENERATOR = Generator(numbered, _draw, _orders, row, told)

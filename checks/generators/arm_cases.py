@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from checks.blind import arms
 from checks.blind.case import FIT, MACHINE
-from checks.blind.run import Generator, order_of
+from checks.blind.run import Generator, numbered, order_of
 from checks.blind.score import SEEN
 from checks.blind.seal import close
 from checks.blind.store import Store
@@ -419,10 +419,6 @@ def _coloured(rng: np.random.Generator, count: int, size: Array) -> Array:
 # ---------------------------------------------------------------------- the run
 
 
-def _plan(store: Store) -> dict[int, int]:
-    return {case: case for case in range(1, int(store.about()['cases']) + 1)}
-
-
 def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
     return close(draw(store.case(case), seed, case), seed)
 
@@ -435,4 +431,4 @@ def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
     return {case: order}
 
 
-GENERATOR = Generator(_plan, _draw, _orders, arms.row, arms.told)
+GENERATOR = Generator(numbered, _draw, _orders, arms.row, arms.told)

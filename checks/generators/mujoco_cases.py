@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from checks.blind.draw import Drawer
-from checks.blind.label import MotionOrder
 from checks.blind.probe import Probe
 from checks.blind.run import drawn_by
 from checks.generators.mujoco_tripod import (
@@ -296,10 +295,7 @@ class MujocoDrawer(Drawer):
 
     generator = 'mujoco'
     pi_only = True
-
-    def _probe(self, motions: tuple[MotionOrder, MotionOrder]) -> Probe:
-        drawn = [m.draw(self.machine) for m in motions]
-        return MujocoProbe(self.machine, self.parameters, drawn, self.rough.sigma)
+    probing = MujocoProbe
 
     @staticmethod
     def known(machine: Machine) -> dict[str, list[str]]:

@@ -20,10 +20,7 @@ def delta_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     """Build the nominal delta.
 
     Args:
-        parameters: `measurement_delay` [s], `gear_stiffness` [N m/rad], `gear_damping_ratio` [1],
-            `tool_mass` [kg], `drive_inertia` [kg m^2], `coulomb_torque` [N m], `viscous_torque`
-            [N m s/rad], and numeric constants of the machine file; all of a drive also as
-            `drive_1.gear_stiffness`. The friction torques are zero where not given.
+        parameters: As of `tripod_plant`.
     """
     true, plant = platform_plant(machine, parameters)
     plant.shared[at.ROTARY] = 1.0

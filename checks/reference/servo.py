@@ -29,9 +29,8 @@ def servo_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     """Build the nominal servos; their gears are rigid where no gear stiffness is given.
 
     Args:
-        parameters: `coulomb_torque` [N m], `viscous_torque` [N m s/rad], `gear_stiffness`
-            [N m/rad], `gear_damping_ratio` [1], and numeric constants of the machine file. Each
-            also as `elbow.coulomb_torque`.
+        parameters: Those of the machine file, in its units, `gear_stiffness` [N m/rad],
+            `gear_damping_ratio` [1], and numeric constants; of one also as `elbow.armature`.
     """
     elastic = any(key.endswith('gear_stiffness') for key in parameters)
     known_names(parameters, machine, (*PARAMETERS, *(ELASTIC if elastic else ())))

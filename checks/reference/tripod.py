@@ -21,10 +21,8 @@ def tripod_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
     """Build the nominal tripod.
 
     Args:
-        parameters: `measurement_delay` [s], `gear_stiffness` [N/m], `gear_damping_ratio` [1],
-            `tool_mass` [kg], `drive_inertia` [kg m^2], `coulomb_torque` [N m], `viscous_torque` [N
-            m s/m], and numeric constants of the machine file; all of a drive also as
-            `drive_1.gear_stiffness`. The friction torques are zero where not given.
+        parameters: Those of the machine file, in its units, and its numeric constants; of one
+            drive as `drive_1.gear_stiffness`. The friction torques are zero where not given.
     """
     true, plant = platform_plant(machine, parameters)
     read_drives(plant, true, parameters)

@@ -36,6 +36,11 @@ def bristles(kind: float) -> Write:
     return write
 
 
+def _presliding(name: str, law: str, source: str, number: Range, kind: float) -> Form:
+    write = bristles(kind)
+    return Form(name, 'presliding', law, source, _WAY, (number,), write, fades=False)
+
+
 def oil(plant: Plant, i: int, values: Values, seed: int) -> None:
     """Write an oil that thins as friction heats it; the scale of the power is the drive's."""
     d = plant.drive[i]
@@ -101,45 +106,33 @@ FORMS = (
         (Range('exponent', '1', 0.55, 0.9), Range('width', 'm/s', 1.2e-3, 9e-3)),
         setter(share=at.ASYMMETRY, exponent=at.ASYMMETRY_EXPONENT, width=at.ASYMMETRY_WIDTH),
     ),
-    Form(
+    _presliding(
         'presliding.dahl',
-        'presliding',
         "M_C a, a' = v / way |1 - a sgn v|^n sgn(1 - a sgn v)",
         'Dahl 1976, AIAA J. 14(12), eq. 4, with his exponent',
-        _WAY,
-        (Range('shape', '1', 1.12, 1.8),),  # below 1 it is no longer smooth
-        bristles(law.DAHL),
-        fades=False,
+        Range('shape', '1', 1.12, 1.8),  # below 1 it is no longer smooth
+        law.DAHL,
     ),
-    Form(
+    _presliding(
         'presliding.elasto_plastic',
-        'presliding',
         "M_C a, a' = v / way (1 - alpha(a) |a|), alpha = 0 up to break-away",
         'Dupont, Hayward, Armstrong, Altpeter 2002, IEEE TAC 47(5), eqs. 3 and 16',
-        _WAY,
-        (Range('shape', '1', 0.25, 0.8),),
-        bristles(law.ELASTO_PLASTIC),
-        fades=False,
+        Range('shape', '1', 0.25, 0.8),
+        law.ELASTO_PLASTIC,
     ),
-    Form(
+    _presliding(
         'presliding.elements',
-        'presliding',
         'M_C mean(a_j), four elements of ways spread by a factor each',
         'Iwan 1966, J. Appl. Mech. 33(4); Lampaert, Al-Bender, Swevers 2003; Wen 1976 for each',
-        _WAY,
-        (Range('shape', '1', 1.4, 2.6),),
-        bristles(law.ELEMENTS),
-        fades=False,
+        Range('shape', '1', 1.4, 2.6),
+        law.ELEMENTS,
     ),
-    Form(
+    _presliding(
         'presliding.lugre',
-        'presliding',
         "M_C (a + time a'), a' = (v - |v| a) / way",
         'Canudas de Wit, Olsson, Astrom, Lischinsky 1995, IEEE TAC 40(3), eqs. 1-3, F_S = F_C',
-        _WAY,
-        (Range('time', 's', 3e-4, 2e-3),),
-        bristles(law.LUGRE),
-        fades=False,
+        Range('time', 's', 3e-4, 2e-3),
+        law.LUGRE,
     ),
     Form(
         'drag.churning',

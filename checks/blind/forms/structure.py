@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forms of what carries and what is carried: frame, load, rods, geometry."""
 
+from functools import partial
+
 import numpy as np
 
 from checks.blind.forms.form import Form, Range, Values
@@ -64,8 +66,9 @@ def rod_length(plant: Plant, i: int, values: Values, seed: int) -> None:
     plant.drive[:, nominal.ROD_LENGTH] += _errors(values)
 
 
+_whole = partial(Form, place='all', needs='platform')
 FORMS = (
-    Form(
+    _whole(
         'frame.softening',
         'frame_resonance',
         "mass y'' + d (1 - q + q |y'| / 4 mm/s) y' + k y (1 - softening y^2 / (y^2 + g^2)) = -F",
@@ -79,10 +82,8 @@ FORMS = (
             Range('give', 'N', 3.0, 25.0),
         ),
         frame,
-        place='all',
-        needs='platform',
     ),
-    Form(
+    _whole(
         'payload.turns',
         'payload_change',
         'tool mass + mass while it is held, three times, taken up and put down within `ramp`',
@@ -95,10 +96,8 @@ FORMS = (
             Range('ramp', 's', 0.04, 0.19),
         ),
         payload,
-        place='all',
-        needs='platform',
     ),
-    Form(
+    _whole(
         'rods.tubes',
         'rod_mass',
         'T = 1/2 integral m(u) |v_c + u (v_p - v_c)|^2 du, a tube with a joint at either end',
@@ -106,10 +105,8 @@ FORMS = (
         Range('mass', 'kg', 0.005, 0.12),
         (Range('at_carriage', '1', 0.08, 0.26), Range('at_platform', '1', 0.08, 0.26)),
         rods,
-        place='all',
-        needs='platform',
     ),
-    Form(
+    _whole(
         'radius.uneven',
         'rail_radius_error',
         'rail radius + length u_i, another u on each rail, mean 1',
@@ -117,10 +114,8 @@ FORMS = (
         Range('length', 'm', 5e-4, 1.8e-2, signed=True),
         _UNEVEN,
         radius,
-        place='all',
-        needs='platform',
     ),
-    Form(
+    _whole(
         'rod_length.uneven',
         'rod_length_error',
         'rod length + length u_i, another u on each rod, mean 1',
@@ -128,7 +123,5 @@ FORMS = (
         Range('length', 'm', 7e-4, 2.2e-2, signed=True),
         _UNEVEN,
         rod_length,
-        place='all',
-        needs='platform',
     ),
 )
