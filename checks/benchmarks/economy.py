@@ -132,9 +132,6 @@ class Watched:
                 self.reached = float(first + i + 1)
 
 
-# ---------------------------------------------------------------------- methods
-
-
 def genetic(settings: GeneticSettings) -> Callable[[Watched, int], None]:
     """Return the paper's genetic algorithm alone."""
 
@@ -257,9 +254,6 @@ def attempt(method: Callable[[Watched, int], None], task: Task, seed: int, budge
     except Spent:
         pass
     return Trial(watched.reached, watched.count, time.perf_counter() - before)
-
-
-# ---------------------------------------------------------------------- the tripod as a task
 
 
 @contextmanager

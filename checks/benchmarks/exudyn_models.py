@@ -37,9 +37,6 @@ def _settings(start: float, end: float, steps: int, period: float) -> Any:
     return s
 
 
-# ---------------------------------------------------------------------- belt drive
-
-
 def belt_matrices(c: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """Return inertias (3,) and stiffness matrix (3, 3), eq. 21, controller included."""
     k1 = c['axial_stiffness'] / (c['length_1'] + c['rail_position'])
@@ -104,9 +101,6 @@ def belt_torque(
         mbs.SolveDynamic(settings, solverType=getattr(SOLVERS, solver), updateInitialValues=True)
         phi1[first : end + 1] = mbs.GetSensorStoredData(sensor)[:, 1]
     return np.stack([phi1, gain * (reference - phi1)])
-
-
-# ---------------------------------------------------------------------- tripod
 
 
 @njit(cache=True)
@@ -199,7 +193,6 @@ class TripodDrive:
     """The tripod under its controllers.
 
     Args:
-        machine: A `Machine` of kind `tripod`.
         values: Gear stiffness, damping ratio and so on, the same for all drives.
         position: (3, K) set-points at every controller cycle, m.
         velocity: (3, K) their derivatives, m/s.

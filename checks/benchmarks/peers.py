@@ -59,9 +59,6 @@ def exudyn_belt_cost(parameters: Mapping[str, float]) -> float:
     return float(np.sqrt(np.mean(error**2, axis=1)).mean())
 
 
-# ---------------------------------------------------------------------- belt drive
-
-
 def our_job() -> None:
     """Run a whole search on the belt drive."""
     search = GeneticSearch(2, TABLE_2, 1)
@@ -79,9 +76,7 @@ def speed_table(
     """Return the section on one simulation of a machine.
 
     Args:
-        head: Machine, and what the error is.
         torque: One simulation by each program; that of this project is `ours`.
-        error: What a simulation is off by.
         batch: What is timed of ours, and how many simulations it does.
     """
     jobs = {**torque, 'ours': batch[0]}
@@ -227,9 +222,6 @@ def belt_economy(seeds: int, starts: int, budget: int) -> str:
     return table(ECONOMY_HEAD, [economy_row(n, t) for n, t in found.items()])
 
 
-# ---------------------------------------------------------------------- tripod
-
-
 def tripod_speed(rounds: int) -> str:
     """Return the section on one simulation of the tripod."""
     motion = draw_motion('pick_and_place', TRIPOD, 3.0, 7)
@@ -285,9 +277,6 @@ def tripod_economy(seeds: int, seconds: float, budget: int) -> str:
             + table(ECONOMY_HEAD, [economy_row(n, t) for n, t in trials.items()])
         )
     return '\n'.join(parts)
-
-
-# ---------------------------------------------------------------------- the page
 
 
 PAGE = Path(__file__).with_name('peers_page.md')

@@ -65,8 +65,6 @@ class Drawer:
         # Effects are seen through it: a mean hides the chatter of an encoder's steps.
         self.logger = self._logger() if wanted.sort != 'ideal' else []
 
-    # ------------------------------------------------------------------ machine and motions
-
     def _limit(self) -> float:
         limit = float(self.machine.numbers('torque_limit').max())
         return limit if math.isfinite(limit) else 100.0 * self.machine.effort_noise
@@ -94,8 +92,6 @@ class Drawer:
     def _probe(self, motions: tuple[MotionOrder, MotionOrder]) -> Probe:
         drawn = [m.draw(self.machine) for m in motions]
         return self.probing(self.machine, self.parameters, drawn, self.rough.sigma)
-
-    # ------------------------------------------------------------------ effects
 
     @staticmethod
     def known(machine: Machine) -> dict[str, list[str]]:
@@ -200,8 +196,6 @@ class Drawer:
         _, hidden, self.motions, self.probe = best
         return [hidden]
 
-    # ------------------------------------------------------------------ imperfections
-
     def small_names(self, without: Sequence[str]) -> list[str]:
         """Return the effects that may be small in any drive: they fade with their size."""
         forms = self.forms()
@@ -257,8 +251,6 @@ class Drawer:
         time = 0.5 * self.rough.smoothing * self.rough.period
         form = FORMS['log.mean']
         return [Hidden(form, d, {'time': time}, math.nan, 0) for d in self.machine.drives]
-
-    # ------------------------------------------------------------------ the label
 
     def draw(self) -> tuple[Label, list[Hidden]]:
         """Return the case's label, but for what its logs' noise turns out to be, and its effects.

@@ -43,7 +43,6 @@ class Part:
 
     Attributes:
         effect: The catalogue's id; outside it the form's name.
-        where: The drive, or `all`.
         values: Its numbers, SI units.
         rho: What it alone leaves after a fit of the nominal parameters, RMS of the worst drive
             over both recordings, in units of the true noise; None where nobody asks for it.

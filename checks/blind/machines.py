@@ -47,12 +47,7 @@ def file_text(plain: Mapping[str, Any]) -> str:
 
 
 def draw_machine(plain: Mapping[str, Any], rng: np.random.Generator, pi_only: bool) -> Plain:
-    """Draw a machine of the kind that a file describes.
-
-    Args:
-        plain: The file's content; its numbers are those of a machine in the middle.
-        pi_only: Whether its drives have PI controllers only.
-    """
+    """Draw a machine of the kind of a file, about its numbers; return its file's content."""
     out: Plain = copy.deepcopy(dict(plain))
     if 'rod_length' not in out.get('geometry', {}):
         _scale(out['controller'], rng, ('position_gain', 'velocity_gain', 'integral_gain'), 1.25)

@@ -69,8 +69,6 @@ class Probe:
         self._models: dict[int, DriveModel] = {}
         self._kept: dict[tuple[int, str], Log] = {}
 
-    # ------------------------------------------------------------------ the generator
-
     def log(self, which: int, effects: Sequence[Unmodelled]) -> Log:
         """Return what the machine does on one of the motions; the last few are kept."""
         key = which, repr(effects)
@@ -88,8 +86,6 @@ class Probe:
     def effort(self, which: int, effects: Sequence[Unmodelled]) -> Array:
         """Return (D, K) the logged effort before noise, on one of the motions."""
         return np.asarray(self.log(which, effects).effort)
-
-    # ------------------------------------------------------------------ the nominal model
 
     def model(self, which: int) -> DriveModel:
         """Return the nominal model along one of the motions."""
@@ -132,8 +128,6 @@ class Probe:
     def _base(self) -> Array:
         """(D, T) the first log without effects."""
         return self.compared(0, self.effort(0, ()))
-
-    # ------------------------------------------------------------------ sizes
 
     def linear(self, effects: Sequence[Unmodelled]) -> float:
         """Return the size on the first motion by the linearised fit, in units of the noise."""

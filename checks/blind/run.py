@@ -299,11 +299,7 @@ class BlindCheck:
         return self.store.close_seals(cases)
 
     def diagnose(self, only: Sequence[int] = ()) -> None:
-        """Diagnose what is not diagnosed yet, in processes that are told paths only.
-
-        Args:
-            only: Numbers of cases; all where empty.
-        """
+        """Diagnose what is not diagnosed yet, of some cases or all, in processes told paths."""
         cases = int(self.store.about()['cases'])
         asked = [n for n in range(1, cases + 1) if not only or n in only]
         orders: dict[int, dict[str, str]] = {}
@@ -319,11 +315,7 @@ class BlindCheck:
             self._progress('diagnosing', done, count)
 
     def score(self, again: bool = False) -> list[dict[str, Any]]:
-        """Open the seals of the diagnosed cases and fill the table.
-
-        Args:
-            again: Also redo the rows that are there.
-        """
+        """Open the seals of the diagnosed cases and fill the table, `again` also what is there."""
         about = self.store.about()
         seed = int(about['seed'])
         rows = {} if again else {int(r['case']): r for r in self.store.rows()}

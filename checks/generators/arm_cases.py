@@ -416,9 +416,6 @@ def _coloured(rng: np.random.Generator, count: int, size: Array) -> Array:
     return out * size
 
 
-# ---------------------------------------------------------------------- the run
-
-
 def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
     return close(draw(store.case(case), seed, case), seed)
 

@@ -155,9 +155,6 @@ def motion(count, seconds, rng, log=ARM_LOG):
     return pose + fade * log.reach * np.sum(sizes * np.sin(rates * time + phases), axis=1)
 
 
-# ---------------------------------------------------------------------- machines
-
-
 @dataclass(frozen=True)
 class Owned:
     """A machine as its owner has it, and what he does not know.
@@ -250,9 +247,6 @@ def _twin(plain):
         'drive_inertia': [low, high, 'kg'],
     }
     return plain
-
-
-# ---------------------------------------------------------------------- drawing
 
 
 @dataclass(frozen=True)
@@ -407,9 +401,6 @@ def write_case(store, wanted, text, seed, finer=1):
         'rho': rho,
     }
     return seal.close(label, seed)
-
-
-# ---------------------------------------------------------------------- the run
 
 
 def _plan(store):

@@ -164,8 +164,6 @@ class Simulation:
         self.model = mujoco.MjModel.from_xml_string(self.xml())
         self.data = mujoco.MjData(self.model)
 
-    # ------------------------------------------------------------------ the model as text
-
     def xml(self) -> str:
         """Return the model in MuJoCo's language."""
         count = range(len(self.true.drives))
@@ -277,8 +275,6 @@ class Simulation:
             drive = f'<motor name="drive_{i}" {shaft} gear="{d.gain!r}"{limit}/>'
         passive = 'input="none" motorconst="0 0" resistance="1"'
         return drive + ''.join(f'<dcmotor {shaft} {passive} {what}/>' for what in d.dcmotor)
-
-    # ------------------------------------------------------------------ rest and motion
 
     def place(self, carriage: Array) -> tuple[Array, Array]:
         """Return the platform [m] below carriages (3,) [m], and the gears' loads at rest [N]."""

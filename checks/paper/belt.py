@@ -84,7 +84,6 @@ def step_reference(
 
     Args:
         duration: Length, s.
-        steps: Number of steps upwards.
         height: Height of a step, rad; 0.1 degrees by default.
 
     Returns:

@@ -30,7 +30,6 @@ def candidates(path: Path, trial: DriveTrial, noise: float) -> None:
     """Draw Fig. 11: the cost of every candidate over each parameter.
 
     Args:
-        trial: A trial that kept its candidates.
         noise: Standard deviation of the log's noise, N m.
     """
     figure = Figure(figsize=(10.0, 6.2), layout='constrained')

@@ -90,9 +90,6 @@ def _symmetric(values: Array) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-# ---------------------------------------------------------------------- URDF
-
-
 def read_urdf(text: str, names: Sequence[str]) -> tuple[Body, ...]:
     """Return the bodies of a URDF; joints that are not named are locked at zero.
 
@@ -184,9 +181,6 @@ def _origin(element: ElementTree.Element) -> tuple[Array, Array]:
     origin = element.find('origin')
     angles = _numbers(origin, 'rpy', (0.0, 0.0, 0.0))
     return roll_pitch_yaw(list(angles)), _numbers(origin, 'xyz', (0.0, 0.0, 0.0))
-
-
-# ---------------------------------------------------------------------- dynamics
 
 
 def gravity_in_base(size: float, roll: float, pitch: float) -> Array:

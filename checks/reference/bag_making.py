@@ -23,10 +23,7 @@ def simulate_bag(
     """Simulate a log and make streams of it.
 
     Args:
-        machine: A machine whose kind has a reference.
         parameters: Parameters by name, see its `plant`, as `tripod_plant` and `axis_plant`.
-        motion: Set-points, from `draw_motion`.
-        seed: Seed of noise, jitter and losses.
         nuisance: What lies between machine and log; by the machine file's noise where not given.
 
     Raises:

@@ -19,7 +19,6 @@ def compiled(function: F, sources: str = SOURCES) -> F:
     """Compile a function with numba, without fast-math, releasing the GIL, cached on disk.
 
     Args:
-        function: A function in the subset of Python that numba compiles.
         sources: Digest of all sources it is made of, where that is not this folder alone.
     """
     return cached(function, sources, error_model='numpy')

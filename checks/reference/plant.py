@@ -181,7 +181,6 @@ def read_drives(plant: Plant, machine: Machine, parameters: Mapping[str, float])
 
     Args:
         plant: The plant; it is rigid where its shared numbers say so.
-        machine: The machine with the true values of its constants.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER where the gear or the motor of an elastic drive has no value.

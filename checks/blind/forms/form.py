@@ -82,7 +82,6 @@ class Hidden:
     """A form with its numbers, at a place: what a case hides.
 
     Attributes:
-        where: The drive, or `all`.
         values: Its numbers by name, SI units.
         seed: Seed of what is random in it over time.
     """
