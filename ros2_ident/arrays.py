@@ -11,6 +11,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 # Half a 95 % interval in standard errors.
 NORMAL = 1.96
+# Median of the size of a normal number, in standard deviations.
+MEDIAN = 0.6744897501960817
 # Numbers of results for which null in a file stands for infinity, not for NaN.
 Above = Annotated[float, math.inf]
 Below = Annotated[float, -math.inf]

@@ -21,9 +21,6 @@ import shutil
 import stat
 from typing import Any, IO
 
-import numpy as np
-import yaml
-
 from ros2_ident.errors import ErrorCode, IdentError
 
 PARTIAL = '.partial'
@@ -235,6 +232,8 @@ def write_text(path: str | Path, text: str, *, replace: bool = False) -> Path:
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     """Write arrays by name as NPZ without pickle, and return the path; see `replacing`."""
+    import numpy as np
+
     with replacing(path) as file:
         np.savez_compressed(file, allow_pickle=False, **{mark('arrays'): np.array(1), **arrays})
     return Path(path)
@@ -273,6 +272,8 @@ def read_yaml(path: str | Path, most: int = 1 << 18) -> Any:
     Raises:
         ValueError: It cannot be read or is no YAML, in words that follow its name.
     """
+    import yaml
+
     try:
         return yaml.safe_load(read_small(path, most).decode())
     except OSError as error:

@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import norm
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
@@ -180,5 +180,5 @@ class Sensitivity:
 
     def half_widths(self, shown: Shown) -> Array:
         """Return (N,) half the 95 % intervals that a log of a motion will give at best."""
-        quantile = float(norm.ppf(0.975))
+        quantile = float(scipy.special.ndtri(0.975))
         return np.asarray(quantile * np.sqrt(np.diag(shown.covariance)) * self.box.width)

@@ -11,8 +11,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr, ndtri
-from scipy.stats import t as student
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.noise_floor import Floor
@@ -197,20 +196,19 @@ class BlockBootstrap:
         if not math.isfinite(value) or drawn.size < 20:
             return Interval(value, math.nan, math.nan)
         below = (np.sum(drawn < value) + 0.5 * np.sum(drawn == value)) / drawn.size
-        bias = float(ndtri(np.clip(below, 0.02, 0.98)))
+        bias = float(scipy.special.ndtri(np.clip(below, 0.02, 0.98)))
         pull = left_out[np.isfinite(left_out)]
         pull = pull.mean() - pull if pull.size else np.zeros(1)
         spread = float((pull**2).sum()) ** 1.5
         bend = float((pull**3).sum()) / (6.0 * spread) if spread > 0.0 else 0.0
         # Few blocks know their own scatter badly: as Student's t beside the normal distribution.
-        wide = float(student.ppf(0.975, self.number - 1)) * math.sqrt(
-            self.number / (self.number - 1.0)
-        )
+        wide = float(scipy.special.stdtrit(self.number - 1, 0.975))
+        wide *= math.sqrt(self.number / (self.number - 1.0))
         ends = []
         for z in (-wide, wide):
             shifted = bias + z
             at = bias + shifted / max(0.2, 1.0 - bend * shifted)
-            ends.append(float(np.quantile(drawn, float(ndtr(at)))))
+            ends.append(float(np.quantile(drawn, float(scipy.special.ndtr(at)))))
         return Interval(value, min(ends[0], value), max(ends[1], value))
 
 

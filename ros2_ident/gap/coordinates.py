@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
-from scipy.signal import lfilter
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates.examine import SEEN
@@ -252,7 +251,8 @@ def _answers(
     """
     steps = np.diff(state, prepend=state[0])
     lags = np.arange(0.0, _AFTER[-1], cycle)
-    courses = BSpline.design_matrix(lags, _AFTER, 3).toarray()[:, :-3]  # 0 at the end
+    courses = scipy.interpolate.BSpline.design_matrix(lags, _AFTER, 3).toarray()
+    courses = courses[:, :-3]  # 0 at the end
     signed, alike = np.zeros((2, at.size, courses.shape[1]))
     for k in np.flatnonzero(steps):
         near = slice(*np.searchsorted(at, (k, k + lags.size)))
@@ -290,7 +290,7 @@ def _memories(
 def _follow(row: Array, step: float) -> Array:
     """Return (K,) a first-order lag behind a row, with steps in units of its lag."""
     keep = math.exp(-step)
-    out: Array = lfilter([1.0 - keep], [1.0, -keep], row, zi=[keep * row[0]])[0]
+    out: Array = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], row, zi=[keep * row[0]])[0]
     return out
 
 

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
@@ -407,7 +407,9 @@ def _highest(model: FullModel, row: int) -> float:
             return 0.0
         effort = data.effort[data.names.index(model.places[row])]
     logged = effort[np.isfinite(effort)]
-    return float(np.abs(uniform_filter1d(logged, _MEAN)).max()) if logged.size else 0.0
+    if not logged.size:
+        return 0.0
+    return float(np.abs(scipy.ndimage.uniform_filter1d(logged, _MEAN)).max())
 
 
 def share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:

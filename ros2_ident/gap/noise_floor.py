@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
@@ -110,10 +110,10 @@ def repeated(residuals: Sequence[Array], datasets: Sequence[Dataset]) -> Array |
     square = np.hstack(differences) ** 2
     if not np.isfinite(square).any(axis=1).all():
         return None
-    most = _CLIP**2 * np.nanmedian(square, axis=1) / chi2.median(1)
+    most = _CLIP**2 * np.nanmedian(square, axis=1) / (2.0 * scipy.special.gammaincinv(0.5, 0.5))
     clipped = np.nanmean(np.minimum(square, most[:, None]), axis=1)
     # Mean of min(x^2, c^2) for a normal x.
-    kept = chi2.cdf(_CLIP**2, 3) + _CLIP**2 * chi2.sf(_CLIP**2, 1)
+    kept = scipy.special.chdtr(3, _CLIP**2) + _CLIP**2 * scipy.special.chdtrc(1, _CLIP**2)
     out: Array = np.sqrt(0.5 * clipped / kept)
     return out
 

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.ndimage import label
-from scipy.signal import welch
-from scipy.stats import chi2
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates.scale import MOSTLY
@@ -64,7 +62,9 @@ def spectrum(row: Array, cycle: float) -> tuple[Array, Array, int]:
     even = np.where(np.isfinite(even), even, 0.0)
     rate = 1.0 / (stride * cycle)
     length = int(min(rate, even.size // _SEGMENTS))
-    frequency, power = welch(even, rate, nperseg=length, detrend=False, return_onesided=False)
+    frequency, power = scipy.signal.welch(
+        even, rate, nperseg=length, detrend=False, return_onesided=False
+    )
     half, step = slice(length // 2 + 1), length - length // 2
     return np.abs(frequency[half]), rate * power[half], (even.size - length) // step + 1
 
@@ -93,10 +93,10 @@ def find_peak(row: Array, cycle: float, noise: float, low: float) -> Peak | None
     # Hann windows that overlap by half share a sixth of their amplitude.
     freedom = 2.0 * segments / (1.0 + 2.0 / 36.0)
     top = int(np.argmax(ratio))
-    p_value = float(min(1.0, inside.size * chi2.sf(ratio[top] * freedom, freedom)))
+    p_value = float(min(1.0, inside.size * scipy.special.chdtrc(freedom, ratio[top] * freedom)))
     high = ratio > max(1.0, 0.25 * ratio[top])
     high[top] = True
-    bands = label(high)[0]
+    bands = scipy.ndimage.label(high)[0]
     here = bands == bands[top]
     band = inside[here]
     excess = float((power[band] - around[here]).sum())

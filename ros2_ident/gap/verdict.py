@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from scipy.special import expit
+import scipy
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
@@ -132,7 +132,7 @@ def _with_encoder_steps(
     unexplained = float(after[rest].max(initial=0.0)) >= least
     first = strongest.at
     closes = float((before - after).sum())
-    sure = expit((float(np.sqrt(before.max())) - rules.material) / t.size)
+    sure = scipy.special.expit((float(np.sqrt(before.max())) - rules.material) / t.size)
     if not chain and unexplained and plain.effect == UNKNOWN:
         # Something else is missing, and more than steps.
         return plain
@@ -157,12 +157,14 @@ def _with_encoder_steps(
 def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
     base, final = found.chain[0], found.chain[-1]
     closed = final.closes(base) if len(found.chain) > 1 else 0.0
-    missing = expit((base.size - rules.material) / t.size)
+    missing = scipy.special.expit((base.size - rules.material) / t.size)
     # Where none counts, the one that comes nearest may still be it in another form.
     tried = found.rounds[0].fitted if found.rounds else ()
     alone = max((e.closes(base) for e in tried), default=0.0)
     nearest = closed if len(found.chain) > 1 else alone
-    named = t.escaped + (1.0 - t.escaped) * expit((nearest - rules.closed) / t.closed)
+    named = t.escaped + (1.0 - t.escaped) * scipy.special.expit(
+        (nearest - rules.closed) / t.closed
+    )
     # What is left may be immaterial however small the share that closes, and a limit that the
     # controllers' log shows is there however little of its course a constant one repeats.
     left = dict(zip(found.drives, np.maximum(final.gap, 0.0), strict=True))
@@ -179,7 +181,7 @@ def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
     if len(found.chain) == 1 and base.certain_size < rules.unknown:
         # Too small to be sure of it, and nothing explains it: small imperfections look like this,
         # and so does noise that was slow enough to be quiet where it was measured.
-        sure = expit((rules.unknown - base.certain_size) / t.size)
+        sure = scipy.special.expit((rules.unknown - base.certain_size) / t.size)
         return Verdict(NONE, (), sure, (), (), ranking, closed)
     if len(found.chain) == 1 or (closed < rules.closed and not believed):
         return Verdict(

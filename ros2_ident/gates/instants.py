@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import find_peaks, peak_widths
-from scipy.stats import median_abs_deviation
+import scipy
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, MEDIAN
 
 # A peak sinks by this share of what makes it stand out before the next one.
 _SINKS = 0.5
@@ -48,11 +47,11 @@ def peaks_of(apart: Array, least: ArrayLike, step: float, small: float = 0.0) ->
     """
     height = np.abs(apart)
     prominence = _SINKS * float(np.min(least))
-    at, _ = find_peaks(height, height=least, prominence=prominence)
+    at, _ = scipy.signal.find_peaks(height, height=least, prominence=prominence)
     at = at[height[at] >= small * height[at].max()] if at.size else at
     if not 0 < at.size <= _MOST:
         return None
-    width, _, first, last = peak_widths(height, at)
+    width, _, first, last = scipy.signal.peak_widths(height, at)
     if (step * width > _LONGEST).any() or width.sum() > _SHARE * apart.size:
         return None
     if _swings(at, width, np.sign(apart[at])):
@@ -81,7 +80,7 @@ def highest(height: Array, peak: int) -> float:
 
 def robust_size(values: Array) -> float:
     """Return the standard deviation of what does not stand out."""
-    return float(median_abs_deviation(values, scale='normal')) if values.size else 0.0
+    return float(np.median(np.abs(values - np.median(values)))) / MEDIAN if values.size else 0.0
 
 
 def robust_fit(

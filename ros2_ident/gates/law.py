@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates.scale import (
@@ -273,7 +273,7 @@ def _fitted(
         out: Array = rest - rest.mean()
         return out
 
-    found = least_squares(left, list(start.values()), method='lm', x_scale='jac')
+    found = scipy.optimize.least_squares(left, list(start.values()), method='lm', x_scale='jac')
     return dict(zip(start, map(float, found.x), strict=True))
 
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates.scale import APART, FEWEST, LATEST_EFFORT, MORE
@@ -233,7 +233,7 @@ def best_delays(
     count = 2 if len(lates) > 1 else 1
     step = np.array([[0.0, 0.0], [0.5 * wide, 0.0], [0.0, 5e-4 / signals.cycle]])
     polished = [
-        minimize(
+        scipy.optimize.minimize(
             left,
             start[:count],
             (start,),

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.signal import correlate
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
@@ -25,7 +24,7 @@ from ros2_ident.gates.scale import (
     UNITS,
 )
 from ros2_ident.recording import Dataset, smooth_motion
-from ros2_ident.recording.motion import allowed_cutoff
+from ros2_ident.recording.motion import allowed_cutoff, correlation
 
 # Motion faster than this is left out, Hz, and speeds are compared at about this rate, Hz.
 _SLOW, _RATE = 15.0, 250.0
@@ -84,7 +83,7 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
     moved, wanted = moved - moved.mean(), wanted - wanted.mean()
     size = moved.size
     reach = min(round(APART / period), size // 3)
-    product = correlate(moved, wanted, 'full', 'fft')[size - 1 - reach : size + reach]
+    product = correlation(moved, wanted)[size - 1 - reach : size + reach]
     # Only where both are: a log may end in motion.
     lags = np.arange(-reach, reach + 1)
     squares = [np.concatenate([[0.0], np.cumsum(x**2)]) for x in (moved, wanted)]
@@ -166,7 +165,7 @@ def _mixed(tracking: Tracking) -> list[Gate]:
     left = 1.0 - tracking.share * (2.0 / slope - 1.0 / slope**2)
     if count < 2 or (np.diag(left) <= 1.0 - OWN).all():
         return []
-    best = linear_sum_assignment(left)[1].tolist()
+    best = scipy.optimize.linear_sum_assignment(left)[1].tolist()
     moved = [d for d in range(count) if best[d] != d]
     fits = all(tracking.share[d, best[d]] >= FOLLOWS for d in moved)
     if not moved or not fits or any(left[d, best[d]] > SWAPPED * left[d, d] for d in moved):

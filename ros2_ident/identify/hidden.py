@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import detrend
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.identify.layout import Layout
@@ -211,7 +211,7 @@ def _answers(models: Sequence[FullModel], rows: Rows) -> Array:
         if seen is None or not model.thinned:
             return np.empty((0, sum(int(mask.sum()) for mask in rows.masks)))
         at = [model.data.names.index(place) for place in model.places]
-        strays = model.in_band(detrend(np.stack([fill_gaps(seen[d]) for d in at])))
+        strays = model.in_band(scipy.signal.detrend(np.stack([fill_gaps(seen[d]) for d in at])))
         parts.append((np.eye(len(at))[:, :, None] * strays)[:, mask])
     return np.concatenate(parts, axis=1)
 

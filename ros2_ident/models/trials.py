@@ -9,8 +9,7 @@ from collections.abc import Callable
 import itertools
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.stats import chi2
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import EffectParameter
@@ -140,8 +139,9 @@ def orders_shown(
     best = np.argsort(gain)[: -_BEST - 1 : -1]
     if clear:
         # Of white noise a gain is chi-square distributed, with one degree of freedom a size.
-        usual = median_filter(gain, _BESIDE) / chi2.median(len(sizes))
-        least = usual * chi2.isf(_CHANCE / gain.size, len(sizes))
+        usual = scipy.ndimage.median_filter(gain, _BESIDE)
+        usual = usual / (2.0 * scipy.special.gammaincinv(len(sizes) / 2, 0.5))
+        least = usual * scipy.special.chdtri(len(sizes), _CHANCE / gain.size)
         best = best[gain[best] > least[best]]
     return tuple(float(grid[i]) for i in best)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.grid import find_ticks, sample_period, Ticks
@@ -516,12 +516,12 @@ def _smooth(
         level, speed = float(position[0]), 0.0 if velocity is None else float(velocity[0])
         return (lambda x: np.full(x.shape, level)), (lambda x: np.full(x.shape, speed))
     if velocity is not None:
-        hermite = CubicHermiteSpline(time, position, velocity)
+        hermite = scipy.interpolate.CubicHermiteSpline(time, position, velocity)
         return hermite, hermite.derivative()
     steps = np.diff(time)
     even = np.mean(np.abs(steps - np.median(steps)) < 1e-3 * np.median(steps)) > 0.9
     degree = 5 if even and time.size >= 6 else 3 if time.size >= 4 else 1
-    spline = make_interp_spline(time, position, k=degree)
+    spline = scipy.interpolate.make_interp_spline(time, position, k=degree)
     return spline, spline.derivative()
 
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BPoly
+import scipy
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import cdr
@@ -263,7 +263,7 @@ def _run_through(
     held = np.clip(after, time[0], time[-1])
     if time.size == 1:
         return np.tile(knots[0, 0], (after.size, 1)), np.zeros((after.size, knots.shape[2]))
-    path = BPoly.from_derivatives(time, list(knots))
+    path = scipy.interpolate.BPoly.from_derivatives(time, list(knots))
     moving = (held == after)[:, None]
     return path(held), np.where(moving, path.derivative()(held), 0.0)
 

@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.signal import butter, correlate, sosfiltfilt
+import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.align import align
@@ -110,7 +108,7 @@ def fill_smoothly(values: FloatArray) -> FloatArray:
     there = np.flatnonzero(np.isfinite(values))
     if there.size == values.size or there.size < 4:
         return fill_gaps(values)
-    spline = make_interp_spline(there.astype(float), values[there], k=3)
+    spline = scipy.interpolate.make_interp_spline(there.astype(float), values[there], k=3)
     inside = np.clip(np.arange(values.size, dtype=float), there[0], there[-1])
     return np.asarray(spline(inside))
 
@@ -179,7 +177,9 @@ def smooth_motion(
     smooth = low_pass(np.stack([fill_smoothly(row) for row in position]), cycle, cutoff)
     # time in cycles keeps the spline's knots well scaled
     time = np.arange(smooth.shape[1], dtype=np.float64)
-    spline = make_interp_spline(time, smooth, k=5 if time.size > 5 else 3, axis=1)
+    spline = scipy.interpolate.make_interp_spline(
+        time, smooth, k=5 if time.size > 5 else 3, axis=1
+    )
     if ahead:
         time += ahead
         smooth = np.ascontiguousarray(spline(time))
@@ -190,7 +190,7 @@ def smooth_motion(
 
 def settling(cycle: float, cutoff: float) -> int:
     """Return after how many cycles `low_pass` has forgotten an end of a log to a thousandth."""
-    poles = butter(_ORDER, cutoff, fs=1.0 / cycle, output='zpk')[1]
+    poles = scipy.signal.butter(_ORDER, cutoff, fs=1.0 / cycle, output='zpk')[1]
     return int(np.ceil(np.log(1e-3) / np.log(np.abs(poles).max())))
 
 
@@ -209,11 +209,21 @@ def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDE
     """
     if cutoff >= 0.499 / cycle:
         return np.array(values, dtype=np.float64)
-    sections = butter(order, cutoff, fs=1.0 / cycle, output='sos')
+    sections = scipy.signal.butter(order, cutoff, fs=1.0 / cycle, output='sos')
     # the filter has forgotten its start after a few periods of the cutoff
     reach = min(values.shape[-1] - 1, int(np.ceil(3.0 / (cutoff * cycle))))
-    out: FloatArray = sosfiltfilt(sections, values, axis=-1, padtype='odd', padlen=reach)
+    out: FloatArray = scipy.signal.sosfiltfilt(
+        sections, values, axis=-1, padtype='odd', padlen=reach
+    )
     return np.ascontiguousarray(out)
+
+
+def correlation(values: FloatArray, row: FloatArray) -> FloatArray:
+    """Return (T + K - 1,) sums of products of (T,) values and (K,) a row at every shift."""
+    size = values.size + row.size - 1
+    fast = scipy.fft.next_fast_len(size, True)
+    product = scipy.fft.rfft(values, fast) * scipy.fft.rfft(row[::-1], fast)
+    return np.asarray(scipy.fft.irfft(product, fast)[:size])
 
 
 def best_lag(
@@ -237,10 +247,11 @@ def best_lag(
     x = columns[max(0, -low) : target.size - max(0, high)]
     y = target[max(0, low) : target.size - max(0, -high)]
     size = np.sqrt((x**2).sum(axis=0)) + 1e-300
-    found = np.stack([correlate(y, row, 'valid', 'fft') for row in (x / size).T])
+    inside = slice(len(x) - 1, y.size)
+    found = np.stack([correlation(y, row)[inside] for row in (x / size).T])
     inverse = np.linalg.pinv(x.T @ x / np.outer(size, size), rcond=1e-12, hermitian=True)
     solution = inverse @ found
-    mean, square = (correlate(y**k, np.ones(len(x)), 'valid', 'fft') / len(x) for k in (1, 2))
+    mean, square = (correlation(y**k, np.ones(len(x)))[inside] / len(x) for k in (1, 2))
     left = square - (solution * found).sum(axis=0) / len(x)
     off = mean - x.mean(axis=0) / size @ solution
     shares = 1.0 - (left - off**2) / np.maximum(square - mean**2, 1e-300)
@@ -322,16 +333,18 @@ def standing(
             continue
         seen = row[there]
         window = 2 * math.ceil(0.5 / (cutoff * period)) + 1
-        apart = maximum_filter1d(seen, window) - minimum_filter1d(seen, window)
+        apart = scipy.ndimage.maximum_filter1d(seen, window) - scipy.ndimage.minimum_filter1d(
+            seen, window
+        )
         same = max(_step(seen), _SPREAD * _noise(seen), speed * (window - 1) * period)
         quiet = apart <= same * (1.0 + 1e-9)
         if not quiet.all():
-            quiet = maximum_filter1d(quiet, window)
+            quiet = scipy.ndimage.maximum_filter1d(quiet, window)
             nearest = np.searchsorted(there, np.arange(row.size))
             still[:] = quiet[np.minimum(nearest, there.size - 1)]
             # Smoothed, a motion rings where it comes to rest.
             turns = (np.diff(np.sign(rate), append=np.sign(rate[-1])) != 0.0) & ~still
-            still |= maximum_filter1d(turns, 2 * round(_TURN * period / cycle) + 1)
+            still |= scipy.ndimage.maximum_filter1d(turns, 2 * round(_TURN * period / cycle) + 1)
     return out
 
 

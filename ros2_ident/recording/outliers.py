@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray
 
@@ -98,7 +98,7 @@ def _candidates(x: FloatArray, rule: _Rule, least: float) -> IntArray:
         outer, inner = x[:-4] + x[4:], x[1:-3] + x[3:-1]
         off[far + 2 : far + x.size - 2] = np.abs(x[2:-2] - (4.0 * inner - outer) / 6.0)
     rows = np.flatnonzero(off[far:-far] > part_of * least)
-    nearby = maximum_filter1d(off, 3)
+    nearby = scipy.ndimage.maximum_filter1d(off, 3)
     beside = np.maximum(nearby[far - 7 + rows], nearby[far + 7 + rows])
     found: IntArray = rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside]
     return found

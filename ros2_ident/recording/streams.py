@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
+import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
 
@@ -256,7 +256,7 @@ def with_positions(
     time = (state.stamp - state.stamp[0]) * 1e-9
     for d in found:
         there = np.isfinite(state.velocity[:, d])
-        position[there, d] = cumulative_trapezoid(
+        position[there, d] = scipy.integrate.cumulative_trapezoid(
             state.velocity[there, d], time[there], initial=0.0
         )
     if not found:

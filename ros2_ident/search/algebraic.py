@@ -10,8 +10,7 @@ the noise that it leaves.
 import time
 
 import numpy as np
-from scipy.optimize import lsq_linear
-from scipy.signal import decimate
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
@@ -122,7 +121,9 @@ def _decimated(rows: Array, series: tuple[int, ...], factor: int) -> tuple[Array
     parts = []
     for part in np.split(rows, np.cumsum(series)[:-1]):
         long = factor > 1 and len(part) >= _SHORT * factor
-        parts.append(decimate(part, factor, axis=0, zero_phase=True) if long else part)
+        parts.append(
+            scipy.signal.decimate(part, factor, axis=0, zero_phase=True) if long else part
+        )
     return np.concatenate(parts), tuple(len(part) for part in parts)
 
 
@@ -142,7 +143,9 @@ def _solved(
         triangle = np.asarray(np.linalg.qr(both, mode='r'))
         columns = np.concatenate([triangle[:, :-1], _STAYS * np.eye(len(scale))])
         wanted = np.concatenate([triangle[:, -1], np.zeros(len(scale))])
-        answer = lsq_linear(columns, wanted, (lowest * scale, np.inf), method='bvls').x
+        answer = scipy.optimize.lsq_linear(
+            columns, wanted, (lowest * scale, np.inf), method='bvls'
+        ).x
         change = answer / scale
         left = residual + slopes @ change
         parts = np.split(left, np.cumsum(lengths)[:-1])

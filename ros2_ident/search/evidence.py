@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_solve, cholesky, LinAlgError, solve_triangular
+import scipy
 
 from ros2_ident.arrays import NORMAL
 from ros2_ident.search.noise import levinson, NoiseModel, products, Run, Whitening
@@ -350,14 +350,14 @@ class _Sums:
     def evidence(self, sizes: Array) -> float:
         """Return the logarithm of the evidence for sizes, but for what is the noise's alone."""
         factor, scale = self._factor(sizes)
-        half = solve_triangular(factor, self.gradient * scale, lower=True)
+        half = scipy.linalg.solve_triangular(factor, self.gradient * scale, lower=True)
         volume = np.sum(np.log(np.diag(factor) / scale)) + np.sum(np.log(sizes))
         return float(0.5 * half @ half - volume)
 
     def solve(self, sizes: Array) -> Array:
         """Return (N + C,) the most probable coefficients."""
         factor, scale = self._factor(sizes)
-        return np.asarray(scale * cho_solve((factor, True), scale * self.gradient))
+        return np.asarray(scale * scipy.linalg.cho_solve((factor, True), scale * self.gradient))
 
     def parameters(self, sizes: Array) -> tuple[Array, Array]:
         """Return (N,) how far the parameters move, and (N, N) their covariance."""
@@ -372,12 +372,14 @@ class _Sums:
     def draws(self, sizes: Array, drawn: Array) -> Array:
         """Return (N + C, M) deviations of the coefficients from standard normal numbers."""
         factor, scale = self._factor(sizes)
-        return np.asarray(scale[:, None] * solve_triangular(factor, drawn, lower=True, trans='T'))
+        return np.asarray(
+            scale[:, None] * scipy.linalg.solve_triangular(factor, drawn, lower=True, trans='T')
+        )
 
     def covariance(self, sizes: Array) -> Array:
         """Return (N + C, N + C) the covariance of the coefficients."""
         factor, scale = self._factor(sizes)
-        return np.asarray(scale[:, None] * cho_solve((factor, True), np.diag(scale)))
+        return np.asarray(scale[:, None] * scipy.linalg.cho_solve((factor, True), np.diag(scale)))
 
     def _factor(self, sizes: Array) -> tuple[Array, Array]:
         """Return the lower Cholesky factor of the precision, scaled to ones on its diagonal."""
@@ -386,10 +388,12 @@ class _Sums:
         scale: Array = np.diag(precision) ** -0.5
         precision *= np.outer(scale, scale)
         try:
-            return cholesky(precision, lower=True), scale
-        except LinAlgError:
+            return scipy.linalg.cholesky(precision, lower=True), scale
+        except np.linalg.LinAlgError:
             # More columns than samples, and rounding took the prior from those that are alike.
-            return cholesky(precision + _ROUNDED * np.eye(len(scale)), lower=True), scale
+            return scipy.linalg.cholesky(
+                precision + _ROUNDED * np.eye(len(scale)), lower=True
+            ), scale
 
 
 def _of_one(square: Array, told: Array, precision: Array) -> Array:

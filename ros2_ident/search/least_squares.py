@@ -12,7 +12,7 @@ from itertools import islice
 import math
 
 import numpy as np
-from scipy.optimize import lsq_linear
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.search.jacobian import Box, COARSE_STEP, diverged, finite_differences, Residuals
@@ -87,7 +87,7 @@ def within_box(rows: Array, wanted: Array, unit: Array) -> tuple[Array, float]:
         unit: (N,) shares of the box where it begins.
     """
     bounds = -unit - 1e-15, 1.0 - unit + 1e-15
-    found = lsq_linear(rows, wanted, bounds, method='bvls')
+    found = scipy.optimize.lsq_linear(rows, wanted, bounds, method='bvls')
     return np.clip(unit + found.x, 0.0, 1.0), 2.0 * float(found.cost)
 
 

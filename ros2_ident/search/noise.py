@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.signal import lfilter
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, MEDIAN
 
 MOST_COEFFICIENTS = 20
 # Points of a spectral density, for sums over it.
@@ -16,8 +15,6 @@ _SPECTRUM = 1 << 14
 # Differences of fourth order keep the noise and lose the motion; their gain on white noise.
 _ORDER = 4
 _GAIN = math.sqrt(math.comb(2 * _ORDER, _ORDER))
-# Median of the size of a normal number, in standard deviations.
-_MEDIAN = 0.6744897501960817
 
 
 @dataclass(frozen=True)
@@ -83,7 +80,7 @@ def fast_noise(*series: Array) -> float:
         Hall, Kay and Titterington (1990), Biometrika 77(3).
     """
     fast = np.abs(np.concatenate([np.empty(0), *(np.diff(row, _ORDER) for row in series)]))
-    return float(np.median(fast / _GAIN)) / _MEDIAN if fast.size else 0.0
+    return float(np.median(fast / _GAIN)) / MEDIAN if fast.size else 0.0
 
 
 def fit_noise(*series: Array) -> NoiseModel:
@@ -201,7 +198,8 @@ class Whitening:
         """Return (..., R) rows whitened."""
         out: Array = rows * self.scale
         for where, taps, order in self._coloured if out.size else ():
-            out[..., where][..., order:] = lfilter(taps, 1.0, rows[..., where])[..., order:]
+            whitened = np.apply_along_axis(np.convolve, -1, rows[..., where], taps)
+            out[..., where][..., order:] = whitened[..., order:-order]
         return out
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+import scipy
 
 from ros2_ident.arrays import Array as Array
 
@@ -67,7 +67,7 @@ def normal(uniform: Array) -> Array:
         Ludwig and Gerstmayr (2011), section 2: "related to the inverse formula of standard normal
         distribution".
     """
-    steps: Array = ndtri(np.clip(uniform, TINY, 1.0 - 2.0**-53))
+    steps: Array = scipy.special.ndtri(np.clip(uniform, TINY, 1.0 - 2.0**-53))
     return steps
 
 

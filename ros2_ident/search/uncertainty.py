@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
@@ -107,7 +107,7 @@ def intervals(
         start += length
     covariance = inverse @ middle @ inverse
     effective = sum(m.effective_samples for m in models)
-    quantile = float(student.ppf(0.5 + 0.5 * level, max(effective - rank, 1.0)))
+    quantile = float(scipy.special.stdtrit(max(effective - rank, 1.0), 0.5 + 0.5 * level))
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * width
     error[loose] = math.inf
     half = quantile * error

@@ -11,8 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import next_fast_len, rfft
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import shown_by
@@ -157,7 +156,7 @@ def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array
         missed = model.measured[wanted] - made
         count = model.data.cycles
         rate = there.size / (count * model.cycle)
-        fast = missed - uniform_filter1d(missed, max(3, int(_SLOW * rate)))
+        fast = missed - scipy.ndimage.uniform_filter1d(missed, max(3, int(_SLOW * rate)))
         logged = there - float(model.effort_delay(own)[row]) / model.cycle
         ways = motion.values.reshape(2, len(drives), count)[:, drives.index(drive)]
         for lag in _LAGS:
@@ -180,7 +179,8 @@ def _clearest(
     """Return the step of the clearest line, its power, and whether no other is nearly as clear."""
     span = float(np.ptp(position))
     # The step itself, and its difference from cycle to cycle, which turns with the direction.
-    bins = min(next_fast_len(int(_FINE * span / (SMALLEST * per_metre)), True), _MOST_BINS)
+    bins = scipy.fft.next_fast_len(int(_FINE * span / (SMALLEST * per_metre)), True)
+    bins = min(bins, _MOST_BINS)
     lines = [_lines(position, x, bins) for x in (fast, fast * np.sign(velocity))]
     power = np.maximum(*lines)
     order = 0.5 * np.arange(power.size)
@@ -211,5 +211,5 @@ def _lines(position: Array, values: Array, bins: int) -> Array:
     place = ((position - position.min()) / span * (bins - 1)).astype(int)
     # Single precision tells a line as well, in half the time.
     binned = np.bincount(place, values, 2 * bins).astype(np.float32)
-    out: Array = np.abs(rfft(binned)) ** 2 / max(float((values**2).sum()), 1e-300)
+    out: Array = np.abs(scipy.fft.rfft(binned)) ** 2 / max(float((values**2).sum()), 1e-300)
     return out

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.gap.noise_floor import Floor
@@ -77,8 +77,9 @@ def _finding(
     count: float, unit: str,
 ) -> Finding:  # fmt: skip
     """Return what stands out on a drive, by its share and RMS, and its highest of `count`."""
+    chance = min(1.0, 2.0 * count * float(scipy.special.ndtr(-top)))
     return Finding(
-        events[0].drive, 'instants', Region(), share, min(1.0, 2.0 * count * float(ndtr(-top))),
+        events[0].drive, 'instants', Region(), share, chance,
         size, size / noise if noise else math.inf, share, unit=unit, value=top,
         events=events,
     )  # fmt: skip

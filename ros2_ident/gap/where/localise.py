@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import false_discovery_control
+import scipy
 
 from ros2_ident.arrays import Above, Array, Below
 from ros2_ident.gap.bootstrap import averages, FEWEST
@@ -257,7 +257,7 @@ def localise(
         found += _drive(motion, d, coarse, noise, generator)
         found += _swing(motion, d, residual[d], noise, coarse)
     # They are fractions of the flips: a tie with the level passes, however it is rounded.
-    chance = false_discovery_control([f.p_value for f in found]) if found else ()
+    chance = scipy.stats.false_discovery_control([f.p_value for f in found]) if found else ()
     certain = [
         f
         for f, p in zip(found, chance, strict=True)

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_opening, maximum_filter1d
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.recording.motion import fill_gaps, low_pass
@@ -75,7 +75,7 @@ class Band:
         rows[:, ::stride] = True
         # Of a log slower than the grid the samples lie between its cycles.
         near = [
-            maximum_filter1d(np.isfinite(row), 2 * int(0.5 * gap) + 1)
+            scipy.ndimage.maximum_filter1d(np.isfinite(row), 2 * int(0.5 * gap) + 1)
             for row, gap in zip(self.logged, self._gaps, strict=True)
         ]
         moving = self.low((~self.still).astype(float)) > _LEAST
@@ -87,7 +87,9 @@ class Band:
         """(O, K) rest; what is shorter than a period is a change of direction, which passes."""
         period = 2 * math.ceil(0.5 / (self.cutoff * self.cycle)) + 1
         beyond = np.pad(self.still, ((0, 0), (period, period)), constant_values=True)
-        return np.asarray(binary_opening(beyond, np.ones((1, period)))[:, period:-period])
+        return np.asarray(
+            scipy.ndimage.binary_opening(beyond, np.ones((1, period)))[:, period:-period]
+        )
 
     def low(self, efforts: Array, cutoff: float = 0.0) -> Array:
         """Return efforts (..., O, K) below a frequency, the band's end where 0."""

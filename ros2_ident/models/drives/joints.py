@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.kernel import drive as drive_kernel
@@ -73,13 +74,11 @@ class Joint:
             velocity: (K,).
             acceleration: (K,).
         """
-        from scipy.optimize import nnls
-
         columns = np.stack([np.sign(velocity), velocity, acceleration], axis=1)
         if self.armature == 0.0:
             columns = columns[:, :2]
         scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        found = nnls(columns / scale, effort - self.offset)[0] / scale
+        found = scipy.optimize.nnls(columns / scale, effort - self.offset)[0] / scale
         return replace(
             self,
             coulomb=float(found[0]),

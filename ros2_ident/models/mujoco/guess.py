@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.recording import Dataset
@@ -76,7 +76,7 @@ def by_inverse_dynamics(
         free = np.isnan(own)
         right = right - own[~free] @ columns[~free]
         scale = np.maximum(np.linalg.norm(columns[free], axis=1), 1e-300)
-        own[free] = nnls((columns[free] / scale[:, None]).T, right)[0] / scale
+        own[free] = scipy.optimize.nnls((columns[free] / scale[:, None]).T, right)[0] / scale
         for name, value in zip(NAMES, own, strict=True):
             found[name][d] = value
     return found

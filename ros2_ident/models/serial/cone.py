@@ -10,7 +10,7 @@ identification, IEEE T-RO 36(2), 2020; the cone is Wensing, Kim, Slotine, IEEE R
 import math
 
 import numpy as np
-from scipy.linalg import null_space
+import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
@@ -150,7 +150,7 @@ def nearest(
     around = _Around(described)
     change = around.change()
     bound = held[0] @ change
-    free = null_space(bound) if len(bound) else np.eye(change.shape[1])
+    free = scipy.linalg.null_space(bound) if len(bound) else np.eye(change.shape[1])
     first = np.linalg.lstsq(bound, held[1], rcond=None)[0]
     # A body whose every moment grows by e is 2 e^2 away: one deviation costs a half.
     weight = 1.0 / (4.0 * spread**2)
