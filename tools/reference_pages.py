@@ -10,7 +10,8 @@ import math
 from pathlib import Path
 import re
 
-from ros2_ident.cli.main import COMMANDS, make_parser
+from ros2_ident.cli.arguments import COMMANDS
+from ros2_ident.cli.main import make_parser
 from ros2_ident.machine.keys import Key
 from ros2_ident.models.registry import OWN_KINDS
 

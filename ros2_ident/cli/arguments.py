@@ -6,10 +6,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import import_module
 import math
-from pathlib import Path  # noqa: F401  # a type in commands.yaml
+from pathlib import Path
 from typing import Any
 
+import yaml
+
 from ros2_ident.errors import ErrorCode, IdentError
+
+_TABLE = yaml.load(
+    Path(__file__).with_name('commands.yaml').read_text(encoding='utf-8'),
+    getattr(yaml, 'CSafeLoader', yaml.SafeLoader),  # noqa: S506 - both are safe
+)
+# Commands by name. The module of that name has run(args), which imports what is slow.
+COMMANDS: Mapping[str, Mapping[str, Any]] = _TABLE['commands']
 
 
 def _read(text: str) -> float:
@@ -88,22 +97,19 @@ def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
 # ---------------------------------------------------------------------- from the table
 
 
-def add_arguments(
-    parser: argparse.ArgumentParser, own: Mapping[str, Any], table: Mapping[str, Any]
-) -> None:
+def add_arguments(parser: argparse.ArgumentParser, own: Mapping[str, Any]) -> None:
     """Add the arguments of a command.
 
     Args:
         own: What `commands.yaml` says of the command.
-        table: The whole of `commands.yaml`.
     """
     groups: list[tuple[Any, Mapping[str, Any]]] = [(parser, own['arguments'])]
     for title, arguments in own.get('groups', {}).items():
-        groups.append((parser.add_argument_group(title), arguments or table['groups'][title]))
+        groups.append((parser.add_argument_group(title), arguments or _TABLE['groups'][title]))
     for group, arguments in groups:
         one_of: Any = None
         for flag, said in arguments.items():
-            options = {**table['shared'].get(flag, {}), **(said or {})}
+            options = {**_TABLE['shared'].get(flag, {}), **(said or {})}
             place = group
             if options.pop('exclusive', False):
                 place = one_of = one_of or group.add_mutually_exclusive_group()

@@ -9,25 +9,14 @@ import argparse
 from collections.abc import Mapping, Sequence
 import importlib
 import os
-from pathlib import Path
 import sys
 import textwrap
 import time
 import traceback
-from typing import Any
 
-import yaml
-
-from ros2_ident.cli.arguments import add_arguments
+from ros2_ident import package_version
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.threads import one_thread_for_linear_algebra
-
-# Commands by name. The module of that name has run(args), which imports what is slow.
-_TABLE = yaml.load(
-    Path(__file__).with_name('commands.yaml').read_text(encoding='utf-8'),
-    getattr(yaml, 'CSafeLoader', yaml.SafeLoader),  # noqa: S506 - both are safe
-)
-COMMANDS: Mapping[str, Mapping[str, Any]] = _TABLE['commands']
 
 EXAMPLES = (
     'examples:\n'
@@ -50,6 +39,8 @@ def exit_codes(own: Mapping[int, str]) -> str:
 
 def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser for a command line; only the subcommand among its words is loaded."""
+    from ros2_ident.cli.arguments import add_arguments, COMMANDS
+
     parser = argparse.ArgumentParser(
         prog='ident',
         description='Identify drive parameters from recorded drive data.',
@@ -75,7 +66,7 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
-        add_arguments(own, command, _TABLE)
+        add_arguments(own, command)
     return parser
 
 
@@ -88,6 +79,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     begun = time.monotonic()
     one_thread_for_linear_algebra()
     words = list(sys.argv[1:] if argv is None else argv)
+    if words[:1] == ['--version']:
+        print(f'ident {package_version()}')
+        return 0
     parser = make_parser([*words, *os.environ.get('COMP_LINE', '').split()])
     if '_ARGCOMPLETE' in os.environ:
         import argcomplete
@@ -98,11 +92,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as exc:
         return int(exc.code or 0)
     args.words, args.begun = words, begun
-    if args.version:
-        from ros2_ident.identify.outcome import package_version
-
-        print(f'ident {package_version()}')
-        return 0
     if args.command is None:
         parser.print_help(sys.stderr)
         return 2

@@ -16,6 +16,7 @@ import platform
 
 import numpy as np
 
+from ros2_ident import package_version
 from ros2_ident.arrays import Array
 from ros2_ident.gates import likewise
 from ros2_ident.gates.scale import figure
@@ -40,7 +41,6 @@ from ros2_ident.search.fit import Fitted
 from ros2_ident.search.noise import fit_noise
 from ros2_ident.search.refine import StartOutcome
 
-PACKAGE = 'ros2_ident'
 # Of every parameter where refinements ended in different minima.
 ONE_OF_SEVERAL = 'of one of several minima that fit almost alike'
 # Minima lie apart by this part of the box in some parameter, and by so many half widths of its
@@ -190,14 +190,6 @@ def provenance_of(machine: Machine | None = None, data: Data | None = None) -> P
         ),
         created=datetime.now(UTC).isoformat(timespec='seconds'),
     )
-
-
-def package_version() -> str:
-    """Return the version of this package, `unknown` where it runs from an uninstalled copy."""
-    try:
-        return str(importlib.metadata.version(PACKAGE))
-    except importlib.metadata.PackageNotFoundError:
-        return 'unknown'
 
 
 def rival_minima(problem: Problem, found: Fitted) -> tuple[StartOutcome, ...]:

@@ -19,11 +19,12 @@ from ros2_ident_msgs.msg import (
     Progress,
 )
 
+from ros2_ident import package_version
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.bootstrap import Interval
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.gap.result import AT_BOUND, Diagnosis, Ranked, Step, Value
-from ros2_ident.identify.outcome import NOT_IDENTIFIABLE, package_version, state_of
+from ros2_ident.identify.outcome import NOT_IDENTIFIABLE, state_of
 from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.jobs import Diagnosed, Identified

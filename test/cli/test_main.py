@@ -9,7 +9,8 @@ from identify_cases import ROOT, tripod, TRIPOD_FILE
 import pytest
 import yaml
 
-from ros2_ident.cli.main import COMMANDS, main, make_parser
+from ros2_ident.cli.arguments import COMMANDS
+from ros2_ident.cli.main import main, make_parser
 from ros2_ident.recording import read_bag
 
 # This tree first; where it is installed, its entry points lie further on.

@@ -13,7 +13,7 @@ from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from ros2_ident.identify.outcome import package_version
+from ros2_ident import package_version
 from ros2_ident.report.page import numbers, steps
 
 if TYPE_CHECKING:
