@@ -10,6 +10,7 @@ import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.align import align
+from ros2_ident.recording.butterworth import butterworth, forwards_and_backwards
 from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.streams import Dataset, FloatArray, Recording
 
@@ -190,7 +191,7 @@ def smooth_motion(
 
 def settling(cycle: float, cutoff: float) -> int:
     """Return after how many cycles `low_pass` has forgotten an end of a log to a thousandth."""
-    poles = scipy.signal.butter(_ORDER, cutoff, fs=1.0 / cycle, output='zpk')[1]
+    poles, _ = butterworth(_ORDER, cutoff / (0.5 / cycle))
     return int(np.ceil(np.log(1e-3) / np.log(np.abs(poles).max())))
 
 
@@ -202,20 +203,17 @@ def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDE
         cycle: Time from column to column, s.
         cutoff: Frequency of gain one half, Hz; at or above half the rate the values come back as
             they are.
-        order: Of the Butterworth filter that runs each way.
+        order: Of the Butterworth filter that runs each way, even.
 
     Returns:
         The smooth rows (..., K).
     """
     if cutoff >= 0.499 / cycle:
         return np.array(values, dtype=np.float64)
-    sections = scipy.signal.butter(order, cutoff, fs=1.0 / cycle, output='sos')
+    _, sections = butterworth(order, cutoff / (0.5 / cycle))
     # the filter has forgotten its start after a few periods of the cutoff
     reach = min(values.shape[-1] - 1, int(np.ceil(3.0 / (cutoff * cycle))))
-    out: FloatArray = scipy.signal.sosfiltfilt(
-        sections, values, axis=-1, padtype='odd', padlen=reach
-    )
-    return np.ascontiguousarray(out)
+    return forwards_and_backwards(sections, values, reach)
 
 
 def correlation(values: FloatArray, row: FloatArray) -> FloatArray:
