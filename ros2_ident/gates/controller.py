@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from ros2_ident.effects import shown_by
 from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.gates.law import fit_law, Gain, Law
 from ros2_ident.gates.scale import (
@@ -24,7 +23,6 @@ from ros2_ident.gates.scale import (
 )
 from ros2_ident.gates.signals import LATEST_COMMAND
 from ros2_ident.models import Machine
-from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.recording import Dataset
 
 # A gain has to be off by this share to be spoken of; nearer to a factor, it is that factor.
@@ -161,8 +159,10 @@ def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
 def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
     """Judge when effort and set-point are logged."""
     lag, late = law.effort_delay, law.command_delay
-    effect = shown_by('late_set_point')
     if 0.0 < late <= LATEST_COMMAND and lag >= -_EARLY:
+        from ros2_ident.effects import shown_by
+
+        effect = shown_by('late_set_point')
         # Less than a cycle is what noise makes of none.
         if effect is None or late < machine.number('cycle'):
             return []
@@ -172,8 +172,12 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
         )
         return [Gate(effect.id, law.drive, 'warn', late, 's', text)]
     if -_EARLY <= lag <= LATEST_EFFORT and -_EARLY <= late <= LATEST_COMMAND:
+        if lag < LATE or not clean:
+            return []
+        from ros2_ident.models.drives.candidates import SLOTS
+
         delay = next(name for name, slot in SLOTS.items() if slot.row == 'log_delay')
-        if delay in machine.bounds or lag < LATE or not clean:
+        if delay in machine.bounds:
             return []
         text = (
             f'{law.drive}: the effort is logged {1e3 * lag:.3g} ms late, and no delay of the log '

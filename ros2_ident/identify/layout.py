@@ -14,7 +14,6 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_yaml
 from ros2_ident.machine.machine import Machine, Parameter
-from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.models.protocol import FullModel, Model
 
 T = TypeVar('T')
@@ -239,6 +238,8 @@ def held_of(
     Raises:
         IdentError: UNKNOWN_PARAMETER where nothing is called so.
     """
+    from ros2_ident.models.drives.candidates import SLOTS
+
     # Drives that only follow have no free parameters; their gears may be known all the same.
     followers = [
         f'{drive}.{name}'

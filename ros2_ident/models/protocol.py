@@ -11,18 +11,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import functools
 import math
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import EffectParameter, get_effect, title_at
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.machine.units import per_metre
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import fill_gaps, fill_smoothly
+
+if TYPE_CHECKING:  # with the effects comes what is compiled
+    from ros2_ident.effects import EffectParameter
 
 Mask = npt.NDArray[np.bool_]
 Stop = Callable[[], bool]
@@ -44,6 +46,8 @@ class EffectAt:
     @property
     def title(self) -> str:
         """The effect's title and its place."""
+        from ros2_ident.effects import title_at
+
         return title_at(self.effect, [self.where])
 
 
@@ -281,8 +285,10 @@ class FullModel(Model):
 
     # ------------------------------------------------------------------ effects
 
-    def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
+    def scaled(self, at: EffectAt) -> tuple['EffectParameter', ...]:
         """Return an effect's parameters with the numbers they have at a place, in their units."""
+        from ros2_ident.effects import get_effect
+
         return get_effect(at.effect).parameters
 
     def carrying(self, held: Array) -> 'FullModel':

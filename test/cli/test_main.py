@@ -27,21 +27,49 @@ def child(*words, **environment):
     )
 
 
-def test_help_loads_nothing_slow():
-    done = child('--help')
-    assert done.returncode == 0
-    assert all(name in done.stdout for name in COMMANDS)
+# What takes long to import, and what each command may.
+HEAVY = r'(asyncio|bokeh|distributed|jinja2|matplotlib|mcap|mujoco|numba|numpy|pinocchio|pyarrow)$'
+HEAVY += r'|(rclpy|rich|rosbags|yaml|zstandard)$'
+HEAVY += r'|scipy\.(fft|interpolate|linalg|ndimage|optimize|signal|special|stats)$'
+FILES = {'mcap', 'numpy', 'rosbags', 'yaml', 'zstandard'}
+NUMBERS = {'fft', 'interpolate', 'linalg', 'ndimage', 'optimize', 'special'}
+NUMBERS = {f'scipy.{name}' for name in NUMBERS}
+AXIS = 'bags/axis_reversals --machine config/emps.yaml'
+FITTED = f'identify {AXIS} --population 8 --generations 1 --quiet --out'
+
+
+@pytest.mark.parametrize(
+    ('command', 'loaded'),
+    [
+        ('--version', set()),
+        ('--help', {'yaml'}),
+        ('identify --help', {'yaml'}),
+        ('example --out {}/example', {'yaml'}),
+        ('new-machine --kind linear_axis', FILES),
+        ('check --machine config/emps.yaml', FILES),
+        (f'check {AXIS}', FILES | NUMBERS),
+        (FITTED + ' {} --no-overlay --no-report', FILES | NUMBERS | {'numba'}),
+    ],
+)
+def test_a_command_imports_what_it_uses(command, loaded, tmp_path):
     script = (
-        'import sys; from ros2_ident.cli.main import main; main(["identify", "--help"]);'
-        'print([m for m in ("numpy", "numba", "scipy", "rclpy", "rich") if m in sys.modules])'
+        'import re, sys; from ros2_ident.cli.main import main; main(sys.argv[1:]);'
+        f'print(*(m for m in sys.modules if re.match({HEAVY!r}, m)))'
     )
-    loaded = subprocess.run(
-        [sys.executable, '-c', script],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+    done = subprocess.run(
+        [sys.executable, '-c', script, *command.format(tmp_path).split()],
+        env={**os.environ, 'PYTHONPATH': SEARCHED},
+        cwd=ROOT,
         capture_output=True,
         text=True,
     )
-    assert loaded.stdout.strip().splitlines()[-1] == '[]'
+    assert set(done.stdout.splitlines()[-1].split()) <= loaded, done.stderr
+
+
+def test_help_names_all_commands():
+    done = child('--help')
+    assert done.returncode == 0
+    assert all(name in done.stdout for name in COMMANDS)
 
 
 @pytest.mark.parametrize('name', COMMANDS)
