@@ -74,8 +74,8 @@ def carry_out(
     checkpoint = files.CHECKPOINT if identifying else files.DIAGNOSIS_CHECKPOINT
     names = files.OF_RESULT if identifying else files.OF_DIAGNOSIS
     place = sole_writer(args.out, names) if args.out else nullcontext()
-    # shown last, whatever becomes of the files: its reader may leave early, as `head` does
-    with ExitStack() as end, place as out:
+    # shown whatever becomes of the files, and after them: its reader may leave early, as `head`
+    with ExitStack() as answer, place as out:
         if out is not None and not args.no_overlay:
             # before any work: bags that are not ours to replace
             overlay.require_place(out / overlay.OVERLAY, logs.fit, [*request.bags, *request.check])
@@ -85,7 +85,6 @@ def carry_out(
         with (
             _live_page(args, out, request, logs, identifying) as live,
             interrupts() as cancel,
-            Meter(quiet=args.quiet) as meter,
         ):
             writing = 0.0 if out is None else WRITING * (time.monotonic() - args.begun)
 
@@ -95,13 +94,18 @@ def carry_out(
                 if live is not None:
                     live.show(progress)
 
-            done = find(request, logs, cancel=cancel, on_progress=tell, checkpoint=kept)
-            end.callback(show, done.result)
-            if out is not None:
-                written = jobs.save(done, out, overlay=not args.no_overlay, live=args.live)
-                page = page_line(out, wanted=not args.no_report)
-    if written:
-        print('written: ' + ', '.join(str(path) for path in written))
+            with Meter(quiet=args.quiet) as meter:
+                done = find(request, logs, cancel=cancel, on_progress=tell, checkpoint=kept)
+                answer.callback(show, done.result)
+                if out is not None:
+                    written = jobs.save(done, out, overlay=not args.no_overlay, live=args.live)
+            try:
+                answer.close()
+                if written:
+                    print('written: ' + ', '.join(map(str, written)), flush=True)
+            finally:
+                if out is not None:
+                    page = page_line(out, wanted=not args.no_report)
     print(page, end='', flush=True)
     return done
 
