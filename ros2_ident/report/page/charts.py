@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SVG by matplotlib: maps of a residual with the law that was found, and the search."""
+"""Maps of a residual with the law that was found, and the search, as SVG."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 import itertools
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,29 +12,14 @@ from ros2_ident.arrays import Array
 from ros2_ident.identify.result import Identification
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.maps import Line, ResidualMap
+from ros2_ident.report.page.drawing import Axis, linear, logarithmic, Plot, svg, wider
 from ros2_ident.report.page.numbers import number, unit_of
-from ros2_ident.report.page.render import (
-    BLUE,
-    GREY,
-    INK,
-    Key,
-    ORANGE,
-    Picture,
-    plain_ticks,
-    RED,
-    svg,
-    tidy,
-    WIDTH,
-)
+from ros2_ident.report.page.render import BLUE, GREY, INK, Key, ORANGE, Picture, RED
 from ros2_ident.words.figures import compared
 from ros2_ident.words.verdict import named
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-# Size [px].
-SIZE = 417.6, 252.0
+# Size [px], and the place of the plot in it.
+SIZE, PLACE = (418, 252), (68, 12, 340, 200)
 # No line crosses a gap of this share of the width.
 _EMPTY = 0.36
 # A picture over the speed is read at once: it goes before one that shows hardly more.
@@ -47,8 +31,10 @@ _KEYS = {
 }
 # Costs that span more than this are drawn on a logarithmic axis.
 WIDE = 20.0
-# Plots of a cost over parameters side by side, and their height, pixels.
-COLUMNS, HIGH = 4, 205
+# Plots of a cost over parameters side by side, and the size of each with its labels, pixels.
+COLUMNS, WIDE_EACH, HIGH = 4, 233, 205
+# Colours of the generations, from the first on (viridis).
+VIRIDIS = '#fde725', '#a5db36', '#4ac16d', '#1fa187', '#277f8e', '#365c8d', '#46327e', '#440154'
 
 Laws = Sequence[tuple[str, Array, Array]]
 
@@ -76,56 +62,53 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
     note = 'dots are means; shaded: their 95 % interval; level band: noise of one sample'
     if found.linear > 0.0:
         note += '; the axis is logarithmic away from 0'
-    drawn = svg(lambda made: _draw(made.subplots(), found, before, laws), *SIZE)
+    drawn = svg([_plot(found, before, laws)], *SIZE)
     return Picture(drawn, title, title, tuple(keys), (note,))
 
 
-def _draw(axes: 'Axes', found: ResidualMap, lines: Sequence[Line], laws: Laws) -> None:
-    tidy(axes)
+def _plot(found: ResidualMap, lines: Sequence[Line], laws: Laws) -> Plot:
+    floor = max(found.noise_floor, 0.0)
+    bands = [(x.mean, np.nan_to_num(x.half)) for x in lines]
+    ends = [y for mean, half in bands for y in (mean - half, mean + half)]
+    along = linear(*wider(*(line.place for line in lines)))
     if found.linear:
-        _bend(axes, found.linear, np.concatenate([line.place for line in lines]))
-    floor = found.noise_floor
+        along = _bent(found.linear, lines)
+    up = linear(*wider(np.array([-floor, floor]), *ends, *(values for _, _, values in laws)))
+    labels = found.label, f'measured − simulated [{unit_of(found.unit)}]'
+    plot = Plot(PLACE, along, up, labels)
+    across = np.array([along.low, along.high])
     if floor > 0.0:
-        axes.axhspan(-floor, floor, color=GREY, alpha=0.13, lw=0.0)
-        axes.axhline(0.0, color=GREY, lw=0.8)
-    for line in lines:
-        _measured(axes, line)
+        plot.band(across, -floor, floor, GREY, 0.13)
+        plot.line(across, np.zeros(2), GREY, 0.8)
+    for line, (mean, half) in zip(lines, bands, strict=True):
+        colour = _KEYS[line.heading].colour
+        for s in _stretches(along, line.place) if np.isfinite(line.half).all() else ():
+            plot.band(line.place[s], (mean - half)[s], (mean + half)[s], colour, 0.18)
+        cap = 'square' if line.heading == 'backwards' else 'round'
+        plot.dots(line.place, mean, colour, 5.0, cap)
     for heading, place, values in laws:
-        dashed = '--' if heading == 'backwards' else '-'
-        for s in _stretches(axes, place):
-            axes.plot(place[s], values[s], color=RED, lw=2.4, ls=dashed)
-    axes.set(xlabel=found.label, ylabel=f'measured − simulated [{unit_of(found.unit)}]')
+        for s in _stretches(along, place):
+            plot.line(place[s], values[s], RED, 2.4, dashed=heading == 'backwards')
+    return plot
 
 
-def _bend(axes: 'Axes', linear: float, places: Array) -> None:
-    """Make an axis linear up to `linear` about zero and logarithmic beyond, with plain numbers."""
-    axes.set_xscale('symlog', linthresh=linear, linscale=0.6)
-    first = math.ceil(math.log10(linear))
-    last = max(first, math.floor(math.log10(np.abs(places).max() or linear)))
+def _bent(near: float, lines: Sequence[Line]) -> Axis:
+    """Return an axis that is linear up to `near` about zero and logarithmic beyond."""
+    places = [0.0, *np.concatenate([line.place for line in lines])]
+    low, high = 1.2 * float(min(places)), 1.2 * float(max(places))
+    first = math.ceil(math.log10(near))
+    last = max(first, math.floor(math.log10(max(-low, high) / 1.2)))
     decades = [10.0**e for e in range(last, first - 1, -1 - (last - first) // 3)]
     ticks = [0.0, *(sign * x for x in decades for sign in (1.0, -1.0))]
-    axes.set_xticks(ticks, labels=[f'{x:g}'.replace('-', '−', 1) for x in ticks])
-    axes.set_xticks([], minor=True)
+    inside = [x for x in ticks if low <= x <= high]
+    return Axis(low, high, inside, lambda values: np.arcsinh(np.divide(values, near)))
 
 
-def _measured(axes: 'Axes', line: Line) -> None:
-    """Draw the means with their 95 % band."""
-    place, mean, half = line.place, line.mean, line.half
-    colour = _KEYS[line.heading].colour
-    if np.isfinite(half).all():
-        for s in _stretches(axes, place):
-            axes.fill_between(
-                place[s], (mean - half)[s], (mean + half)[s], color=colour, alpha=0.18, lw=0.0
-            )
-    mark = 's' if line.heading == 'backwards' else 'o'
-    axes.plot(place, mean, mark, color=colour, ms=4.0)
-
-
-def _stretches(axes: 'Axes', place: Array) -> list[slice]:
+def _stretches(axis: Axis, place: Array) -> list[slice]:
     """Return the stretches of a line between which there are no data."""
     if len(place) < 2:
         return [slice(None)]
-    at = axes.xaxis.get_transform().transform(place)
+    at = axis.share(place)
     apart = np.diff(at)
     wide = apart > max(_EMPTY * float(np.ptp(at)), 3.0 * float(np.median(apart)))
     ends = [0, *(np.flatnonzero(wide) + 1), len(place)]
@@ -207,46 +190,32 @@ def cost_over_parameters(result: Identification) -> Picture | None:
     finite = np.isfinite(history.costs)
     if not finite.any():
         return None
-    rows, costs = -(-len(result.parameters) // COLUMNS), history.costs[finite]
-
-    def draw(made: 'Figure') -> None:
-        grid = made.subplots(rows, COLUMNS, sharey=True, squeeze=False)
-        for n, axes in enumerate(grid.flat):
-            if n >= len(result.parameters):
-                axes.remove()
-                continue
-            p = result.parameters[n]
-            tidy(axes)
-            if costs.min() > 0.0 and costs.max() > WIDE * costs.min():
-                axes.set_yscale('log')
-                plain_ticks(axes.yaxis)
-            if math.isfinite(p.low) and math.isfinite(p.high):
-                axes.axvspan(p.low, p.high, color=ORANGE, alpha=0.25, lw=0.0)
-            axes.scatter(
-                history.candidates[finite, n],
-                costs,
-                c=history.generations[finite],
-                cmap='viridis_r',
-                s=9.0,
-                lw=0.0,
-                rasterized=True,  # there can be many thousands
-            )
-            if math.isfinite(p.value):
-                axes.axvline(p.value, color=RED, lw=1.5, ls='--')
-            axes.ticklabel_format(axis='x', scilimits=(-2, 4), useMathText=True)
-            axes.xaxis.get_offset_text().set_parse_math(True)
-            axes.locator_params(axis='x', nbins=4)
-            axes.set_xlim(p.lower_bound, p.upper_bound)
-            axes.set_title(p.name.replace('.', '.\n'), fontsize=12.0, fontweight='bold')
-            axes.set_xlabel(f'[{unit_of(p.unit) or "1"}]')
-            if n % COLUMNS == 0:
-                axes.set_ylabel(f'cost [{result.cost.unit}]')
-
+    costs, born = history.costs[finite], history.generations[finite]
+    wide = costs.min() > 0.0 and costs.max() > WIDE * costs.min()
+    ends = np.exp(wider(np.log(costs))) if wide else wider(costs)
+    up = logarithmic(*ends) if wide else linear(*ends)
+    # the last generations are drawn last
+    age = (len(VIRIDIS) - 1) * (born - born.min()) // max(1, np.ptp(born))
+    plots = []
+    for n, p in enumerate(result.parameters):
+        row, column = divmod(n, COLUMNS)
+        place = (62 + WIDE_EACH * column, 34 + HIGH * row, WIDE_EACH - 28, HIGH - 72)
+        labels = f'[{unit_of(p.unit) or "1"}]', '' if column else f'cost [{result.cost.unit}]'
+        axis = linear(p.lower_bound, p.upper_bound, 4)
+        plot = Plot(place, axis, up, labels, p.name.replace('.', '.\n').split('\n'))
+        if math.isfinite(p.low) and math.isfinite(p.high):
+            plot.band(np.array([p.low, p.high]), up.low, up.high, ORANGE, 0.25)
+        for k, colour in enumerate(VIRIDIS):
+            plot.dots(history.candidates[finite, n][age == k], costs[age == k], colour, 3.0)
+        if math.isfinite(p.value):
+            plot.line(np.full(2, p.value), np.array([up.low, up.high]), RED, 1.5, dashed=True)
+        plots.append(plot)
     cost, count = result.cost, history.best_costs.size
     refined = f', refined {number(cost.refined)}' if math.isfinite(cost.refined) else ''
     notes = (f'Least cost of {count} generations: {number(cost.ga)}{refined} {cost.unit}.',)
     summary = 'Cost of the candidates over each parameter'
-    return Picture(svg(draw, WIDTH, HIGH * rows), summary, notes=notes, least=800)
+    drawn = svg(plots, 1000, HIGH * -(-len(plots) // COLUMNS))
+    return Picture(drawn, summary, notes=notes, least=800)
 
 
 def correlated(result: Identification) -> bool:

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """From values to HTML: pictures, the templates with their filters, the style sheet, the script."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files as resources
-import io
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bokeh.core.json_encoder import serialize_json
 from bokeh.embed import json_item
@@ -16,13 +15,6 @@ from markupsafe import Markup
 from ros2_ident import package_version
 from ros2_ident.report.page import numbers, steps
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
-
-# Width of the page's content, pixels; the style sheet has the same.
-WIDTH = 1000
 # Colours of Okabe and Ito (2008), told apart by colour-blind readers too; what matters has marks
 # and places of its own as well.
 INK, BLUE, ORANGE, RED, GREY, SKY = (
@@ -69,42 +61,6 @@ class Picture:
     choices: tuple[tuple[str, str, tuple[tuple[str, str, bool], ...]], ...] = ()
     height: int = 0
     least: int = 0
-
-
-def plain_ticks(axis: 'Axis') -> None:
-    """Write plain numbers along a logarithmic axis, at 1, 2 and 5 of each decade."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter('{x:g}')
-    axis.set_minor_locator(NullLocator())
-
-
-def tidy(axes: 'Axes') -> None:
-    """Take away what is not needed to read a picture."""
-    axes.spines[['top', 'right']].set_visible(False)
-    axes.grid(color='#dddddd', lw=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=11.0)
-
-
-def svg(draw: Callable[['Figure'], None], width: float, height: float) -> Markup:
-    """Return what is drawn into a figure of a size [px]; without a date, so the same each time."""
-    # A page without such pictures need not wait for matplotlib.
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    with rc_context({
-        'svg.fonttype': 'none', 'svg.hashsalt': 'ros2_ident', 'font.size': 12.0,
-        'text.parse_math': False,  # names are no markup, whatever stands between two $
-    }):  # fmt: skip
-        made = Figure((width / 72.0, height / 72.0), layout='constrained')
-        draw(made)
-        file = io.StringIO()
-        made.savefig(file, format='svg', dpi=144, metadata={'Date': None}, transparent=True)
-    text = file.getvalue()
-    body = text[text.index('viewBox=') :]
-    return Markup(f'<svg class="chart" xmlns:xlink="http://www.w3.org/1999/xlink" {body}')
 
 
 def render(template: str, context: Mapping[str, Any], *, plots: bool = False) -> str:
