@@ -26,7 +26,7 @@ OUTSIDE = {
     r'kernel\.drive\._(flags_of|closed_loop)': 'numba.extending.overload',
     r'lanes\._(\w+Type\.\w+|\w+Model|\w*Template.*|neg)': 'numba, which registers it',
     r'machine\.file\._Loader\.compose_node': 'yaml',
-    r'recording\.(write\._McapStorage|scan\._Chunks)\.\w+': 'rosbags',
+    r'recording\.scan\._Chunks\.\w+': 'rosbags',
     r'report\.page\.(answer\.Answer\.closing|steps\.Step\.signs)': "the page's templates",
 }
 

@@ -50,7 +50,7 @@ def write_excitation(
         {'/joint_command': stream},
         mark=MARK,
         custom={'command': asked},
-        others=[Topic(TOPIC, _KIND, [(_START, _trajectory(found, lead))])],
+        others=[Topic(TOPIC, _KIND, [_START], [_trajectory(found, lead)])],
     )
     return [bag, write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n')]
 

@@ -27,7 +27,6 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Schema, Statistics
 from mcap.summary import Summary
-from mcap.writer import MCAP0_MAGIC as MAGIC
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import (
     decompressors,
@@ -41,7 +40,7 @@ from rosbags.typesys.store import Typestore
 
 from ros2_ident.recording.content import Content, CONTROLLER_STATE, Sink
 from ros2_ident.recording.limits import limit, printable
-from ros2_ident.recording.storage import Budget, Damage, inflate, Losses, SUFFIXES
+from ros2_ident.recording.storage import Budget, Damage, inflate, Losses, MAGIC, SUFFIXES
 
 HEAD = struct.Struct('<BQ')
 FOOTER_SIZE = HEAD.size + 20 + len(MAGIC)

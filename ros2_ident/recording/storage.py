@@ -141,6 +141,8 @@ def inflate(method: str, packed: bytes, most: int) -> tuple[bytes, bool]:
 
 SUFFIXES = ('.mcap', '.db3', '.bag')
 NAME = 'metadata.yaml'
+# Beginning and end of an MCAP file.
+MAGIC = b'\x89MCAP0\r\n'
 # No recorder writes more.
 _LARGEST = 1 << 22
 _LOADER: type[yaml.SafeLoader] = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)

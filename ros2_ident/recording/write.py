@@ -1,28 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streams as a rosbag2 directory that `ros2 bag play` and Foxglove open; a file that grows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import contextlib
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
+import struct
 from typing import Any
+import zlib
 
 from mcap.data_stream import RecordBuilder
-from mcap.records import Channel, DataEnd, Footer, Header, Message, Schema
-import mcap.writer
-from mcap.writer import MCAP0_MAGIC as MAGIC
-import numpy as np
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
 )
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+import numpy as np
 from rosbags.typesys import TypesysError
+import yaml
+from zstandard import ZstdCompressor
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import Growing, remove_directory, replacing_directory
@@ -30,71 +37,21 @@ from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import Topics
 from ros2_ident.recording.content import JOINT_STATE
 from ros2_ident.recording.limits import size_text
-from ros2_ident.recording.storage import NAME, read_metadata
-from ros2_ident.recording.streams import FIELDS, Recording, Stream
+from ros2_ident.recording.storage import MAGIC, NAME, read_metadata
+from ros2_ident.recording.streams import FIELDS, IntArray, Recording, Stream
 
 # Latched, as the messages that are still of use to those who come later.
-_ZERO = QosTime(0, 0)
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    _ZERO,
-    _ZERO,
-    QosLiveliness.SYSTEM_DEFAULT,
-    _ZERO,
-    False,
-)
+_LATCHED = {
+    **{'history': 'keep_last', 'depth': 1, 'reliability': 'reliable'},
+    **{'durability': 'transient_local', 'liveliness': 'system_default'},
+    **{x: {'sec': 0, 'nsec': 0} for x in ('deadline', 'lifespan', 'liveliness_lease_duration')},
+    'avoid_ros_namespace_conventions': False,
+}
+# Bytes of a chunk, and what stands before the bytes of a message and before the times and places
+# of a channel's messages in it (mcap.dev/spec).
+_CHUNK, _MESSAGE, _INDEX = 1 << 20, struct.Struct('<BQHIQQ'), struct.Struct('<BQHI')
 # Key of a bag's mark in the custom data of its metadata.
 MARK = 'ros2_ident'
-
-
-class _McapStorage:
-    """File that rosbags' writer of bags writes to, by `mcap`'s writer."""
-
-    def __init__(self, path: Path, compression: CompressionMode) -> None:
-        self.path = path / f'{path.name}.mcap'
-        self._file = self.path.open('xb')
-        self._writer = mcap.writer.Writer(self._file, enable_data_crcs=True)
-        self._writer.start('ros2', 'ros2_ident')
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[int, int] = {}
-
-    def add_msgtype(self, connection: Connection) -> None:
-        """Describe a message type."""
-        text = connection.msgdef.data.encode()
-        kind = connection.msgtype
-        self._schemas[kind] = self._writer.register_schema(kind, 'ros2msg', text)
-
-    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
-        """Describe a topic."""
-        about = {'offered_qos_profiles': offered_qos_profiles}
-        about['topic_type_hash'] = connection.digest
-        schema = self._schemas[connection.msgtype]
-        self._channels[connection.id] = self._writer.register_channel(
-            connection.topic, 'cdr', schema, about
-        )
-
-    def write(self, connection: Connection, timestamp: int, data: Any) -> None:
-        """Write a message."""
-        self._writer.add_message(self._channels[connection.id], timestamp, data, timestamp)
-
-    def close(self, version: int, metadata: str) -> None:
-        """End the file."""
-        self._writer.add_metadata('rosbag2', {'serialized_metadata': metadata})
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        self._file.close()
-
-    def abort(self) -> None:
-        """Leave the file as it is."""
-        self._file.close()
-
-
-class BagWriter(Writer):
-    """rosbags' writer of bags with the storage above."""
-
-    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {StoragePlugin.MCAP: _McapStorage}
 
 
 @dataclass(frozen=True)
@@ -104,12 +61,16 @@ class Topic:
     Attributes:
         name: Its name.
         kind: Message type, as `std_msgs/msg/String`; one of ROS 2 Jazzy's own.
-        messages: Log time, ns, and CDR bytes of each, in order.
+        times: Log time of each message, ns.
+        messages: Their CDR bytes.
+        latched: Whether the last one is of use to those who come later.
     """
 
     name: str
     kind: str
-    messages: Sequence[tuple[int, bytes]]
+    times: Sequence[int] | IntArray
+    messages: Sequence[bytes]
+    latched: bool = True
 
 
 def write_bag(
@@ -145,40 +106,116 @@ def write_bag(
         raise IdentError(ErrorCode.INVALID_GOAL, text)
     require_room(path, mark)
     noted = {**(custom or {}), **({MARK: mark} if mark else {})}
+    topics = []
+    for name, x in by_topic.items():
+        messages = cdr.encode(x.stamp, x.names, [x.values(field) for field in FIELDS])
+        topics.append(Topic(name, JOINT_STATE, x.stamp, messages, latched=False))
     with replacing_directory(path, replace=bool(mark)) as new:
-        writer = BagWriter(new, version=9, storage_plugin=StoragePlugin.MCAP)
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        for key, value in sorted(noted.items()):
-            writer.set_custom_data(key, value)
-        _write(writer, by_topic, others)
+        new.mkdir()
+        _write(new, [*topics, *others], noted)
     return path
 
 
-def _write(writer: BagWriter, by_topic: Mapping[str, Stream], others: Sequence[Topic]) -> None:
-    """Write all messages in the order of their stamps."""
-    store = cdr.typestore()
-    with writer:
-        connections: list[Connection] = []
-        messages: list[list[bytes]] = []
-        for topic, stream in by_topic.items():
-            connections.append(writer.add_connection(topic, JOINT_STATE, typestore=store))
-            messages.append(
-                cdr.encode(stream.stamp, stream.names, [stream.values(x) for x in FIELDS])
-            )
-        stamps = [stream.stamp for stream in by_topic.values()]
-        for other in others:
-            connections.append(
-                writer.add_connection(
-                    other.name, other.kind, typestore=store, offered_qos_profiles=[_LATCHED]
-                )
-            )
-            messages.append([data for _, data in other.messages])
-            stamps.append(np.array([when for when, _ in other.messages], dtype=np.int64))
-        when = np.concatenate(stamps)
-        which = np.repeat(np.arange(len(messages)), [len(x) for x in messages])
-        row = np.concatenate([np.arange(len(x)) for x in messages])
-        for k in np.argsort(when, kind='stable').tolist():
-            writer.write(connections[which[k]], int(when[k]), messages[which[k]][row[k]])
+def _write(folder: Path, topics: Sequence[Topic], noted: Mapping[str, str]) -> None:
+    """Write all messages in the order of their log times."""
+    store, file = cdr.typestore(), f'{folder.name}.mcap'
+    kinds = list(dict.fromkeys(topic.kind for topic in topics))
+    texts = [store.generate_msgdef(kind, ros_version=2)[0].encode() for kind in kinds]
+    schemas = [Schema(n, texts[n - 1], 'ros2msg', kind) for n, kind in enumerate(kinds, 1)]
+    channels, stated = [], []
+    for number, topic in enumerate(topics, 1):
+        digest, qos = store.hash_rihs01(topic.kind), [_LATCHED] if topic.latched else []
+        about = {'offered_qos_profiles': yaml.safe_dump(qos).strip(), 'topic_type_hash': digest}
+        schema = kinds.index(topic.kind) + 1
+        channels.append(Channel(number, topic.name, 'cdr', about, schema))
+        told: dict[str, Any] = {'name': topic.name, 'type': topic.kind}
+        told |= {'serialization_format': 'cdr', 'type_description_hash': digest}
+        told |= {'offered_qos_profiles': qos}
+        stated.append({'topic_metadata': told, 'message_count': len(topic.messages)})
+    when = np.concatenate([np.asarray(topic.times, dtype=np.int64) for topic in topics])
+    first, last = int(when.min(initial=2**63 - 1)), int(when.max(initial=0))
+    span = {
+        'starting_time': {'nanoseconds_since_epoch': first},
+        'duration': {'nanoseconds': max(0, last - first)},
+        'message_count': when.size,
+    }
+    information = {
+        **{'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'rosbags'},
+        **{'compression_format': '', 'compression_mode': '', 'relative_file_paths': [file]},
+        **span, 'files': [{'path': file, **deepcopy(span)}], 'custom_data': dict(noted) or None,
+        'topics_with_message_count': stated,
+    }  # fmt: skip
+    with (folder / file).open('xb') as out:
+        for data in _mcap(topics, schemas, channels, when, yaml.safe_dump(information)):
+            out.write(data)
+    text = yaml.safe_dump({'rosbag2_bagfile_information': information})
+    (folder / NAME).write_text(text, encoding='utf-8')
+
+
+def _mcap(
+    topics: Sequence[Topic], schemas: Sequence[Schema], channels: Sequence[Channel],
+    when: IntArray, information: str,
+) -> Iterator[bytes]:  # fmt: skip
+    """Yield a file piece by piece, with all checksums and indexes."""
+    crc = at = 0
+
+    def of(data: bytes) -> bytes:
+        nonlocal crc, at
+        crc, at = zlib.crc32(data, crc), at + len(data)
+        return data
+
+    yield of(MAGIC + _bytes(Header('ros2', 'ros2_ident')))
+    messages = [data for topic in topics for data in topic.messages]
+    channel = np.repeat(np.arange(len(topics)) + 1, [len(topic.messages) for topic in topics])
+    order = np.argsort(when, kind='stable')
+    head, chunks = _bytes(*schemas, *channels), []
+    ends = np.cumsum([len(head), *(_MESSAGE.size + len(messages[k]) for k in order.tolist())])
+    for rows in np.split(order, np.flatnonzero(np.diff(ends[:-1] // _CHUNK)) + 1):
+        if not rows.size:
+            break
+        pieces, times = [head], when[rows]
+        of_rows = (x.tolist() for x in (rows, channel[rows], times))
+        for k, number, time in zip(*of_rows, strict=True):
+            size = _MESSAGE.size - 9 + len(messages[k])
+            pieces.append(_MESSAGE.pack(Opcode.MESSAGE, size, number, 0, time, time) + messages[k])
+        places = np.cumsum([len(x) for x in pieces])[:-1]
+        data, first, last = b''.join(pieces), int(times.min()), int(times.max())
+        packed, head, begin = ZstdCompressor().compress(data), b'', at
+        yield of(_bytes(Chunk('zstd', packed, last, first, zlib.crc32(data), len(data))))
+        found, middle = dict[int, int](), at
+        for number in np.unique(channel[rows]).tolist():
+            inside, found[number] = channel[rows] == number, at
+            pairs = np.stack([times[inside], places[inside]], axis=1).astype('<u8').tobytes()
+            index = _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(pairs), number, len(pairs))
+            yield of(index + pairs)
+        size, length = len(packed), middle - begin
+        chunks.append(
+            ChunkIndex(length, begin, 'zstd', size, last, at - middle, found, first, len(data))
+        )
+    begin = at
+    yield of(_bytes(Metadata('rosbag2', {'serialized_metadata': information.strip()})))
+    metadata = MetadataIndex(begin, at - begin, 'rosbag2')
+    yield of(_bytes(DataEnd(crc)))
+    counts = {n: len(topic.messages) for n, topic in enumerate(topics, 1) if topic.messages}
+    first, last = (int(when.min()), int(when.max())) if when.size else (0, 0)
+    statistics = Statistics(
+        0, len(channels), counts, len(chunks), when.size, last, first, 1, len(schemas)
+    )
+    summary, offsets, begin = b'', list[SummaryOffset](), at
+    for kind, group in (
+        (Opcode.SCHEMA, schemas),
+        (Opcode.CHANNEL, channels),
+        (Opcode.STATISTICS, [statistics]),
+        (Opcode.CHUNK_INDEX, chunks),
+        (Opcode.METADATA_INDEX, [metadata]),
+    ):
+        data = _bytes(*group)
+        offsets.append(SummaryOffset(kind, begin + len(summary), len(data)))
+        summary += data
+    middle = begin + len(summary)
+    summary += _bytes(*offsets)
+    crc = zlib.crc32(summary + _bytes(Footer(begin, middle, 0))[:-4])
+    yield summary + _bytes(Footer(begin, middle, crc)) + MAGIC
 
 
 def require_room(path: str | Path, mark: str = '') -> None:

@@ -98,7 +98,9 @@ def write_overlay(
         streams = {getattr(names, role): stream for role, stream in recording.streams.items()}
         streams |= {SIMULATED: extra['simulated'], RESIDUAL: extra['residual']}
         scene = scene_of(problem, theta, extra['residual'], number - 1)
-        others = [] if scene is None else [Topic(SCENE, MARKERS, scene_messages(scene))]
+        others = []
+        if scene is not None:
+            others.append(Topic(SCENE, MARKERS, scene.stamp, scene_messages(scene)))
         written.append(write_bag(_place(path, number), streams, mark=OVERLAY, others=others))
     return tuple(written)
 

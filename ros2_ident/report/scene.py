@@ -96,14 +96,14 @@ def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0)
     )
 
 
-def scene_messages(scene: Scene) -> list[tuple[int, bytes]]:
-    """Return the scene as serialised MarkerArray messages with their stamps, ns.
+def scene_messages(scene: Scene) -> list[bytes]:
+    """Return the scene as serialised MarkerArray messages, one an instant.
 
     The first message holds everything; later ones what moves, and from time to time all of it.
     """
     return [
-        (stamp, _serialised(_whole(scene, k) if k % REPEAT == 0 else _moving(scene, k)))
-        for k, stamp in enumerate(scene.stamp.tolist())
+        _serialised(_whole(scene, k) if k % REPEAT == 0 else _moving(scene, k))
+        for k in range(scene.stamp.size)
     ]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 import numpy as np
 import pytest
 from reader_cases import alike, equal, make_recording, ros_1_file
@@ -78,12 +79,20 @@ def test_the_same_streams_give_the_same_bytes(recording, bag, tmp_path):
 def test_other_tools_read_it(recording, bag):
     with Reader(bag) as reader:
         counts = {x.topic: x.msgcount for x in reader.connections}
+        assert 'builtin_interfaces/Time stamp' in reader.connections[0].msgdef.data
         data = next(data for c, _, data in reader.messages() if c.topic == '/joint_states')
     assert counts == {'/joint_states': 2000, '/effort': 2000, '/joint_command': 2000}
     first = STORE.deserialize_cdr(data, JOINT_STATE)
     assert first.name == list(recording.state.names)
     np.testing.assert_array_equal(first.velocity, recording.state.velocity[0])
     assert first.effort.size == 0
+    with (bag / 'log.mcap').open('rb') as file:
+        indexed = make_reader(file, validate_crcs=True)
+        messages = list(indexed.iter_messages(topics=['/effort']))
+        assert indexed.get_summary().statistics.message_count == 6000
+    assert [m.log_time for _, _, m in messages] == recording.effort.stamp.tolist()
+    (block,) = decode([m.data for _, _, m in messages])
+    np.testing.assert_array_equal(block.fields[2], recording.effort.effort)
 
 
 def test_streams_under_other_names(recording, tmp_path):
