@@ -62,9 +62,8 @@ def spectrum(row: Array, cycle: float) -> tuple[Array, Array, int]:
     even = np.where(np.isfinite(even), even, 0.0)
     rate = 1.0 / (stride * cycle)
     length = int(min(rate, even.size // _SEGMENTS))
-    frequency, power = scipy.signal.welch(
-        even, rate, nperseg=length, detrend=False, return_onesided=False
-    )
+    how = {'nperseg': length, 'detrend': False, 'return_onesided': False}
+    frequency, power = scipy.signal.welch(even, rate, **how)
     half, step = slice(length // 2 + 1), length - length // 2
     return np.abs(frequency[half]), rate * power[half], (even.size - length) // step + 1
 

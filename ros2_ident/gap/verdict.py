@@ -162,9 +162,8 @@ def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
     tried = found.rounds[0].fitted if found.rounds else ()
     alone = max((e.closes(base) for e in tried), default=0.0)
     nearest = closed if len(found.chain) > 1 else alone
-    named = t.escaped + (1.0 - t.escaped) * scipy.special.expit(
-        (nearest - rules.closed) / t.closed
-    )
+    closes = scipy.special.expit((nearest - rules.closed) / t.closed)
+    named = t.escaped + (1.0 - t.escaped) * closes
     # What is left may be immaterial however small the share that closes, and a limit that the
     # controllers' log shows is there however little of its course a constant one repeats.
     left = dict(zip(found.drives, np.maximum(final.gap, 0.0), strict=True))

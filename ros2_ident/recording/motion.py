@@ -178,9 +178,8 @@ def smooth_motion(
     smooth = low_pass(np.stack([fill_smoothly(row) for row in position]), cycle, cutoff)
     # time in cycles keeps the spline's knots well scaled
     time = np.arange(smooth.shape[1], dtype=np.float64)
-    spline = scipy.interpolate.make_interp_spline(
-        time, smooth, k=5 if time.size > 5 else 3, axis=1
-    )
+    degree = 5 if time.size > 5 else 3
+    spline = scipy.interpolate.make_interp_spline(time, smooth, k=degree, axis=1)
     if ahead:
         time += ahead
         smooth = np.ascontiguousarray(spline(time))
@@ -331,9 +330,8 @@ def standing(
             continue
         seen = row[there]
         window = 2 * math.ceil(0.5 / (cutoff * period)) + 1
-        apart = scipy.ndimage.maximum_filter1d(seen, window) - scipy.ndimage.minimum_filter1d(
-            seen, window
-        )
+        apart = scipy.ndimage.maximum_filter1d(seen, window)
+        apart = apart - scipy.ndimage.minimum_filter1d(seen, window)
         same = max(_step(seen), _SPREAD * _noise(seen), speed * (window - 1) * period)
         quiet = apart <= same * (1.0 + 1e-9)
         if not quiet.all():

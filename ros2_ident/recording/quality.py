@@ -78,9 +78,8 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
     others = motion.beside if alone else motion.beside[:0]
     near = 2 * round(_STOOD / motion.period) + 1
     # What starts or stops is slow as well, and loads the joint by its acceleration.
-    rest = scipy.ndimage.maximum_filter1d(
-        np.abs(np.gradient(others, motion.period, axis=1)), near, axis=1
-    )
+    change = np.abs(np.gradient(others, motion.period, axis=1))
+    rest = scipy.ndimage.maximum_filter1d(change, near, axis=1)
     there = moving & (rest < slow).all(axis=0) & np.isfinite(motion.effort)
     turns = np.count_nonzero(np.diff(np.sign(motion.velocity[moving])))
     # There and back once, direction is a function of time: what drifts looks like friction.
@@ -89,10 +88,8 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
     top = float(np.percentile(effort, 99))
     if effort.min() >= -_PASSES * top:
         # A weight keeps away from zero; the size of an effort falls to it when its sign changes.
-        falls = (
-            float(np.mean(effort[scipy.ndimage.maximum_filter1d(moving, near)] < _FALLS * top))
-            > _OFTEN
-        )
+        around = scipy.ndimage.maximum_filter1d(moving, near)
+        falls = float(np.mean(effort[around] < _FALLS * top)) > _OFTEN
         if falls or (abs(power) < certain and not alone):
             return 'unsigned'
         if power < -certain:

@@ -121,9 +121,7 @@ def _decimated(rows: Array, series: tuple[int, ...], factor: int) -> tuple[Array
     parts = []
     for part in np.split(rows, np.cumsum(series)[:-1]):
         long = factor > 1 and len(part) >= _SHORT * factor
-        parts.append(
-            scipy.signal.decimate(part, factor, axis=0, zero_phase=True) if long else part
-        )
+        parts.append(scipy.signal.decimate(part, factor, axis=0) if long else part)
     return np.concatenate(parts), tuple(len(part) for part in parts)
 
 
@@ -143,10 +141,8 @@ def _solved(
         triangle = np.asarray(np.linalg.qr(both, mode='r'))
         columns = np.concatenate([triangle[:, :-1], _STAYS * np.eye(len(scale))])
         wanted = np.concatenate([triangle[:, -1], np.zeros(len(scale))])
-        answer = scipy.optimize.lsq_linear(
-            columns, wanted, (lowest * scale, np.inf), method='bvls'
-        ).x
-        change = answer / scale
+        bounds = lowest * scale, np.inf
+        change = scipy.optimize.lsq_linear(columns, wanted, bounds, method='bvls').x / scale
         left = residual + slopes @ change
         parts = np.split(left, np.cumsum(lengths)[:-1])
         sizes = np.array([max(float(np.std(part)), 1e-300) for part in parts])

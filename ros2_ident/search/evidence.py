@@ -372,9 +372,8 @@ class _Sums:
     def draws(self, sizes: Array, drawn: Array) -> Array:
         """Return (N + C, M) deviations of the coefficients from standard normal numbers."""
         factor, scale = self._factor(sizes)
-        return np.asarray(
-            scale[:, None] * scipy.linalg.solve_triangular(factor, drawn, lower=True, trans='T')
-        )
+        found = scipy.linalg.solve_triangular(factor, drawn, lower=True, trans='T')
+        return np.asarray(scale[:, None] * found)
 
     def covariance(self, sizes: Array) -> Array:
         """Return (N + C, N + C) the covariance of the coefficients."""
@@ -391,9 +390,8 @@ class _Sums:
             return scipy.linalg.cholesky(precision, lower=True), scale
         except np.linalg.LinAlgError:
             # More columns than samples, and rounding took the prior from those that are alike.
-            return scipy.linalg.cholesky(
-                precision + _ROUNDED * np.eye(len(scale)), lower=True
-            ), scale
+            precision = precision + _ROUNDED * np.eye(len(scale))
+            return scipy.linalg.cholesky(precision, lower=True), scale
 
 
 def _of_one(square: Array, told: Array, precision: Array) -> Array:

@@ -87,9 +87,8 @@ class Band:
         """(O, K) rest; what is shorter than a period is a change of direction, which passes."""
         period = 2 * math.ceil(0.5 / (self.cutoff * self.cycle)) + 1
         beyond = np.pad(self.still, ((0, 0), (period, period)), constant_values=True)
-        return np.asarray(
-            scipy.ndimage.binary_opening(beyond, np.ones((1, period)))[:, period:-period]
-        )
+        lasting = scipy.ndimage.binary_opening(beyond, np.ones((1, period)))
+        return np.asarray(lasting[:, period:-period])
 
     def low(self, efforts: Array, cutoff: float = 0.0) -> Array:
         """Return efforts (..., O, K) below a frequency, the band's end where 0."""
