@@ -49,7 +49,8 @@ def forwards_and_backwards(sections: FloatArray, rows: FloatArray, reach: int) -
     known = rows.size > MANY or 'scipy.signal' in sys.modules
     run = scipy.signal.sosfilt if known else _filtered
     for _ in range(2):
-        flat[:] = [run(sections, row, zi=still * row[0])[0][::-1] for row in flat]
+        for row in flat:
+            row[:] = run(sections, row, zi=still * row[0])[0][::-1]
     return np.ascontiguousarray(out[..., reach : out.shape[-1] - reach])
 
 
