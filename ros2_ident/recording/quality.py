@@ -23,6 +23,7 @@ from ros2_ident.recording.motion import (
     Motion,
     motion_of,
 )
+from ros2_ident.recording.repeats import repeats
 from ros2_ident.recording.streams import FloatArray, Recording, Stream, with_positions
 
 # The sign of an effort: mean power where a drive passes the same positions both ways. There what
@@ -316,7 +317,9 @@ def _judge_drives(
             rest = motion.resting & np.isfinite(effort)
             at_rest = float(np.mean(effort[rest])) if rest.sum() >= _FEWEST else math.nan
         drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
-        said = about(name, _judged(drives[-1], motion, gravity, wanted is not None))
+        judged: list[Said] = [*_judged(drives[-1], motion, gravity, wanted is not None)]
+        judged += [('warn', code, text) for code, text in repeats(recording, name)]
+        said = about(name, judged)
         # An integrated speed says nothing of the speed.
         vacuous = name in integrated
         findings += [f for f in said if not (vacuous and f.code.startswith('velocity'))]
