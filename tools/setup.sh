@@ -182,7 +182,7 @@ if ! is install/.stamp "$build_stamp"; then
   export VIRTUAL_ENV=$root/.venv
   . tools/paths.sh
   # colcon runs under .venv's Python, so that is what the installed programs start with.
-  defines=(-DPython3_EXECUTABLE="$root/.venv/bin/python")
+  defines=(-DPython3_EXECUTABLE="$root/.venv/bin/python" -DBUILD_TESTING=OFF)
   [ "$mode" = sourced ] || defines+=(-DWITHOUT_CPP=ON) # nothing here is built against the wheels
   step 'The packages could not be built.' \
     env MAKEFLAGS="-j$(getconf _NPROCESSORS_ONLN)" \
