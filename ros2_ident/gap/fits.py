@@ -15,7 +15,7 @@ from ros2_ident.gap.recordings import JointModel, Split
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
-from ros2_ident.search.jacobian import Box
+from ros2_ident.search.jacobian import Box, mean_squares
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.least_squares import least_squares, Point, within_box
 
@@ -346,6 +346,5 @@ class Trials:
                 neutral[i] = p.neutral
         begin, end = np.concatenate([base.theta, neutral]), np.concatenate([theta, phi])
         points = np.clip(begin + _WAY[:, None] * (end - begin), joint.low, joint.high)
-        losses = np.mean(self.fits.evaluate(joint)(points) ** 2, axis=1)
-        best: Array = points[int(np.nanargmin(losses))]
+        best: Array = points[int(np.argmin(mean_squares(self.fits.evaluate(joint)(points))))]
         return best

@@ -26,6 +26,7 @@ from ros2_ident.models.protocol import complete, Model
 from ros2_ident.models.registry import compared_of, efforts_of
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.quality import standing
+from ros2_ident.search.jacobian import diverged
 
 
 class Problem(Layout):
@@ -188,14 +189,16 @@ class Problem(Layout):
         return np.array([values[p.name] for p in self.parameters])
 
     def cost_of(self, residual: Array) -> float:
-        """Return the cost that belongs to one residual vector (R,), `unit`."""
+        """Return the cost that belongs to one residual vector (R,), `unit`; inf if it diverged."""
+        if diverged(residual):
+            return math.inf
         parts = iter(np.split(residual, np.cumsum(self.series)[:-1]))
         total = 0.0
         for weight, model in zip(self._weights, self.models, strict=True):
             rows = [next(parts) for _ in model.outputs]
             errors = [float(np.sqrt(np.mean(row**2))) for row in rows if row.size]
             total += float(weight) * (sum(errors) / len(errors) if errors else 0.0)
-        return total if np.isfinite(total) else float('inf')
+        return total
 
     def parts(
         self, residual: Array, masks: Sequence[npt.NDArray[np.bool_]] | None = None

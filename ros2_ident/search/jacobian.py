@@ -30,6 +30,14 @@ def diverged(values: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(~(np.abs(values) < DIVERGED).all(axis=-1))
 
 
+def mean_squares(rows: Array) -> Array:
+    """Return the mean square of each residual vector (S, R); inf where it diverged."""
+    there = ~diverged(rows)
+    out = np.full(len(rows), np.inf)
+    out[there] = np.mean(rows[there] ** 2, axis=1)
+    return out
+
+
 @dataclass(frozen=True)
 class Box:
     """The box of the search.

@@ -15,7 +15,14 @@ import numpy as np
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.search.jacobian import Box, COARSE_STEP, diverged, finite_differences, Residuals
+from ros2_ident.search.jacobian import (
+    Box,
+    COARSE_STEP,
+    diverged,
+    finite_differences,
+    mean_squares,
+    Residuals,
+)
 
 # A step of Gauss and Newton is taken where it gains this share of what a linear model would.
 _AS_FORESEEN = 0.5
@@ -66,7 +73,7 @@ class Point:
     @cached_property
     def loss(self) -> float:
         """Mean square of the residual, inf where it diverged."""
-        return math.inf if diverged(self.residual) else float(np.mean(self.residual**2))
+        return float(mean_squares(self.residual[None])[0])
 
     @cached_property
     def jacobian(self) -> Array:
