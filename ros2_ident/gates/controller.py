@@ -196,6 +196,13 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
         f'{"late" if by > 0.0 else "early"} against those of the others: so shifted, the control '
         'law explains the effort; stamp all topics with one clock where they are sampled'
     )
+    if cause == 'command early':
+        # Position and effort belong together: nothing has to be wrong with the stamps.
+        text = (
+            f'{law.drive}: the controller takes its set-point {round(-1e3 * by, 1):g} ms late, as '
+            'behind a filter or a network, or the stamps of the command are early; log the '
+            'set-point that it takes, or leave the command out: `--command-topic none`'
+        )
     # Two cycles are lost where a set-point is differentiated, or a cycle is stated wrongly.
     apart = abs(by) >= 2.0 * machine.number('cycle')
     level: Level = 'fail' if apart else 'warn'

@@ -153,7 +153,7 @@ def test_a_sound_log_contradicts_nothing(kind):
             "drive_1 follows drive_2's",
         ),
         ('tripod', later('state', 0.05), 'offset', 'drive_1', r'position are 50[.\d]* ms late'),
-        ('tripod', later('command', -0.3), 'offset', 'drive_1', r'command are 300[.\d]* ms early'),
+        ('tripod', later('command', -0.3), 'offset', 'drive_1', r'set-point 300[.\d]* ms late'),
         ('axis', later('command', 0.01), 'offset', 'emps_axis', r'command are 10[.\d]* ms late'),
         ('axis', later('effort', 0.3), 'offset', 'emps_axis', r'effort are 300[.\d]* ms late'),
     ],
