@@ -105,7 +105,7 @@ def judged_tree(
     """
     root = _tree(text, named)
     problem = None
-    if not shapes and root.tag == 'mujoco':
+    if not shapes and root.tag != 'robot':
         problem = next(_of_shapes(root), None)
         _leave_out_shapes(root)
     problem = problem or next(_problems(root, shapes), None)

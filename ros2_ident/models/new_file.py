@@ -241,7 +241,7 @@ def _boxes(kind: Kind, description: str) -> dict[str, str]:
     and actuators state lies in the box, with room above.
     """
     root = judged_tree(description)
-    if root.tag == 'mujoco':
+    if root.tag != 'robot':
         keys = {key.name: key for key in kind.keys if key.section == 'parameters'}
         most: dict[str, float] = {}
         for name, tag, attribute, column in _STATED:
