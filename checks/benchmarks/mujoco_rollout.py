@@ -12,8 +12,6 @@ import argparse
 from pathlib import Path
 import tempfile
 
-import mujoco
-import mujoco.rollout
 import numpy as np
 import yaml
 
@@ -46,6 +44,10 @@ def written_machine(mjcf, drives, cycle, boxes, **more):
 
 def main():
     """Print steps a second of both, and their quotient."""
+    # What only takes a machine from here needs no MuJoCo.
+    import mujoco
+    import mujoco.rollout
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('mjcf', type=Path)
     parser.add_argument('--seconds', type=float, default=10.0)
