@@ -77,7 +77,8 @@ def _log(args: argparse.Namespace) -> 'Recording':
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
     if path.suffix.lower() in SUFFIXES and path.is_file() and not (args.columns or where.exists()):
-        args.travel = args.travel or _draft(path, where, args.column)
+        read = _draft(path, where, args.column)
+        args.travel = args.travel or read
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
         raise IdentError(

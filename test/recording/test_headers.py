@@ -152,3 +152,11 @@ def test_a_joint_under_gravity_is_found_and_gets_a_kind_that_has_it(tmp_path):
     moment = math.hypot(values['link_moment_x'], values['link_moment_y'])
     assert moment * 9.81 == pytest.approx(3.0, rel=0.01)
     assert values['drive_inertia'] == pytest.approx(0.05, rel=0.02)
+
+
+def test_a_header_without_a_unit_takes_it_from_the_option(tmp_path):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows(log, 'time,position,force', '{t},{a},{b}')
+    words = ['new-machine', '--kind', 'linear_axis', '--travel', 'm']
+    assert main([*words, '--bag', str(log), '--out', str(out)]) == 0
+    assert ', kg]' in out.read_text()
