@@ -95,7 +95,7 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
     from ros2_ident.identify.data import read_data
     from ros2_ident.identify.problem import at_rest
     from ros2_ident.models import make_model
-    from ros2_ident.models.registry import efforts_of, follows, kind_of
+    from ros2_ident.models.registry import follows, kind_of, scales_of
 
     machine = machine_behind(args, estimate)
     drives = estimate.drives or None
@@ -109,7 +109,7 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
     if not pushed and any(d.command_position is None for d in data):
         quantities = None
     make = partial(
-        make_model, machine, drives=drives, efforts=efforts_of(machine, data),
+        make_model, machine, drives=drives, scales=scales_of(machine, data),
         fixed=estimate.fixed, quantities=quantities,
     )  # fmt: skip
     effects = estimate.effects([p.name for p in make(data[0]).parameters])

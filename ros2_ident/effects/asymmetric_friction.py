@@ -31,8 +31,8 @@ EFFECT = Effect(
         EffectParameter(
             'viscous',
             'effort s/m',
-            -5.0,
-            5.0,
+            -0.5,
+            0.5,
             0.0,
             symbol='V_a',
             meaning='half the difference in viscous friction',

@@ -22,7 +22,7 @@ EFFECT = Effect(
     source='Nordin and Gutman, Automatica 38(10), 2002',
     parameters=(
         EffectParameter(
-            'gap', 'm', 0.0, 2e-3, 0.0, starts=(1e-4, 5e-4), symbol='b', meaning='whole play'
+            'gap', 'm', 0.0, 0.05, 0.0, starts=(7e-4, 3e-3, 0.02), symbol='b', meaning='whole play'
         ),
     ),
     hook=Hook.DEFLECTION,

@@ -135,12 +135,11 @@ class EffectParameter:
 
     Attributes:
         name: Short name, unique within the effect.
-        unit: SI unit as text; one that begins with `effort` (N m or N, whichever the machine logs)
-            has numbers as shares of the size of the drive's logged effort (what one sample in a
-            thousand exceeds), one with `force` of that effort at the load (N, or N m of a joint),
-            `effort s^2/m^2` of that effort at the speed that the drive reaches, `1/(effort)` as
-            shares of its inverse, and `1/W` as shares of the inverse of its power
-            at 1 m/s. Of a joint that turns, m means 20 rad, see `machine.units`.
+        unit: SI unit as text, of a carriage. Its numbers are shares of what the drive does in
+            the log, see `models.protocol.Scales`: `effort` (N m or N, whichever the machine logs)
+            of the size of the logged effort, `force` of that effort at the load (N, or N m of a
+            joint), m of the stroke, m/s of the highest speed, W of force times speed. What is of
+            the machine and not of a drive (see `kernel.rows`) is in SI units.
         low: Lower bound of the search, physical sign included.
         high: Upper bound of the search.
         neutral: Value at which the effect vanishes, or that means nothing while another parameter
@@ -148,8 +147,8 @@ class EffectParameter:
         starts: Values to start a local search from, where one start would be caught in a local
             minimum.
         role: `size` switches the effect off at its neutral value; `shape` only shapes it;
-            `position` and `time` are
-            shapes whose starts follow the log: places the drive visits, instants of the log.
+            `position` and `time` are shapes whose starts follow the log: places the drive visits,
+            its numbers being strokes from the lowest one, and instants of the log.
         target: The kernel's row (see `kernel.rows`) it acts on; empty where the effect's kernel
             does.
         how: With a target: whether it is added to the row, multiplied with it, or replaces it.
@@ -190,10 +189,10 @@ def pressing(unit: str, high: float, sign: str) -> tuple[EffectParameter, ...]:
     )
 
 
-def fading(starts: tuple[float, ...] = (0.01, 0.03, 0.1)) -> EffectParameter:
+def fading(starts: tuple[float, ...] = (0.01, 0.03, 0.1, 0.3)) -> EffectParameter:
     """Return the speed over which friction fades, of Stribeck."""
     return EffectParameter(
-        'velocity', 'm/s', 0.005, 0.2, 0.03, starts, 'shape', symbol='v_S',
+        'velocity', 'm/s', 0.005, 1.0, 0.03, starts, 'shape', symbol='v_S',
         meaning='speed over which it fades',
     )  # fmt: skip
 

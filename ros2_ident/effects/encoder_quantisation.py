@@ -21,7 +21,7 @@ EFFECT = Effect(
     source='least significant bit of an encoder',
     parameters=(
         EffectParameter(
-            'step', 'm', 0.0, 5e-4, 0.0, starts=(2e-5, 1e-4), meaning='step of the encoder'
+            'step', 'm', 0.0, 0.01, 0.0, starts=(1e-4, 7e-4, 3e-3), meaning='step of the encoder'
         ),
     ),
     hook=Hook.READING,

@@ -19,7 +19,7 @@ EFFECT = Effect(
     equation='Coulomb torque times 1 + a (z - z_0) added',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
-        EffectParameter('slope', '1/m', -10.0, 10.0, 0.0, symbol='a', meaning='change per length'),
+        EffectParameter('slope', '1/m', -2.0, 2.0, 0.0, symbol='a', meaning='change per length'),
         along_rail('middle', 'z_0', 'position without change'),
     ),
     hook=Hook.FRICTION,

@@ -19,7 +19,7 @@ EFFECT = Effect(
     equation='c_G (1 + a (s - s_0))',
     source='Ludwig and Gerstmayr 2011, eq. 11; belt length changes with position',
     parameters=(
-        EffectParameter('slope', '1/m', -3.0, 3.0, 0.0, symbol='a', meaning='change per length'),
+        EffectParameter('slope', '1/m', -0.5, 0.5, 0.0, symbol='a', meaning='change per length'),
         along_rail('middle', 's_0', 'position without change'),
     ),
     hook=Hook.STIFFNESS,

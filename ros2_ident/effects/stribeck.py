@@ -23,7 +23,7 @@ EFFECT = Effect(
         EffectParameter(
             'torque', 'effort', 0.0, 0.25, 0.0, symbol='M_S', meaning='friction added at rest'
         ),
-        fading((0.01, 0.03, 0.08)),
+        fading(),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,

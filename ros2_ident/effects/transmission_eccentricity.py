@@ -21,8 +21,8 @@ EFFECT = Effect(
     equation='e = A sin(gear z) + B cos(gear z) added to the gear deflection; lever 1 + de/dz',
     source='Tuttle and Seering, IEEE T-RA 12(3), 1996',
     parameters=(
-        EffectParameter('sine', 'm', -2e-3, 2e-3, 0.0, symbol='A', meaning='sine part'),
-        EffectParameter('cosine', 'm', -2e-3, 2e-3, 0.0, symbol='B', meaning='cosine part'),
+        EffectParameter('sine', 'm', -0.02, 0.02, 0.0, symbol='A', meaning='sine part'),
+        EffectParameter('cosine', 'm', -0.02, 0.02, 0.0, symbol='B', meaning='cosine part'),
     ),
     hook=Hook.DEFLECTION,
     kernel=_kernel,

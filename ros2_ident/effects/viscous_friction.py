@@ -10,7 +10,7 @@ EFFECT = Effect(
     equation='M_V v',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
-        EffectParameter('torque', 'effort s/m', 0.0, 10.0, 0.0, target='viscous', symbol='M_V'),
+        EffectParameter('torque', 'effort s/m', 0.0, 1.0, 0.0, target='viscous', symbol='M_V'),
     ),
     family='speed-dependent friction',
     confusable=(

@@ -19,7 +19,7 @@ from ros2_ident.identify.layout import Conditions, held_of, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
 from ros2_ident.models.protocol import RecordedMotion
-from ros2_ident.models.registry import efforts_of
+from ros2_ident.models.registry import scales_of
 from ros2_ident.recording import Dataset
 
 Mask = npt.NDArray[np.bool_]
@@ -57,9 +57,9 @@ def recordings_of(
     Raises:
         IdentError: As `make_model`; INVALID_GOAL where a kind compares more than one quantity.
     """
-    efforts = efforts_of(machine, [*data, *beside])
+    scales = scales_of(machine, [*data, *beside])
     quantities = None if output is None else (output,)
-    make = partial(make_model, machine, drives=drives, efforts=efforts, quantities=quantities)
+    make = partial(make_model, machine, drives=drives, scales=scales, quantities=quantities)
     if fixed and data:
         fixed = held_of(machine, make(data[0]), chosen_drives(machine, drives), fixed)
     models = [make(d, fixed=fixed) for d in data]

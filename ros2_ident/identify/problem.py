@@ -23,7 +23,7 @@ from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, make_model
 from ros2_ident.models.protocol import complete, Model
-from ros2_ident.models.registry import compared_of, efforts_of
+from ros2_ident.models.registry import compared_of, scales_of
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.quality import standing
 from ros2_ident.search.jacobian import diverged
@@ -281,10 +281,10 @@ class Setup:
         drives = chosen_drives(machine, self.drives)
         _check_names(machine, self.data, 'effort' in self.outputs)
         weights = self._weights()
-        efforts = efforts_of(machine, datasets)
+        scales = scales_of(machine, datasets)
         make = partial(
             make_model, machine, drives=drives, effects=self.effects, cutoff=self.cutoff,
-            efforts=efforts, quantities=tuple(self.outputs), weights=weights,
+            scales=scales, quantities=tuple(self.outputs), weights=weights,
         )  # fmt: skip
         given = self.fixed or {}
         somewhere = {name: value for name, value in given.items() if '@' in name}

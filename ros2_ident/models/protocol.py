@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import functools
 import math
-from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
+from typing import Any, NamedTuple, Protocol, runtime_checkable, TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -432,40 +432,51 @@ def recorded_motion(data: Dataset, drives: Sequence[str]) -> RecordedMotion:
     return RecordedMotion(np.concatenate([*positions, *velocities]), hold)
 
 
-def effort_range(machine: Machine, data: Sequence[Dataset]) -> Array:
-    """Return the size of each drive's logged effort that one sample in a thousand exceeds.
+class Scales(NamedTuple):
+    """Sizes of what a machine's drives do in its logs: numbers of effects are shares of them.
 
-    What acts on a drive in a closed loop has to be paid by its motor, so it shows in the log. A
-    limit that the machine file states says less: drives seldom come near theirs, and a file may
-    leave it out.
+    So a law is looked for in the same place whatever the units are. What acts on a drive in a
+    closed loop has to be paid by its motor, so it shows in the log. A limit that the machine file
+    states says less: drives seldom come near theirs, and a file may leave it out.
 
-    Args:
-        machine: The machine.
-        data: Its recordings; the largest of them counts.
-
-    Returns:
-        (D,) efforts [model's unit], at least the noise; a hundred times it for a drive that no
-        recording shows.
+    Attributes:
+        effort: (D,) size of the logged effort that one sample in a thousand exceeds [model's
+            unit], at least the noise; a hundred times it for a drive that no recording shows.
+        speed: (D,) highest speed over 50 ms [m/s or rad/s]; 1 at rest.
+        stroke: (D,) way between the outermost positions [m or rad]; 1 at rest.
+        lowest: (D,) the lower one of these [m or rad].
     """
-    out = np.full(len(machine.drives), 100.0 * machine.effort_noise)
+
+    effort: Array
+    speed: Array
+    stroke: Array
+    lowest: Array
+
+
+def scales_of(machine: Machine, data: Sequence[Dataset]) -> Scales:
+    """Return what the drives of a machine do in its recordings; the largest of them count."""
+    count = len(machine.drives)
+    effort, speed = np.full(count, 100.0 * machine.effort_noise), np.zeros(count)
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    for one in data:
+        moved = one.command_position if one.position is None else one.position
+        span = max(1, round(_SPAN / one.cycle))
+        for d, name in enumerate(machine.drives):
+            row = one.names.index(name)
+            if moved is not None and np.isfinite(moved[row]).any():
+                way = fill_gaps(moved[row])
+                fast = np.abs(way[span:] - way[:-span]).max(initial=0.0) / (span * one.cycle)
+                speed[d] = max(speed[d], fast)
+                low[d], high[d] = min(low[d], way.min()), max(high[d], way.max())
     for d, name in enumerate(machine.drives):
         rows = [one.effort[one.names.index(name)] for one in data if one.effort is not None]
         seen = [np.abs(row[np.isfinite(row)]) for row in rows if np.isfinite(row).any()]
         if seen:
             largest = max(float(np.quantile(size, _QUANTILE)) for size in seen)
-            out[d] = max(largest, machine.effort_noise, 1e-12)
-    return out
-
-
-def top_speeds(machine: Machine, data: Dataset) -> Array:
-    """Return (D,) the speeds that drives reach in a log, over 50 ms [m/s or rad/s]; 1 at rest."""
-    moved = data.command_position if data.position is None else data.position
-    out = np.ones(len(machine.drives))
-    span = max(1, round(_SPAN / data.cycle))
-    for d, name in enumerate(machine.drives if moved is not None else ()):
-        assert moved is not None
-        row = moved[data.names.index(name)]
-        if np.isfinite(row).any():
-            way = fill_gaps(row)
-            out[d] = np.abs(way[span:] - way[:-span]).max(initial=0.0) / (span * data.cycle)
-    return np.where(out > 0.0, out, 1.0)
+            effort[d] = max(largest, machine.effort_noise, 1e-12)
+    return Scales(
+        effort,
+        np.where(speed > 0.0, speed, 1.0),
+        np.where(high > low, high - low, 1.0),
+        np.where(high >= low, low, 0.0),
+    )

@@ -24,7 +24,7 @@ from ros2_ident.models.kinds import OWN
 if TYPE_CHECKING:
     from ros2_ident.arrays import Array
     from ros2_ident.models.drives.model import DriveModel
-    from ros2_ident.models.protocol import FullModel
+    from ros2_ident.models.protocol import FullModel, Scales
     from ros2_ident.recording import Dataset
 
 ENTRY_POINTS = 'ros2_ident.machines'
@@ -184,12 +184,12 @@ def compared_of(machine: Machine) -> tuple[str, ...]:
     return kind_of(machine).compares
 
 
-def efforts_of(machine: Machine, data: 'Sequence[Dataset]') -> 'Array':
-    """Return (D,) the size of the drives' efforts, see `protocol.effort_range`."""
-    from ros2_ident.models.protocol import effort_range
+def scales_of(machine: Machine, data: 'Sequence[Dataset]') -> 'Scales':
+    """Return what the drives do in recordings, see `protocol.Scales`."""
+    from ros2_ident.models.protocol import scales_of
 
-    stated = kind_of(machine).efforts
-    return effort_range(machine, data) if stated is None else stated(machine)
+    scales, stated = scales_of(machine, data), kind_of(machine).efforts
+    return scales if stated is None else scales._replace(effort=stated(machine))
 
 
 def make_model(

@@ -37,7 +37,9 @@ def shape_values(
     """Return the values of a shape parameter to start from, in its own unit."""
     if parameter.role == 'order':
         # With fewer periods it is a spring or a constant force.
-        turns = (model.motor_turn(where) or 1.0) * _stroke(model, where) / (2.0 * np.pi)
+        # A joint that turns does so with its motor where nothing else is stated.
+        turn = model.motor_turn(where) or float(model.travel[0] == 'rad')
+        turns = turn * _stroke(model, where) / (2.0 * np.pi)
         return (*(n for n in parameter.starts if n * turns >= _PERIODS), *orders)
     if parameter.role == 'position':
         data = model.data

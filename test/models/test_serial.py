@@ -345,8 +345,8 @@ def test_an_effect_at_a_joint_is_what_it_is_at_an_axis(effect: str, monkeypatch)
     # An axis's controller holds its effort for a cycle.
     monkeypatch.setattr(Serial, '_ahead', 0.5)
     there = [EffectAt(effect, 'joint_0')]
-    efforts = np.array([40.0])
-    models = [make_model(m, moving(m), effects=there, efforts=efforts) for m in (slide(), axis())]
+    scales = make_model(axis(), moving(axis())).scales._replace(effort=np.array([40.0]))
+    models = [make_model(m, moving(m), effects=there, scales=scales) for m in (slide(), axis())]
     theta = [sized(model) for model in models]
     by_name = [
         {p.name.rpartition('.')[2]: t for p, t in zip(m.parameters, x, strict=True)}

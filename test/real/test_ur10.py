@@ -40,8 +40,8 @@ def left(halves: tuple[Dataset, Dataset], *effects: EffectAt, **fixed: float) ->
     first, second = halves
     settings = IdentifySettings(method='algebraic')
     found = identify(MACHINE, first, effects=effects, fixed=fixed, settings=settings)
-    efforts = make_model(MACHINE, first).efforts
-    model = make_model(MACHINE, second, effects=effects, fixed=fixed, efforts=efforts)
+    scales = make_model(MACHINE, first).scales
+    model = make_model(MACHINE, second, effects=effects, fixed=fixed, scales=scales)
     counts = np.isfinite(model.measured).sum(axis=1)
     errors = np.split(model.residuals(found.theta)[0], np.cumsum(counts)[:-1])
     return 100.0 * np.array([x.std() for x in errors]) / np.nanstd(model.measured, axis=1)

@@ -20,9 +20,9 @@ from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.protocol import recorded_motion, RecordedMotion
 
-# Steps looked for, m (see `FullModel.travel` for joints that turn); a smaller one drowns in the
-# resolution of the log's own position.
-SMALLEST, LARGEST = 4e-6, 1.5e-4
+# Steps over the way that are looked for: fewer may be what a gear or a motor repeats, and smaller
+# ones drown in the resolution of the log's own position. By hand.
+FEWEST, MOST = 200, 40_000
 # Power of a line, in units of its mean, that chance does not reach among all of them.
 CLEAR = 45.0
 # The same among the few lines of one period, so many to either side of it.
@@ -33,8 +33,8 @@ _SLOW = 0.05
 _STANDS, _ASIDE = 2.5, 100
 # Share of its power in the line half as far on, from which on the clearest line is a second one.
 _HALVED = 0.25
-# The way falls into so many bins for each of the smallest steps, but into no more than this.
-_FINE, _MOST_BINS = 7.0, 2**19
+# The way falls into so many bins, 6.5 for each of the smallest steps.
+_BINS = 2**18
 # Cycles between the position that a controller read and the one logged beside its effort; what the
 # steps do to the nominal fit bends the delay that it finds.
 _LAGS = np.arange(-2.5, 2.5, 0.25)
@@ -72,10 +72,10 @@ def find_encoder_steps(split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
         theta: (N,) the nominal fit.
     """
     found = []
-    unit, per_metre = split.fit.models[0].travel
+    unit, _ = split.fit.models[0].travel
     for drive in split.drives:
         for one, other in ((split.fit, split.check), (split.check, split.fit)):
-            step, error = _step_in(_missed(one, theta, drive), per_metre)
+            step, error = _step_in(_missed(one, theta, drive))
             # A line that chance or another cause makes is not there again at the same period.
             again = (_power_at(step, *way) >= _AGAIN for way in _missed(other, theta, drive))
             if step and any(again):
@@ -103,16 +103,9 @@ def made_by_steps(encoders: Sequence[EncoderSteps], split: Split, theta: Array) 
     return out
 
 
-def _step_in(
-    missed: Iterable[tuple[Array, Array, Array]], per_metre: float
-) -> tuple[float, float]:
+def _step_in(missed: Iterable[tuple[Array, Array, Array]]) -> tuple[float, float]:
     """Return the step of the clearest line and its error; 0 where none stands clear of all."""
-    least = 3.0 * SMALLEST * per_metre
-    lines = (
-        (*_clearest(*way, per_metre), span)
-        for way in missed
-        if (span := float(np.ptp(way[0]))) >= least
-    )
+    lines = ((*_clearest(*way), span) for way in missed if (span := float(np.ptp(way[0]))) > 0.0)
     step, power, stands, span = max(lines, key=lambda x: (x[2], x[1]), default=(0.0, 0.0, 0, 1.0))
     return (step, step**2 / span) if stands and power >= CLEAR else (0.0, 0.0)
 
@@ -173,18 +166,14 @@ def _logged(model: FullModel, drives: Sequence[str]) -> RecordedMotion | None:
     return recorded_motion(data, drives) if known else None
 
 
-def _clearest(
-    position: Array, velocity: Array, fast: Array, per_metre: float
-) -> tuple[float, float, bool]:
+def _clearest(position: Array, velocity: Array, fast: Array) -> tuple[float, float, bool]:
     """Return the step of the clearest line, its power, and whether no other is nearly as clear."""
     span = float(np.ptp(position))
     # The step itself, and its difference from cycle to cycle, which turns with the direction.
-    bins = scipy.fft.next_fast_len(int(_FINE * span / (SMALLEST * per_metre)), True)
-    bins = min(bins, _MOST_BINS)
-    lines = [_lines(position, x, bins) for x in (fast, fast * np.sign(velocity))]
+    lines = [_lines(position, x, _BINS) for x in (fast, fast * np.sign(velocity))]
     power = np.maximum(*lines)
     order = 0.5 * np.arange(power.size)
-    inside = (order > span / (LARGEST * per_metre)) & (order < span / (SMALLEST * per_metre))
+    inside = (order > FEWEST) & (order < MOST)
     best = int(np.argmax(np.where(inside, power, 0.0)))
     # A sharp step has multiples of its line; the first of them is the step's own.
     for part in (4, 3, 2):

@@ -14,8 +14,8 @@ from ros2_ident.effects import Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Kind, Machine, Parameter
-from ros2_ident.machine.units import angular, angular_factor, per_metre
-from ros2_ident.models.protocol import EffectAt
+from ros2_ident.machine.units import angular
+from ros2_ident.models.protocol import EffectAt, Scales
 
 # What a share of an unstated limit refers to, in sizes of the logged effort.
 UNLIMITED = 2.0
@@ -103,8 +103,7 @@ class Candidates:
         fixed: Values of parameters that are not to be identified, by name.
         base: (R,) rows of what the machine file knows, the rest neutral.
         rigid: Whether nominally motor and carriage move as one mass.
-        efforts: (D,) size of the drives' logged efforts, see `effort_range`.
-        speeds: (D,) speeds that the drives reach, see `top_speeds`.
+        scales: Of which numbers of effects are shares.
         travels: (D,) unit of the drives' positions, `m` or `rad`.
         own: Parameters that fill no row here but something of the model's own, by their name in
             the machine file.
@@ -125,8 +124,7 @@ class Candidates:
     fixed: Mapping[str, float]
     base: Array
     rigid: bool
-    efforts: Array
-    speeds: Array
+    scales: Scales
     travels: tuple[str, ...]
     own: Mapping[str, Sequence[Parameter]]
 
@@ -242,39 +240,33 @@ class Candidates:
     def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
         """Return an effect's parameters with the numbers they have at a place, in their units."""
         places = self._places(at)
-        effort, speed = float(self.efforts[places].max()), float(self.speeds[places].max())
-        force = float((self.efforts * self.machine.numbers('gear_factor'))[places].max())
-        travel = self.travels[places[0]]
-        turns = travel == 'rad'
+        most = Scales(*(each[places] for each in self.scales))
+        effort, speed, stroke = (float(each.max()) for each in most[:3])
+        force = float((self.scales.effort * self.machine.numbers('gear_factor'))[places].max())
+        factors = {
+            'effort': effort, 'force': force, '1/(effort)': 1.0 / effort,
+            'm': stroke, '1/m': 1.0 / stroke, 'force/m': force / stroke,
+            'm/s': speed, 'effort s/m': effort / speed, 'effort s^2/m^2': effort / speed**2,
+            '1/W': 1.0 / (force * speed),
+        }  # fmt: skip
+        turns = self.travels[places[0]] == 'rad'
         out = []
         for p in get_effect(at.effect).parameters:
             # What belongs to the machine is no angle, however its drives turn.
             own = p.target in rows.MACHINE_ROWS
-            factor = 1.0 if own else self._factor(p.unit, effort, force, speed, travel)
+            factor = 1.0 if own else factors.get(p.unit, 1.0)
+            first = float(most.lowest.min()) if p.role == 'position' else 0.0
             out.append(
                 replace(
                     p,
                     unit=angular(p.unit) if turns and not own else p.unit,
-                    low=p.low * factor,
-                    high=p.high * factor,
-                    neutral=p.neutral * factor,
-                    starts=tuple(start * factor for start in p.starts),
+                    low=first + p.low * factor,
+                    high=first + p.high * factor,
+                    neutral=first + p.neutral * factor,
+                    starts=tuple(first + start * factor for start in p.starts),
                 )
             )
         return tuple(out)
-
-    @staticmethod
-    def _factor(unit: str, effort: float, force: float, speed: float, travel: str) -> float:
-        """Return the factor on the numbers of an effect's parameter, see `EffectParameter`."""
-        if unit == '1/(effort)':
-            return 1.0 / effort
-        if unit == '1/W':
-            return 1.0 / (force * per_metre(travel))
-        if unit == 'effort s^2/m^2':
-            return effort / speed**2
-        factor = angular_factor(unit) if travel == 'rad' else 1.0
-        sizes = {'effort': effort, 'force': force}
-        return factor * next((v for name, v in sizes.items() if unit.startswith(name)), 1.0)
 
     def full_effort(self, drive: int) -> float:
         """Return the effort that a share of a drive's limit refers to.
@@ -282,7 +274,7 @@ class Candidates:
         That is the limit, or, where none is stated, more than the drive was ever seen to make.
         """
         limit = float(self.machine.numbers('torque_limit')[drive])
-        return limit if math.isfinite(limit) else UNLIMITED * float(self.efforts[drive])
+        return limit if math.isfinite(limit) else UNLIMITED * float(self.scales.effort[drive])
 
     # ------------------------------------------------------------------ rows
 
@@ -424,7 +416,7 @@ class Candidates:
             here = self._at(row, d)
             if d is not None and how == 'scale' and target == 'torque_limit':
                 # An unstated limit is none, but a share of it is one.
-                here[np.isinf(here) & (value < 1.0)] = UNLIMITED * self.efforts[d]
+                here[np.isinf(here) & (value < 1.0)] = UNLIMITED * self.scales.effort[d]
             if how == 'scale':
                 here *= value
             elif how == 'set':

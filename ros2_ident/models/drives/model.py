@@ -27,11 +27,10 @@ from ros2_ident.models.drives.candidates import Candidates, SLOTS
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel, Outputs
 from ros2_ident.models.protocol import (
     EffectAt,
-    effort_range,
     Output,
     recorded_motion,
     RecordedMotion,
-    top_speeds,
+    scales_of,
 )
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import (
@@ -114,8 +113,7 @@ class DriveModel(MachineModel):
         self._compared: npt.NDArray[np.bool_] | None = None
         self.held = held
         self.law = np.array([_LAWS[law] for law in machine.texts('law')], dtype=np.int64)
-        efforts = self._asked_efforts
-        self.efforts = self._own_efforts() if efforts is None else efforts
+        self.scales = self._asked_scales or scales_of(machine, [data])
         self.candidates = self._candidates()
         self._check_outputs()
         self._command, self._motion, self._mode = self._inputs()
@@ -123,15 +121,6 @@ class DriveModel(MachineModel):
             self.noise *= self._band.passes
 
     # ------------------------------------------------------------------ declaration
-
-    def _own_efforts(self) -> Array:
-        """Return (D,) the size of the drives' efforts by this recording alone."""
-        return effort_range(self.machine, [self.data])
-
-    @functools.cached_property
-    def _speeds(self) -> Array:
-        """(D,) speeds that the drives reach, see `top_speeds`."""
-        return top_speeds(self.machine, self.data)
 
     def _candidates(self) -> Candidates:
         return Candidates(
@@ -141,8 +130,7 @@ class DriveModel(MachineModel):
             self.fixed,
             self._constants(),
             self.rigid,
-            self.efforts,
-            self._speeds,
+            self.scales,
             self.travels,
             self._own(),
         )
@@ -211,7 +199,7 @@ class DriveModel(MachineModel):
             'effects': self.effects,
             'fixed': self.fixed,
             'cutoff': self.cutoff,
-            'efforts': self.efforts,
+            'scales': self.scales,
             'quantities': self.signals.quantities,
             'weights': self.signals.weights,
             'held': self.held,
@@ -221,7 +209,7 @@ class DriveModel(MachineModel):
 
     def _take_over(self, like: 'DriveModel') -> None:
         """Share caches that do not depend on effects, step size or payload."""
-        names = '_limit', '_band', '_compare', '_speeds'
+        names = '_limit', '_band', '_compare'
         self.__dict__.update({name: getattr(like, name) for name in names})
 
     def effort_limit(self, place: str) -> float:

@@ -13,7 +13,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel.group import Task
 from ros2_ident.kernel.measurement import QUANTITIES, Quantity
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models.protocol import EffectAt, FullModel, Output
+from ros2_ident.models.protocol import EffectAt, FullModel, Output, Scales
 from ros2_ident.recording import Dataset
 
 T = TypeVar('T', bound=np.generic)
@@ -189,8 +189,7 @@ class MachineModel(FullModel):
         fixed: Values of parameters that are not to be identified, by name.
         cutoff: Low-pass of recorded motion where it drives the model [Hz]; at most a fifth of the
             log's rate.
-        efforts: (D,) size of the drives' logged efforts, of which bounds of effects are shares;
-            by default this recording's, see `effort_range`.
+        scales: Of which bounds of effects are shares; by default this recording's.
         quantities: What of the drives is compared: `effort`, `position`, `velocity`; `compares`
             by default.
         weights: Factor on the errors of each quantity; 1 by default.
@@ -216,12 +215,12 @@ class MachineModel(FullModel):
         effects: Sequence[EffectAt] = (),
         fixed: Mapping[str, float] | None = None,
         cutoff: float = 100.0,
-        efforts: Array | None = None,
+        scales: Scales | None = None,
         quantities: Sequence[str] | None = None,
         weights: Sequence[float] | None = None,
     ) -> None:
         self.machine, self.data = machine, data
-        self.cutoff, self._asked_efforts = cutoff, efforts
+        self.cutoff, self._asked_scales = cutoff, scales
         quantities = self.compares if quantities is None else quantities
         self.effects, self.fixed = tuple(effects), dict(fixed or {})
         self.name = machine.kind

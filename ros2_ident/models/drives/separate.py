@@ -194,9 +194,6 @@ class Servo(SeparateDrives):
     features = frozenset({'motor_torque'})
     gains = ('position_gain',)
 
-    def _own_efforts(self) -> Array:
-        return stall_torque(self.machine)
-
     def effort_limit(self, place: str) -> float:
         """Return the torque that a share of a servo's limit refers to [N m]."""
         return float(stall_torque(self.machine)[self.machine.drives.index(place)])

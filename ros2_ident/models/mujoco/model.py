@@ -23,7 +23,7 @@ from ros2_ident.models.kinds import MUJOCO as KIND
 from ros2_ident.models.mujoco.forces import Forces, HOOKS
 from ros2_ident.models.mujoco.guess import by_inverse_dynamics, NAMES
 from ros2_ident.models.mujoco.plant import Felt, OWN, Plant
-from ros2_ident.models.protocol import EffectAt, effort_range, Output, top_speeds
+from ros2_ident.models.protocol import EffectAt, Output, Scales, scales_of
 from ros2_ident.recording import Dataset
 
 # Rows of the kernels' whose change MuJoCo can express, and what they are at their neutral value.
@@ -68,11 +68,10 @@ class Mujoco(MachineModel):
             )
         super().__init__(machine, data, **asked)
         self.plant = _plant(machine)
-        self._efforts = self._sizes(self._asked_efforts)
+        self._scales = self._sizes(self._asked_scales or scales_of(machine, [data]))
         self._parts = self._declared()
         self._candidates = Candidates(
-            machine, self.drives, self.effects, self.fixed, self._base, True, self._efforts,
-            top_speeds(machine, data),
+            machine, self.drives, self.effects, self.fixed, self._base, True, self._scales,
             tuple('m' if at.slides else 'rad' for at in self.plant.places), self._parts,
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]
@@ -89,12 +88,13 @@ class Mujoco(MachineModel):
         vars(self).update(state)
         self.plant = _plant(self.machine)
 
-    def _sizes(self, efforts: Array | None) -> Array:
-        """Return (D,) sizes of efforts: the log's, else the actuators' limits."""
+    def _sizes(self, scales: Scales) -> Scales:
+        """Return scales with the actuators' limits for efforts that are not logged."""
         if self.data.effort is not None:
-            return effort_range(self.machine, [self.data]) if efforts is None else efforts
+            return scales
         limits = [self.plant.stated('force_limit', d) for d in range(len(self.machine.drives))]
-        return np.array([limit if math.isfinite(limit) else 1.0 for limit in limits])
+        limits = [limit if math.isfinite(limit) else 1.0 for limit in limits]
+        return scales._replace(effort=np.array(limits))
 
     @property
     def _base(self) -> Array:
@@ -247,7 +247,7 @@ class Mujoco(MachineModel):
                 )
         return type(self)(
             self.machine, self.data, drives=self.drives, effects=effects, fixed=self.fixed,
-            efforts=self._efforts, quantities=self.signals.quantities,
+            scales=self._scales, quantities=self.signals.quantities,
             weights=self.signals.weights,
         )  # fmt: skip
 
