@@ -158,6 +158,7 @@ def _facts(selector: Selector, found: Selection, verdict: Verdict, gates: Sequen
         contradictions=tuple(i for i, gate in enumerate(gates) if gate.contradicts),
         tried=len(found.rounds[0].visible) if found.rounds else 0,
         best=max(verdict.closed, best, 0.0),
+        ties=found.ties,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
+from ros2_ident.gap.result import Tie
 from ros2_ident.models import EffectAt
 
 
@@ -151,6 +152,7 @@ class Selection:
             those among the effects.
         restless: Floors of drives, in the unit of the residual, that are too large and slow for
             noise.
+        ties: Effects that were left out, for the parameters do along this motion what they do.
     """
 
     drives: tuple[str, ...]
@@ -161,6 +163,7 @@ class Selection:
     complete: bool = True
     limits: Mapping[str, float] = field(default_factory=dict)
     restless: Mapping[str, float] = field(default_factory=dict)
+    ties: tuple[Tie, ...] = ()
 
     @property
     def remaining(self) -> float:

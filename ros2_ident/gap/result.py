@@ -83,6 +83,24 @@ class Misfit:
 
 
 @dataclass(frozen=True)
+class Tie:
+    """An effect that a motion cannot tell from other values of the parameters.
+
+    Attributes:
+        effect: Id.
+        where: Place.
+        closed: Share of the explainable gap that it would close.
+        own: RMS of what it changes and nothing else in the model does, over that of all it
+            changes.
+    """
+
+    effect: str
+    where: str
+    closed: float
+    own: float
+
+
+@dataclass(frozen=True)
 class Facts:
     """Facts behind a verdict.
 
@@ -101,6 +119,7 @@ class Facts:
         contradictions: Indices of the checks in which log and machine file contradict each other.
         tried: Candidates that were fitted.
         best: Share of the explainable gap that the best one closes.
+        ties: Effects that would close more, were they not what the parameters do.
     """
 
     cause: Cause = Cause.NONE
@@ -117,6 +136,7 @@ class Facts:
     contradictions: tuple[int, ...] = ()
     tried: int = 0
     best: float = 0.0
+    ties: tuple[Tie, ...] = ()
 
     @property
     def leads(self) -> int | None:

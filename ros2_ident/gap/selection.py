@@ -14,6 +14,7 @@ from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
 from ros2_ident.gap.noise_floor import Floor, predictability
 from ros2_ident.gap.recordings import Split
+from ros2_ident.gap.result import Tie
 from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
@@ -93,7 +94,7 @@ class Selector(Fitter):
             on_best: Told what is found.
             limited: The fit with the limits that the control laws show; these stay.
         """
-        chain, rounds = [base], list[Round]()
+        chain, rounds, ties = [base], list[Round](), list[Tie]()
         if limited is not None:
             self.shown = limited.effects
             chain, rounds = self.steps_to(limited, chain), [Round(base, {}, (limited,))]
@@ -102,8 +103,9 @@ class Selector(Fitter):
             places = {at.where for at in self.shown}
             candidates = [c for c in candidates if c.where not in places]
         while len(rounds) < self.rules.most and self.rules.open(chain[-1]) and not self.stopped():
-            round_ = self.round(chain[-1], candidates)
+            round_, tied = self.untied(self.round(chain[-1], candidates))
             rounds.append(round_)
+            ties += tied
             best = self.rules.best(round_)
             if best is None or not self.counts(chain[-1], best):
                 break
@@ -138,7 +140,37 @@ class Selector(Fitter):
             not self.stopped(),
             {drive: limit for drive, limit in self.limits.items() if drive in shown},
             self.restless(),
+            tuple(ties),
         )
+
+    def untied(self, round_: Round) -> tuple[Round, list[Tie]]:
+        """Return a round without leaders that the parameters imitate, and these."""
+        ties, base = list[Tie](), round_.base
+        while (best := self.rules.best(round_)) and self.rules.is_material(base, best):
+            new = range(len(base.effects), len(best.effects))
+            own = {best.effects[i]: self.own(best, i) for i in new}
+            if min(own.values()) >= self.rules.own or self.stopped():
+                break
+            closed = best.closes(base)
+            ties += [
+                Tie(at.effect, at.where, closed, x) for at, x in own.items() if x < self.rules.own
+            ]
+            round_ = replace(round_, fitted=tuple(e for e in round_.fitted if e is not best))
+        return round_, ties
+
+    def own(self, e: Hypothesis, index: int) -> float:
+        """Return the share, RMS, of what an effect changes that nothing else imitates."""
+        joint, columns = self.split.fit.with_effects(e.effects), e.columns(index)
+        without = e.theta.copy()
+        for column, p in zip(columns, joint.models[0].scaled(e.effects[index]), strict=True):
+            if p.role == 'size':
+                without[column] = p.neutral
+        two = self.fits.evaluate(joint)(np.stack([without, e.theta]))
+        change = two[0] - two[1]
+        basis = np.linalg.qr(np.delete(e.jacobian, columns, axis=1))[0]
+        left = change - basis @ (basis.T @ change)
+        # One that ends where it vanishes is another form of the nominal law.
+        return float(np.linalg.norm(left)) / max(float(np.linalg.norm(change)), 1e-300)
 
     def restless(self) -> dict[str, float]:
         """Return the floors of drives that are too large and slow for noise.
@@ -169,7 +201,8 @@ class Selector(Fitter):
         """Extend effects to sister drives on which they stand out of noise.
 
         Drives of one kind are built alike, so that an effect of about the same size needs no gap
-        that counts by itself: it has to stand out of noise.
+        that counts by itself: it has to stand out of noise, and to close more than the forms of
+        those found leave.
         """
         final, machine = chain[-1], self.split.fit.models[0].machine
         if machine is None or not kind_of(machine).alike:
@@ -177,11 +210,12 @@ class Selector(Fitter):
         names = {at.effect for at in final.effects if at.where in self.split.drives}
         more = [at for at in candidates if at.effect in names and at.where in self.split.drives]
         starts = [s[0] for s in self.look(final, more).values() if s[0].gain > TIE]
+        least = self.rules.alike * (chain[0].loss - final.loss)
         while starts and not self.stopped():
             new = tuple(at for s in starts for at in s.effects)
             phi = [s.phi for s in starts]
             wide = self.refit((*final.effects, *new), np.concatenate([final.theta, *phi]))
-            kept = [s for s in starts if self.like_others(wide, s.effects[0])]
+            kept = [s for s in starts if self.like_others(wide, s.effects[0], least)]
             if len(kept) == len(starts):
                 better = wide.bic < final.bic
                 held_out = wide.check.sum() < final.check.sum()
@@ -189,8 +223,14 @@ class Selector(Fitter):
             starts = kept
         return chain
 
-    def like_others(self, e: Hypothesis, at: EffectAt) -> bool:
-        """Whether an effect stands out of noise, and is as large as on another drive of a fit."""
+    def like_others(self, e: Hypothesis, at: EffectAt, least: float) -> bool:
+        """Whether an effect stands out of noise, and is as large as on another drive of a fit.
+
+        Args:
+            e: The fit.
+            at: The effect.
+            least: Loss that it has to take away at least.
+        """
         model, sizes = self.split.fit.models[0], dict[EffectAt, float]()
         for index, other in enumerate(e.effects):
             if other.effect == at.effect:
@@ -201,7 +241,7 @@ class Selector(Fitter):
         if not any(near(own / (x or math.inf), ANOTHER) for x in sizes.values()):
             return False
         less = self.without(e, e.effects.index(at))
-        return self.standing(less, e) > NORMAL
+        return less.loss - e.loss > least and self.standing(less, e) > NORMAL
 
     def with_new_floor(
         self, chain: list[Hypothesis], rounds: list[Round]

@@ -29,6 +29,7 @@ def selector():
     case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
     found = Selector(case, floor_of(1.0, 1.0), RULES)
     found.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
+    found.own = lambda e, index: 1.0
     return found
 
 
@@ -56,6 +57,14 @@ def test_a_law_whose_numbers_another_cause_took_up_is_put_in_plainer_words(selec
         ended, rests = selector.with_plainer_laws(chain, (base, chain[1]), [first])
         assert ended[-1].effects == (DRAG, named)
         assert len(rests) == 2
+
+
+def test_effects_that_the_parameters_imitate_are_ties_and_no_names(selector):
+    fitted = made((0.1, 0.0), [DRAG]), made((0.3, 0.0), [STRIBECK])
+    selector.own = lambda e, index: 0.05 if e.effects[index] == DRAG else 0.6
+    left, ties = selector.untied(Round(made((2.0, 0.0)), {}, fitted))
+    assert [e.effects for e in left.fitted] == [(STRIBECK,)]
+    assert [(tie.effect, tie.own) for tie in ties] == [(DRAG.effect, 0.05)]
 
 
 def test_a_floor_too_large_and_slow_for_noise_is_told(selector):
