@@ -15,6 +15,7 @@ from ros2_ident.gates.finding import Gate, GateReport, Level, LEVELS
 from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.scale import figure, MORE, near
 from ros2_ident.gates.tracking import check_tracking, tracking_of
+from ros2_ident.gates.weight import check_weight
 from ros2_ident.models import FullModel, Machine
 from ros2_ident.models.registry import compared_of, follows, kind_of, knows_gains
 from ros2_ident.recording import Dataset
@@ -117,6 +118,7 @@ def _of_one(
     report = replace(report, gates=(*report.gates, *_beyond_reach(machine, data)))
     if 'effort' not in compared_of(machine):
         return report
+    report = replace(report, gates=(*report.gates, *check_weight(machine, data)))
     asked = [found for drive in drives if (found := fit_asked(machine, data, drive, number))]
     said = [gate for found in asked for gate in check_asked(found, machine.model_unit)]
     return GateReport((*report.gates, *said), report.laws, (tuple(asked),))

@@ -13,7 +13,18 @@ Level = Literal['ok', 'warn', 'fail']
 # The worst first.
 LEVELS: tuple[Level, ...] = ('fail', 'warn', 'ok')
 # Of findings that are as bad, one that others follow from comes first.
-_CAUSES = ('names', 'limit', 'set_point', 'reach', 'offset', 'sign', 'scale', 'law')
+_CAUSES = (
+    'names',
+    'limit',
+    'set_point',
+    'reach',
+    'tilt',
+    'weight',
+    'offset',
+    'sign',
+    'scale',
+    'law',
+)
 
 
 @dataclass(frozen=True)
@@ -22,8 +33,8 @@ class Gate:
 
     Attributes:
         gate: `missing`, `jitter`, `sign`, `limit`, `law`, `law_noise`, `gains`, `set_point`,
-            `offset`, `names`, `reach`, `asked`, `not_asked`, or the id of the effect that a late
-            set-point shows.
+            `offset`, `names`, `reach`, `tilt`, `weight`, `behind_gears`, `asked`, `not_asked`, or
+            the id of the effect that a late set-point shows.
         drive: The drive, empty for the log as a whole.
         level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).
         number: What was measured.

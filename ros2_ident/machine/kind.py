@@ -174,6 +174,10 @@ class Kind:
             position.
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
             where there is no sample.
+        asked: Returns (C, D, K) what a motion (3, D, K) of its drives asks of them: by inertia, by
+            weight, by a free fall of 1 m/s^2 along x, y and z of its base, and by one of each
+            counterbalance's forces; None where it has no description of links.
+        tilt: Returns the keys that say how its base is tilted, by the free fall (3,) in its frame.
         travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
         compares: Quantities that are compared by default.
         logs: Units of a logged effort that its model simulates as they are, beside those of
@@ -211,6 +215,8 @@ class Kind:
     judge: Callable[[Draft], Iterable[Remark]] = lambda draft: ()
     starts_in_motion: bool = False
     check_motion: Callable[[Machine, Array], Iterable[Remark]] | None = None
+    asked: Callable[[Machine, Array], Array] | None = None
+    tilt: Callable[[Array], Mapping[str, float]] | None = None
     travel: str = ''
     compares: tuple[str, ...] = ('effort',)
     logs: tuple[str, ...] = ()

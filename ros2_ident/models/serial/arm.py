@@ -34,6 +34,8 @@ _A_TURN = 1.1 * math.tau
 _TURN, _SLIDE, _SPEED, _ACCELERATION = 1.2, 0.3, 2.5, 6.0
 # What turns farther has no ends, rad.
 _ENDLESS = 100.0
+# Sine of an angle below which a free fall points along an axis.
+_STEEP = 0.05
 # Half the side of the base, as a share of how far the arm reaches.
 _BASE = 0.12
 _NO_PINOCCHIO = (
@@ -234,6 +236,16 @@ def base_turn(machine: Machine) -> Array:
     """Return the (3, 3) rotation from an arm's base into a frame whose z points upwards."""
     roll, pitch = machine.number('base_roll'), machine.number('base_pitch')
     return _pinocchio().rpy.rpyToMatrix(roll, pitch, 0.0)
+
+
+def base_tilt(fall: Array) -> dict[str, float]:
+    """Return roll and pitch of a base [rad] by the free fall (3,) in its frame.
+
+    Where it points along x, any roll is the same: 0.
+    """
+    x, y, z = fall / np.linalg.norm(fall)
+    steep = math.hypot(y, z) < _STEEP
+    return {'base_roll': 0.0 if steep else math.atan2(-y, -z), 'base_pitch': math.asin(x)}
 
 
 def extent_of(text: str) -> tuple[float, float]:

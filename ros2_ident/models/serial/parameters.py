@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.machine import Box, Machine, Parameter
-from ros2_ident.models.serial.arm import Arm, INERTIALS
+from ros2_ident.models.serial.arm import Arm, arm_of, INERTIALS
 
 # Names of a link's inertial parameters in pinocchio's order, and the machine file's for their box.
 NAMES = (
@@ -351,3 +351,21 @@ def _coupled(machine: Machine) -> Array:
             'the couplings leave a joint that no motor moves; correct coupled_to and coupling',
         )
     return out
+
+
+def asked(machine: Machine, motion: Array) -> Array:
+    """Return (C, D, K) efforts by what asks for them, see `Kind.asked`; motion (3, D, K)."""
+    arm, transmission = arm_of(machine), Transmission(machine)
+    fall = np.array(arm.model.gravity.linear)
+    still = np.zeros_like(motion[0])
+
+    def falling(along: Array, *rates: Array) -> Array:
+        arm.model.gravity.linear = along
+        return arm.efforts(motion[0], *rates)
+
+    inertia = falling(np.zeros(3), *motion[1:])
+    weights = [falling(along, still, still) for along in (fall, *np.eye(3))]
+    balance = transmission.terms(motion[0])
+    joints = np.concatenate([np.stack([inertia, *weights], axis=2), balance], axis=2)
+    motors = transmission.at_motors(joints) / machine.numbers('gear_factor')[:, None, None]
+    return np.asarray(motors.transpose(2, 0, 1))

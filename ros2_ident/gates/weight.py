@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Are an arm's efforts those that its description asks for: their size, and which way is down?
+
+    effort = factor weight + inertia + rotor acceleration + friction + viscous speed + offset
+
+is fitted to each joint by itself, and to all of them with one free fall of any direction.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from ros2_ident.arrays import Array
+from ros2_ident.errors import IdentError
+from ros2_ident.gates.finding import Gate, Level, likewise
+from ros2_ident.gates.scale import ANOTHER, FEWEST, figure, FOLLOWS, near, SLOW, SWAPPED
+from ros2_ident.models import Machine
+from ros2_ident.models.registry import kind_of
+from ros2_ident.recording import Dataset, smooth_motion
+from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
+from ros2_ident.recording.quality import standing
+
+# Samples compared at most, and periods of the band's end left out at either end.
+_MOST, _ENDS = 2000, 1.5
+# Friction turns over within this share of the top speed.
+_TURNS = 0.02
+# The best of gears, one stage of spur wheels, loses this share of what it transmits.
+_LOSES = 0.03
+# Effort that is this share of a weight holds none of it.
+_NOTHING = 0.05
+# A direction that joints feel by less than this share of the one they feel most is not told.
+_FELT = 1e-2
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """A joint's effort and what may explain it: (T,) or (T, C) values.
+
+    Attributes:
+        drive: The drive.
+        effort: As logged.
+        inertia: What the description's inertia asks for.
+        weight: What its weight asks for.
+        falls: The same in a free fall of 1 m/s^2 along x, y and z of the base.
+        rotor: The acceleration.
+        friction: Its direction, and the speed.
+        free: One, and forces of counterbalances.
+    """
+
+    drive: str
+    effort: Array
+    inertia: Array
+    weight: Array
+    falls: Array
+    rotor: Array
+    friction: Array
+    free: Array
+
+    def beside_weight(self, rows: Array) -> Array:
+        """Return (T, ...) rows without what all but the weight explains of them."""
+        known = self.inertia, self.rotor, self.friction, self.free
+        return _without(rows, np.column_stack(known))
+
+    def factor(self) -> float:
+        """Return effort per effort that the description asks for, NaN where it does not show.
+
+        A joint without a weight shows it by its inertia, to which a rotor can only add.
+        """
+        factor = _factor(self.beside_weight(self.weight), self.beside_weight(self.effort))
+        if math.isfinite(factor) or self.weight.any():
+            return factor
+        known = np.column_stack([self.friction, self.free])
+        factor = _factor(_without(self.inertia, known), _without(self.effort, known))
+        return factor if factor < 1.0 / ANOTHER else math.nan
+
+    def lost(self) -> float:
+        """Return the larger of friction and rotor, as a share of how the effort varies."""
+        parts = self.weight, self.free, self.rotor, self.friction
+        columns = np.column_stack(parts)
+        found = np.linalg.lstsq(columns, self.effort - self.inertia, rcond=1e-9)[0]
+        made = self.rotor * found[-3], self.friction @ found[-2:]
+        return max(float(np.std(part)) for part in made) / float(np.std(self.effort))
+
+
+def check_weight(machine: Machine, data: Dataset) -> list[Gate]:
+    """Compare efforts with what a description of links asks for along the recorded motion.
+
+    Args:
+        machine: The machine; of one without such a description nothing is said.
+        data: A recording on the grid.
+    """
+    try:
+        joints = list(_joints(machine, data))
+    except IdentError:
+        return []  # said where the model is made
+    tilted = _tilted(machine, joints)
+    if tilted:
+        return tilted
+    factors = {x.drive: f for x in joints if math.isfinite(f := x.factor())}
+    return _sized(factors) or _behind_gears(machine, joints)
+
+
+def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
+    """Yield the joints that move and whose effort is logged."""
+    asked = kind_of(machine).asked
+    if asked is None or data.position is None or data.effort is None:
+        return
+    order = [data.names.index(name) for name in machine.drives]
+    position, effort = data.position[order], data.effort[order]
+    cutoff = allowed_cutoff(position, data.cycle, SLOW)
+    ends = int(_ENDS / (cutoff * data.cycle))
+    count = position.shape[1] - 2 * ends
+    if count < FEWEST:
+        return
+    kept = slice(ends, ends + count, math.ceil(count / _MOST))
+    motion = np.stack(smooth_motion(position, data.cycle, cutoff))[:, :, kept]
+    inertia, weight, *others = asked(machine, motion)
+    strokes = dict(zip(machine.drives, np.ptp(motion[0], axis=1).tolist(), strict=True))
+    still = standing(strokes)
+    for d, drive in enumerate(machine.drives):
+        described = inertia[d].any() or weight[d].any()
+        logged = effort[d, np.isfinite(effort[d])]
+        told = logged.size >= FEWEST and np.ptp(logged) > 0.0
+        if not (described and told and strokes[drive]) or drive in still:
+            continue
+        more = np.array(others)[:, d].T
+        speed = motion[1, d]
+        yield _Joint(
+            drive,
+            low_pass(fill_gaps(effort[d]), data.cycle, cutoff)[kept],
+            inertia[d],
+            weight[d],
+            more[:, :3],
+            motion[2, d],
+            np.stack([np.tanh(speed / (_TURNS * np.abs(speed).max())), speed], axis=1),
+            np.column_stack([np.ones_like(speed), more[:, 3:]]),
+        )
+
+
+def _without(rows: Array, columns: Array) -> Array:
+    """Return (T, ...) rows without what (T, C) columns explain of them."""
+    return rows - columns @ np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
+
+
+def _factor(column: Array, row: Array) -> float:
+    """Return a row per column (T,), NaN where most of either is left."""
+    square = float(column @ column)
+    factor = float(column @ row) / square if square else math.nan
+    left = row - factor * column
+    told = float(left @ left) <= (1.0 - FOLLOWS) * max(1.0, factor**2) * square
+    return factor if told else math.nan
+
+
+def _tilted(machine: Machine, joints: list[_Joint]) -> list[Gate]:
+    """Say it where gravity of another direction explains the efforts, and the stated none."""
+    tilt = kind_of(machine).tilt
+    size = machine.number('free_fall') if tilt and joints else 0.0
+    if tilt is None or not size:
+        return []
+    rows = [x.beside_weight(np.column_stack([x.effort, x.weight, x.falls])) for x in joints]
+    stated = sum(float(np.square(_without(x[:, 0], x[:, 1:2])).sum()) for x in rows)
+    every = np.concatenate(rows)
+    fall: Array = np.asarray(np.linalg.lstsq(every[:, 2:], every[:, 0], rcond=_FELT)[0])
+    left = float(np.square(every[:, 0] - every[:, 2:] @ fall).sum())
+    if left > SWAPPED * stated or not near(math.sqrt(float(fall @ fall)) / size):
+        return []
+    keys = tilt(fall)
+    listed = ', '.join(f'{key}: {round(value, 2) + 0.0:g}' for key, value in keys.items())
+    text = (
+        f'the efforts hold the weight of an arm whose base is tilted otherwise; write {listed} '
+        'under geometry'
+    )
+    return [Gate('tilt', '', 'fail', math.nan, 'rad', text, True, next(iter(keys)))]
+
+
+def _sized(factors: dict[str, float]) -> list[Gate]:
+    """Say it where efforts are another's size than a description asks for."""
+    off = {drive: factor for drive, factor in factors.items() if not near(factor, ANOTHER)}
+    if not off:
+        return []
+    drive, factor = next(iter(off.items()))
+    # A description that is wrong is not so by one factor on every joint.
+    by_one = len(off) == len(factors) > 1 and all(near(x / factor) for x in off.values())
+    rest = '' if by_one else likewise(f'{n} {figure(x)}' for n, x in list(off.items())[1:])
+    text = (
+        f'{"all joints" if by_one else drive}: the effort is {figure(factor)} times what the '
+        f'description asks for{rest}; '
+    )
+    if abs(factor) < _NOTHING:
+        text += 'log the whole torque, not one with gravity compensated, or set free_fall to 0'
+    elif near(-factor):
+        text += 'negate the effort or the position in the driver'
+        text += ', or write base_roll: 3.14 where the arm hangs' if by_one else ''
+    else:
+        text += (
+            'state effort_unit with torque_constant or rated_torque, gear_factor where it is the '
+            "motor's, or correct the masses of the description"
+        )
+    level: Level = 'fail' if by_one else 'warn'
+    return [Gate('weight', '', level, factor, '1', text, by_one, cause='size')]
+
+
+def _behind_gears(machine: Machine, joints: list[_Joint]) -> list[Gate]:
+    """Say it where no effort shows what motors and gears take."""
+    takes = ('drive_inertia', 'coulomb_torque', 'viscous_torque')
+    sought = [name for name in takes if name in machine.bounds]
+    if not joints or not sought or any(x.lost() > _LOSES for x in joints):
+        return []
+    text = (
+        'no effort shows friction or the inertia of a rotor, as those of torque sensors behind '
+        f'the gears: such a log cannot tell {", ".join(sought)}; remove them from parameters, or '
+        'log the torques of the motors'
+    )
+    return [Gate('behind_gears', '', 'warn', math.nan, '1', text)]
