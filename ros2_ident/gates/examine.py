@@ -147,7 +147,12 @@ def _of_motion(
     if 'effort' not in compared_of(machine):
         # Signs, sizes and laws below are those of efforts, which such a log need not hold; and a
         # law without an integral part may follow late and stop short.
-        return GateReport(tuple(found))
+        tracking = tracking_of(data, drives)
+        told = check_tracking(tracking, data.cycle, machine.travel_unit) if tracking else ()
+        wrong = [
+            g for g in told if g.level == 'fail' and g.gate != 'offset' and g.cause != 'factor'
+        ]
+        return GateReport((*found, *wrong))
     for drive in drives:
         found += check_effort(machine, data, drive)
     tracking = tracking_of(data, drives)

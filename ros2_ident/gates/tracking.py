@@ -59,8 +59,8 @@ def tracking_of(data: Dataset, drives: Sequence[str]) -> Tracking | None:
     rows = [data.names.index(name) for name in drives]
     position, command = data.position[rows], data.command_position[rows]
     there = np.flatnonzero(np.isfinite(position).any(axis=0))
-    # Beyond its ends a log would seem to stand still.
-    span = slice(there[0], there[-1] + 1) if there.size else slice(0)
+    # Beyond its ends a log would seem to stand still, and a motor that is off follows nothing.
+    span = slice(there[0], data.released or there[-1] + 1) if there.size else slice(0)
     position, command = position[:, span], command[:, span]
     few = (np.isfinite(position).sum(axis=1) < FEWEST).any()
     if few or not np.ptp(command, axis=1).all():
@@ -91,7 +91,10 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
     of_moved = squares[0][size - early] - squares[0][late]
     of_wanted = squares[1][size - late] - squares[1][early]
     share = product**2 / np.maximum(of_moved * of_wanted, 1e-300)
-    best = int(np.argmax(share))
+    # Half a period late, a swing is its own reverse: the other sign has to explain far more.
+    best, same = (int(np.argmax(x)) for x in (share, np.where(product > 0.0, share, 0.0)))
+    if 1.0 - share[best] > SWAPPED * (1.0 - share[same]):
+        best = same
     fine = highest(share, best) if 0 < best < share.size - 1 else 0.0
     slope = float(product[best]) / max(float(of_wanted[best]), 1e-300)
     return float(share[best]), float(lags[best] + fine) * period, slope
@@ -137,7 +140,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
 
 def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
     """Return what to say of a position that moves farther, less or the other way."""
-    if near(-slope):
+    if near(-slope, ANOTHER):
         text = (
             f'{drive}: the position moves against its set-point; its sign is reversed in one of '
             'the two topics, negate it there'

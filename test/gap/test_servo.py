@@ -11,10 +11,11 @@ from checks.reference.servo import simulate_servo
 from ros2_ident.commissioning import check_both
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.gates.tracking import tracking_of
 from ros2_ident.identify.run import identify
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.models import machine_from_mapping
-from ros2_ident.recording import Recording, Stream
+from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.align import align
 from ros2_ident.words.verdict import sentence
 
@@ -117,3 +118,19 @@ def test_checking_asks_for_no_effort_and_says_nothing_of_a_bad_one() -> None:
     size = np.abs(np.sin(np.arange(whole.state.stamp.size) / 50.0))[:, None]
     unsigned = replace(whole, state=replace(whole.state, effort=size))
     assert not [f for f in check_both([unsigned], file).findings if 'effort' in f.code]
+
+
+def test_a_set_point_of_the_other_sign_is_named() -> None:
+    sound = recorded(1)
+    command = replace(sound.command, position=-sound.command.position)
+    (finding,) = check_both(
+        [replace(sound, command=command)], MachineFile('servo.yaml', {}, (), MACHINE)
+    ).of('set_point')
+    assert finding.level == 'error'
+    assert 'joint: the position moves against its set-point' in finding.sentence
+    # A swing that is half a period late is no reverse.
+    time = np.arange(0.0, 8.0, CYCLE)
+    swings = (np.sin(9.0 * (time - lag))[None] for lag in (0.0, 0.36))
+    data = Dataset(('joint',), CYCLE, 0, next(swings), None, next(swings), None, None)
+    tracking = tracking_of(data, ('joint',))
+    assert tracking.slope == pytest.approx(1.0, rel=0.01)
