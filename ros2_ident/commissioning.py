@@ -9,6 +9,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine
+from ros2_ident.gates.controller import SET_POINT_LATE
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
@@ -116,7 +117,8 @@ def _gates(
             continue
         path = next((key.path for key in constants if key.name == gate.key), ())
         place = f'{file.place(path)}: ' if path else ''
-        level: Level = 'error' if gate.level == 'fail' else gate.level
+        spared = gate.level == 'fail' and gate.cause == SET_POINT_LATE
+        level: Level = 'warn' if spared else 'error' if gate.level == 'fail' else gate.level
         found = Finding(level, gate.gate, gate.drive, f'{place}{gate.sentence}')
         yield _with_line(found, file)
 

@@ -31,6 +31,8 @@ GAIN_OFF = 0.02
 _STATED = 2.5
 # An effort that is logged before it acts by more than a cycle and this, s, has other stamps.
 _EARLY = 1e-3
+# The cause that leaves a log of use: along its recorded motion, without the set-point.
+SET_POINT_LATE = 'command early'
 
 
 def check_law(
@@ -196,12 +198,17 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
         f'{"late" if by > 0.0 else "early"} against those of the others: so shifted, the control '
         'law explains the effort; stamp all topics with one clock where they are sampled'
     )
-    if cause == 'command early':
+    if cause == SET_POINT_LATE:
         # Position and effort belong together: nothing has to be wrong with the stamps.
+        from ros2_ident.effects import shown_by
+
+        effect, more = shown_by('late_set_point'), ''
+        if effect is not None and -by > effect.parameters[0].high:
+            more = f', more than the {1e3 * effect.parameters[0].high:g} ms of a {effect.title}'
         text = (
-            f'{law.drive}: the controller takes its set-point {round(-1e3 * by, 1):g} ms late, as '
-            'behind a filter or a network, or the stamps of the command are early; log the '
-            'set-point that it takes, or leave the command out: `--command-topic none`'
+            f'{law.drive}: the controller takes its set-point {round(-1e3 * by, 1):g} ms late'
+            f'{more}, as behind a filter or a network, or the stamps of the command are early; '
+            'log the set-point that it takes, or leave the command out: `--command-topic none`'
         )
     # Two cycles are lost where a set-point is differentiated, or a cycle is stated wrongly.
     apart = abs(by) >= 2.0 * machine.number('cycle')

@@ -158,6 +158,19 @@ def test_a_carriage_in_millimetres_is_held_against_the_machine():
     assert 'record positions of the carriage in m, not mm' in finding.sentence
 
 
+@pytest.mark.parametrize(
+    ('late', 'text'), [(0.02, '20[.0-9]* ms late, as'), (0.05, 'the 30 ms of')]
+)
+def test_a_set_point_that_is_taken_late_leaves_the_log_of_use(late, text):
+    (read,) = read_bag(REPO / 'bags' / 'axis_reversals')
+    command = replace(read.command, stamp=read.command.stamp - round(1e9 * late))
+    file = read_machine_file(REPO / 'config' / 'emps.yaml')
+    report = check_both([replace(read, command=command)], file)
+    (finding,) = report.of('offset')
+    assert finding.level == report.level == 'warn'
+    assert re.search(text, finding.sentence)
+
+
 def test_joints_of_the_bag_are_held_against_the_machine():
     file = read_machine_file(REPO / 'config' / 'tripod.yaml')
     (finding,) = check_both([recording()], file).of('missing_stream')
