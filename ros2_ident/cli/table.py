@@ -6,7 +6,7 @@ import math
 import sys
 
 from ros2_ident.cli.progress import coloured
-from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
+from ros2_ident.identify.result import DriveResidual, Identification, Outcome, ParameterEstimate
 from ros2_ident.prediction import Prediction
 from ros2_ident.words.figures import duration, figure, interval
 from ros2_ident.words.identification import message
@@ -57,6 +57,11 @@ def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     )
 
 
+def _whole(left: DriveResidual, unit: str) -> str:
+    """Return the size of what is compared: a part of the log may be left out, or its band."""
+    return f', {left.rms / left.share:.3g} {unit} RMS' if left.share > 0.0 else ''
+
+
 def free_run(found: Prediction | None) -> str:
     """Return a line on free runs; empty where none was made."""
     if found is None:
@@ -87,8 +92,8 @@ def print_result(result: Identification) -> None:
         unit = left.unit or cost.unit
         unseen = f'; held out {held_out[left.drive].rms:.5g} {unit}' if held_out else ''
         print(
-            f'{left.drive}: residual {left.rms:.5g} {unit} RMS, '
-            f"{100.0 * left.share:.3g} % of the {'log' if left.unit else 'effort'}'s{unseen}"
+            f'{left.drive}: residual {left.rms:.5g} {unit} RMS, {100.0 * left.share:.3g} % of the '
+            f'{"log" if left.unit else "effort"} compared{_whole(left, unit)}{unseen}'
         )
     if held_out:
         print(f'held out: {result.validated_on}')

@@ -109,6 +109,10 @@ def test_the_command_writes_and_says_it(found, tmp_path, capsys) -> None:
     # the same bag: nothing was left out
     assert result.validation == result.residuals
     assert f'; held out {result.validation[0].rms:.5g} N\n' in said
+    left = result.residuals[0]
+    share, size = 100.0 * left.share, left.rms / left.share
+    whole = f'{share:.3g} % of the effort compared, {size:.3g} N RMS; held out'
+    assert whole in said
     assert 'held out: bags/axis_reversals\n' in said
     titles = [r.title for r in load_signals(tmp_path / 'signals.npz').recordings]
     assert titles == ['fitted to', 'held out']
