@@ -8,7 +8,7 @@ import sys
 from ros2_ident.cli.progress import coloured
 from ros2_ident.identify.result import DriveResidual, Identification, Outcome, ParameterEstimate
 from ros2_ident.prediction import Prediction
-from ros2_ident.words.figures import duration, figure, interval
+from ros2_ident.words.figures import compared, duration, figure, interval
 from ros2_ident.words.identification import message
 
 # A half width beyond this share of the value, in percent, is told by itself.
@@ -93,7 +93,7 @@ def print_result(result: Identification) -> None:
         unseen = f'; held out {held_out[left.drive].rms:.5g} {unit}' if held_out else ''
         print(
             f'{left.drive}: residual {left.rms:.5g} {unit} RMS, {100.0 * left.share:.3g} % of the '
-            f'{"log" if left.unit else "effort"} compared{_whole(left, unit)}{unseen}'
+            f'{compared(unit)} compared{_whole(left, unit)}{unseen}'
         )
     if held_out:
         print(f'held out: {result.validated_on}')

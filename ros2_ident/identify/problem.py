@@ -227,6 +227,8 @@ class Problem(Layout):
             masks: For each model (O, K) which samples it is of; all there are where None.
         """
         outputs = self.models[0].outputs
+        # of joints that turn one may slide
+        usual = 'effort', self.unit
         square, whole = np.zeros(len(outputs)), np.zeros(len(outputs))
         count = np.zeros(len(outputs), dtype=int)
         for o, left, there in self.parts(residual, masks):
@@ -239,7 +241,7 @@ class Problem(Layout):
                 float(np.sqrt(square[o] / max(1, count[o]))),
                 float(np.sqrt(square[o] / whole[o])) if whole[o] > 0.0 else float('nan'),
                 int(count[o]),
-                '' if output.quantity == outputs[0].quantity == 'effort' else output.unit,
+                '' if (output.quantity, output.unit) == usual else output.unit,
             )
             for o, output in enumerate(outputs)
         )

@@ -23,6 +23,12 @@ def angular(unit: str) -> str:
     return re.sub(r'\b(kg|N|m)\b', lambda found: _ANGULAR[found[0]], unit)
 
 
+def straight(unit: str) -> str:
+    """Return a unit of a joint that turns as it is where it slides: `N s/m` for `N m s/rad`."""
+    of = {there: here for here, there in _ANGULAR.items()}
+    return re.sub(r'kg m\^2|N m|rad', lambda found: of[found[0]], unit)
+
+
 def per_metre(unit: str) -> float:
     """Return how much travel in `m` or `rad` stands for a metre."""
     return 1.0 / LEVER if unit == 'rad' else 1.0

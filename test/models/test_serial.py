@@ -19,6 +19,8 @@ from ros2_ident.cli.main import main  # noqa: E402
 from ros2_ident.effects import CATALOGUE  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.gates import examine  # noqa: E402
+from ros2_ident.identify.data import Data  # noqa: E402
+from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.new_file import followed_file, new_machine_file  # noqa: E402
@@ -325,6 +327,27 @@ def axis() -> Machine:
             },
         }
     )
+
+
+def test_a_joint_that_slides_has_units_of_its_own(tmp_path: Path) -> None:
+    boxes = {**BOXES, 'drive_inertia': [0.0, 5.0, 'kg m^2']}
+    machine = described(tmp_path, **boxes)
+    log = moving(machine)
+    problem = problem_of(machine, Data((log,)))
+    units = {p.name: p.unit for p in problem.parameters}
+    names = 'drive_inertia', 'coulomb_torque', 'viscous_torque'
+    assert [units[f'slide.{name}'] for name in names] == ['kg', 'N', 'N s/m']
+    assert [units[f'elbow.{name}'] for name in names] == ['kg m^2', 'N m', 'N m s/rad']
+    assert {x.drive: x.unit for x in problem.left(problem.residuals(problem.low[None])[0])} == {
+        'base': '',
+        'slide': 'N',
+        'elbow': '',
+        'wrist': '',
+    }
+    # Behind a gear its motor turns.
+    geared = make_model(machine.with_constants(gear_factor=100.0), log)
+    told = {p.name: p.unit for p in geared.parameters}
+    assert told['slide.drive_inertia'] == 'kg m^2'
 
 
 def sized(model) -> np.ndarray:

@@ -14,7 +14,7 @@ from ros2_ident.effects import Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Kind, Machine, Parameter
-from ros2_ident.machine.units import angular
+from ros2_ident.machine.units import angular, straight
 from ros2_ident.models.protocol import EffectAt, Scales
 
 # What a share of an unstated limit refers to, in sizes of the logged effort.
@@ -195,6 +195,10 @@ class Candidates:
                 full = name if drive is None else f'{drive}.{name}'
                 index = None if drive is None else self.machine.drives.index(drive)
                 low, high, unit = self.machine.box(name, drive)
+                # In a machine of joints that turn one may slide, moved by forces.
+                slides = index is not None and self.travels[index] != self.machine.travel_unit
+                if slides and self.machine.number('gear_factor', drive) == 1.0:
+                    unit = straight(unit)
                 # An inertia that may be below zero makes up for links, too.
                 kind: Kind = 'base' if name == 'drive_inertia' and low < 0.0 else slot.kind
                 absent = 0.0 if name in MAY_BE_ZERO else None
