@@ -99,7 +99,14 @@ def assemble(
         history=History(
             np.array(found.ga.best_costs), found.candidates, found.costs, found.generations
         ),
-        quality=replace(quality, warnings=quality.warnings + _gap(problem, left, evidence)),
+        quality=replace(
+            quality,
+            warnings=(
+                *quality.warnings,
+                *_of_outputs({e.name: BELOW for e in estimates if e.impossible}),
+                *_gap(problem, left, evidence),
+            ),
+        ),
         provenance=provenance_of(setup.machine, setup.data) if setup else provenance_of(),
         settings=settings,
     )
@@ -233,6 +240,11 @@ HIDDEN = 'not identified once model error is allowed for'
 NIL = 'below 1 % of the output'
 # Of what stands for several parameters of links and rotors that show together only.
 BASE = 'base parameter, of either sign'
+# What no inertia and no mass is.
+BELOW = (
+    'physically impossible, below 0: the links that the description has there are too heavy, or '
+    'the logged effort is too small or of the other sign; correct the description or effort_unit'
+)
 CUT_SHORT = 'interval not computed: the run was cut short'
 
 
@@ -288,10 +300,13 @@ def _estimate(
             said += [x for x in (bound, HIDDEN if hidden else '') if x] or [NOT_IDENTIFIABLE]
     said += [f'at its {at} bound'] if at else []
     said += [BASE] if p.kind == 'base' else []
-    return ParameterEstimate(
+    estimate = ParameterEstimate(
         p.name, p.unit, value, low, high, p.low, p.high, float(found.ga.theta[k]), bool(at), state,
         p.kind, ', '.join(said), noise_low, noise_high, hidden,
     )  # fmt: skip
+    below = BELOW.partition(':')[0]
+    note = estimate.note.replace(BASE, below) if estimate.impossible else estimate.note
+    return replace(estimate, note=note)
 
 
 def _is_nil(problem: Problem, found: Fitted, number: int, low: float, high: float) -> bool:

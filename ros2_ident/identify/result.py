@@ -87,6 +87,11 @@ class ParameterEstimate:
         return self.state == 'identified'
 
     @property
+    def impossible(self) -> bool:
+        """Whether an inertia or a mass, which have no sign, is below 0."""
+        return self.high < 0.0 and self.name.rpartition('.')[2] in ('drive_inertia', 'link_mass')
+
+    @property
     def bound(self) -> str:
         """The interval's ends inside the box, in words; empty where there are none."""
         return bound_of(self.low, self.high, self.lower_bound, self.upper_bound, self.unit)

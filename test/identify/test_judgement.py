@@ -157,3 +157,14 @@ def test_no_friction_is_an_answer_and_no_mass_is_none():
     assert load.note == 'base parameter, of either sign'
     assert result.outcome is Outcome.NOT_IDENTIFIABLE
     assert f'1 of 3 parameters: mass ({mass.bound}); record' in message(result)
+
+
+def test_an_inertia_below_zero_is_called_impossible():
+    model = Drive(-40.0, 3.0)
+    rotor = Parameter('elbow.drive_inertia', 'kg m^2', -100.0, 100.0, 'base', '')
+    model.parameters = (rotor, *model.parameters[1:])
+    result = found(model)
+    assert result.parameters[0].note == 'physically impossible, below 0'
+    (warning,) = [x for x in result.quality.warnings if 'physically impossible' in x]
+    assert warning.startswith('elbow.drive_inertia: ')
+    assert warning.endswith('correct the description or effort_unit')
