@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording.grid import find_ticks, sample_period, Ticks
+from ros2_ident.recording.grid import find_ticks, missing_samples, sample_period, Ticks
 from ros2_ident.recording.limits import require_memory
 from ros2_ident.recording.streams import (
     Dataset,
@@ -400,7 +400,7 @@ class _Layout:
         stride = placed.ticks.stride
         steps = np.diff(placed.tick[inside])
         usual = stride or (float(np.median(steps)) if steps.size else 1.0)
-        missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum())
+        missing = missing_samples(steps, usual) or 0
         rate = 1.0 / placed.period if placed.period else 0.0
         return StreamQuality(int(inside.sum()), missing, rate, placed.ticks.jitter, stride)
 

@@ -17,6 +17,8 @@ from ros2_ident.recording.streams import FloatArray, IntArray
 # A stream counts as sampled every m-th cycle where its spacing is within this share of a multiple
 # of the cycle.
 _RATE_TOLERANCE = 0.02
+# Steps that lie so far off whole periods (RMS, in periods) are uneven; at random it is 0.29.
+_UNEVEN = 0.2
 # Clocks of controller and stamps may run apart by this share before the given cycle must be wrong.
 _DRIFT_LIMIT = 1e-3
 # Cycles of one recording: 28 hours at 1 kHz.
@@ -69,6 +71,20 @@ def sample_period(stamp: IntArray) -> float:
     for _ in range(3):
         usual = float(np.mean(steps[np.abs(steps - usual) < 0.5 * usual]))
     return usual * 1e-9
+
+
+def missing_samples(steps: NDArray[np.number], period: float) -> int | None:
+    """Return how many samples did not come, None where they come unevenly, so that none is due.
+
+    Args:
+        steps: From sample to sample (T,).
+        period: The usual step.
+    """
+    shares = steps / (period or 1.0)
+    whole = np.maximum(np.round(shares), 1.0)
+    missing = int((whole - 1.0).sum())
+    uneven = missing > 0 and float(np.mean((shares - whole) ** 2)) > _UNEVEN**2
+    return None if uneven else missing
 
 
 def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:

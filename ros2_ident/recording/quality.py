@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import scipy
 
 from ros2_ident.errors import IdentError
-from ros2_ident.recording.grid import sample_period
+from ros2_ident.recording.grid import missing_samples, sample_period
 from ros2_ident.recording.motion import (
     best_lag,
     count_reversals,
@@ -266,15 +266,22 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
     steps, samples = np.diff(stream.stamp) * 1e-9, stream.stamp.size
     period = sample_period(stream.stamp)
     gap = steps > 1.5 * period
-    missing = int((np.round(steps[gap] / period) - 1).sum()) if period else 0
-    share = missing / (samples + missing)
+    missing = missing_samples(steps, period)
+    share = (missing or 0) / (samples + (missing or 0))
     scatter = float(np.std(steps[~gap])) if (~gap).any() else 0.0
-    text = (
-        f'{samples} samples of {"+".join(stream.fields)} in {stream.duration:.4g} s, at '
-        f'{1.0 / period if period else 0.0:.6g} Hz, {missing or "none"} missing, stamps scatter '
-        f'by {scatter * 1e3:.3g} ms'
-    )
+    text = f'{samples} samples of {"+".join(stream.fields)} in {stream.duration:.4g} s'
     level: Level = 'ok'
+    if missing is None:
+        level = 'warn'
+        text += (
+            f' come unevenly, {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart: log at '
+            'a fixed rate, stamped where they are taken'
+        )
+    else:
+        text += (
+            f', at {1.0 / period if period else 0.0:.6g} Hz, {missing or "none"} missing, stamps '
+            f'scatter by {scatter * 1e3:.3g} ms'
+        )
     if share > _MISSING_WARN:
         level = 'error' if share > _MISSING_ERROR else 'warn'
         text += f'; {100.0 * share:.3g} % are missing, the longest gap lasts {steps.max():.3g} s: '

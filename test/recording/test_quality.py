@@ -10,7 +10,7 @@ import pytest
 
 from ros2_ident.commissioning import check_both
 from ros2_ident.models.registry import read_machine_file
-from ros2_ident.recording import check, read_bag, Recording, Stream
+from ros2_ident.recording import align, check, read_bag, Recording, Stream
 
 REPO = Path(__file__).parents[2]
 
@@ -112,6 +112,16 @@ def test_excitation():
     assert 'one_way' in codes(one_way, 'warn')
     once = check([recording(position=np.sin(0.4 * TIME), velocity=None)])
     assert ', 1 reversals' in once.of('few_reversals')[0].sentence
+
+
+def test_a_log_that_is_sampled_unevenly_has_lost_nothing():
+    whole = recording().state
+    steps = np.random.default_rng(0).uniform(2e6, 10e6, whole.stamp.size).astype(np.int64)
+    report = check([Recording(replace(whole, stamp=np.cumsum(steps)), source='uneven')])
+    assert 'missing' in codes(report, 'warn')
+    assert re.search('unevenly, 2 to 10 ms apart: log at', report.of('missing')[0].sentence)
+    data = align(Recording(replace(whole, stamp=np.cumsum(steps))), ['a'], 1e-3)
+    assert data.streams['state'].missing == 0
 
 
 def test_missing_samples():
