@@ -43,8 +43,9 @@ SAID: dict[Sign, str] = {
     'driver, or for this log the torque_constant, of a table the scale',
     'unsigned': 'the effort never changes its sign while the drive reverses: only its size was '
     'logged; log the signed one, or write "sign: velocity" in the column map of a table',
-    'either': 'the effort never changes its sign while the drive reverses, and takes power from '
-    'it: only its size was logged, or it is reversed; log the signed one, or negate it',
+    'either': 'the effort never changes its sign while the drive reverses, takes power from it '
+    'and follows no law of the motion: only its size was logged, or it is reversed; log the '
+    'signed one, and negate it only where it is signed already',
     'open': 'whether the effort has the sign of the motion does not show in this log',
 }
 # Slower than this share of the top speed is no motion; positions fall into so many cells, samples
@@ -55,6 +56,10 @@ _CHANCE = 1e-3
 # An effort passes zero, and falls to it, by these shares of its largest values, and stays there
 # for this share of the time; a drive that has stood longer may be braked or off, s.
 _PASSES, _FALLS, _OFTEN, _STOOD = 0.005, 0.02, 0.005, 0.1
+# Share of a variance that is left where another reading of an effort explains it clearly better.
+_PLAINER = 0.5
+# Share of an effort's variance from which on the motion is known to explain it.
+_KNOWN = 0.85
 
 
 def sign_of(motion: Motion, alone: bool = False) -> Sign:
@@ -93,7 +98,16 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
         falls = float(np.mean(effort[around] < _FALLS * top)) > _OFTEN
         if falls or (abs(power) < certain and not alone):
             return 'unsigned'
-        if power < -certain:
+        # With the sign of the motion a size is an effort that the motion explains.
+        signed = np.sign(motion.velocity) * effort
+        shares = [_explained(motion, x)[1] for x in (effort, signed)]
+        plain, other = (
+            (1.0 - share) * float(np.var(motion.slowly(x)))
+            for share, x in zip(shares, (effort, signed), strict=True)
+        )
+        if other < _PLAINER * plain:
+            return 'unsigned'
+        if power < -certain and shares[0] < _KNOWN:
             return 'either'
     return 'right' if power > certain else 'reversed' if power < -certain else 'open'
 
@@ -414,7 +428,7 @@ def _explained(motion: Motion, effort: FloatArray) -> tuple[float, float]:
     smooth = motion.slowly(fill_gaps(effort))
     lag, _, share = best_lag(motion.slowly(rows).T, smooth, motion.period, 0.0)
     # a fit that is best at the very edge, or poor, knows nothing of a delay
-    known = lag <= LATEST - 2.0 * motion.period and share >= 0.85
+    known = lag <= LATEST - 2.0 * motion.period and share >= _KNOWN
     return lag if known else math.nan, share
 
 
