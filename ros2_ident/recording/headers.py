@@ -6,7 +6,7 @@ says whether it is a set-point, and the words that are left are the joint.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass, replace
@@ -425,7 +425,14 @@ def header_of(path: Path) -> Header:
         text = f'{path}: its first lines cannot be read ({exc}); correct them'
         raise IdentError(ErrorCode.BAD_VALUES, text) from None
     rows = [row[:-1] if row and not row[-1] and delimiter == ' ' else row for row in rows]
-    first = next((n for n, row in enumerate(rows) if _holds_values(row, decimal)), 0)
+    # Among more words than numbers a row holds values where it is like the last one.
+    last = [_is_number(x, decimal) for x in rows[-1]] if rows else []
+    held = [
+        _holds_values(row, decimal)
+        or (sum(last) > 1 and [_is_number(x, decimal) for x in row] == last)
+        for row in rows
+    ]
+    first = held.index(True) if any(held) else 0
     values = [row for row in rows[first:] if len(row) == len(rows[first])]
     where = f'write {path.stem}{MAP_SUFFIX}, as in docs/logs.md'
     # A line of names may begin with the mark of a comment.
@@ -435,21 +442,28 @@ def header_of(path: Path) -> Header:
         text = 'has a block of properties above a time for each channel'
         raise refuse(path, f'{text}; export it with one common time, or {where}')
     if not wide:
-        raise refuse(path, f'has no line of names above its numbers; {where}')
+        said = f'has no line of names above its numbers; {where}'
+        if len(rows) > 1 and not any(held):
+            said = _wordy(rows[0], rows[1], decimal)
+        raise refuse(path, said)
     # Of two lines the lower one holds units.
     top = wide[max(-2, -len(wide))]
     if wide[1:] and not any(map(_is_unit, above[wide[-1]])):
         top = wide[-1]
     units = above[wide[-1]] if top != wide[-1] else []
     names = above[top]
-    columns = meanings(names, units)
-    for n, name in enumerate(names):
-        if not all(_is_number(row[n], decimal) for row in values if row[n]):
-            columns[n] = Meaning(name, why=_HOLDS_WORDS)
+    below = list(zip(*values, strict=True))
+    wordy = [n for n, x in enumerate(below) if not all(_is_number(y, decimal) for y in x if y)]
+    columns = meanings(['' if n in wordy else name for n, name in enumerate(names)], units)
+    for n in wordy:
+        columns[n] = Meaning(names[n], why=_HOLDS_WORDS)
     _require_wide(path, columns, values)
     there = {x.quantity for x in columns} - {''}
     if 'time' not in there or len(there) < 2:
         kind = 'position, velocity or effort' if 'time' in there else 'time'
+        named = meanings(names, units)
+        for n in (n for n in wordy if named[n].quantity):
+            raise refuse(path, _wordy([names[n]] * len(values), below[n], decimal))
         raise refuse(path, f'no column is named as a {kind}: {listed(names)}; {where}')
     shifted = above[top] is not rows[top]
     numbered = [shifted or names.count(name) > 1 or not name for name in names]
@@ -468,12 +482,22 @@ def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Seque
         text = 'holds one value a row; make it a table with a column for each of its quantities'
         raise refuse(path, f'{text}, as by the pivot of pandas')
     kinds = [n for n in words if len({row[n] for row in values}) > 1]
-    if kinds and len({*times}) <= len(times) / 2:
+    if kinds and times and len({*times}) <= len(times) / 2:
         name, shown = columns[kinds[0]].name, listed(sorted({row[kinds[0]] for row in values}), 5)
         text = f'holds several rows for each time, by {short(name)}: {shown}'
         raise refuse(
             path, f'{text}; write a column map that chooses one by `where`, as in docs/logs.md'
         )
+
+
+def _wordy(names: Sequence[str], below: Iterable[str], decimal: str) -> str:
+    """Return which of the cells below names holds words: one does."""
+    cells = zip(names, below, strict=False)
+    name, cell = next(x for x in cells if x[1] and not _is_number(x[1], decimal))
+    return (
+        f'holds words where numbers belong, {short(cell)} below {short(name)}: write numbers '
+        'alone, a time in s from any instant and units in the names'
+    )
 
 
 def _is_number(text: str, decimal: str) -> bool:

@@ -291,6 +291,8 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
     [
         ('', 'no line of names'), ('0,1\n1,2\n', 'no line of names'),
         ('a,q\n0,1\n', 'named as a time: a, q'), ('t,x\n0,1\n', 'named as a position'),
+        ('t,q,i\n0 s,1 rad,2 A\n', "'0 s' below 't': write numbers alone"),
+        ('t,q,i\n10:00:00,1,2\n10:00:01,1,3\n', "'10:00:00' below 't': write"),
     ],
 )  # fmt: skip
 def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
@@ -298,6 +300,12 @@ def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
     with pytest.raises(IdentError, match=said) as caught:
         header_of(tmp_path / 'log.csv')
     assert caught.value.code == ErrorCode.INVALID_GOAL
+
+
+def test_a_column_of_words_takes_no_other_ones_place(tmp_path):
+    rows = ''.join(f'2024-01-02T10:00:0{n},{n},1,OK\n' for n in range(9))
+    (tmp_path / 'log.csv').write_text(f'stamp,time,position,state\n{rows}')
+    assert header_of(tmp_path / 'log.csv').map()['time']['column'] == 'time'
 
 
 ODD = (
