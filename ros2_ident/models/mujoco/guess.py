@@ -61,7 +61,8 @@ def by_inverse_dynamics(
         gear * np.stack([wanted - gear * x[0], ahead - gear * x[1]]) for x in ((q, v), now)
     )
     found = {name: np.array(known[name], dtype=float) for name in NAMES}
-    for d in range(len(order)):
+    unknown = np.isnan([found[name] for name in NAMES]).any(axis=0)
+    for d in np.flatnonzero(unknown):
         resists = np.stack([a[d], np.sign(v[d]), v[d]])
         moves = np.abs(v[d]) >= _SLOW * np.abs(v[d]).max()
         # The law moves links, armature and friction ...
