@@ -172,3 +172,31 @@ def test_from_urdf_and_log_to_parameters(folder, capsys) -> None:
     for full, p in found.items():
         drive, name = full.split('.')
         assert p['value'] == pytest.approx(TRUE[name][DRIVES.index(drive)], rel=0.05), full
+
+
+def test_friction_that_gives_way_as_a_damper_is_begun_as_described(tmp_path) -> None:
+    # Light, it never takes 30 N m to move: inverse dynamics see a damper.
+    text = (
+        '<mujoco><worldbody><body><inertial pos="0.1 0 0" mass="0.3" '
+        'diaginertia="1e-3 1e-3 1e-3"/>'
+        '<joint name="wrist" axis="0 1 0" frictionloss="30"/></body></worldbody>'
+        '<actuator><position joint="wrist" kp="50"/></actuator></mujoco>'
+    )
+    (tmp_path / 'arm.xml').write_text(text)
+    model = mujoco.MjModel.from_xml_string(text)
+    data, points, seen = mujoco.MjData(model), [], []
+    for k in range(2000):
+        points.append(0.8 * np.sin(0.006 * k) + 0.3 * np.sin(0.017 * k))
+        seen.append(float(data.qpos[0]))
+        data.ctrl[:] = points[-1]
+        mujoco.mj_step(model, data, 2)
+    (tmp_path / 'machine.yaml').write_text(yaml.safe_dump({
+        'machine': 'mujoco', 'drives': ['wrist'], 'geometry': {'description': 'arm.xml'},
+        'controller': {'cycle': CYCLE},
+        'parameters': {name: [0.0, 200.0, UNITS[name]] for name in TRUE}
+        | {'set_point_delay': [0.0, 0.2, 's']},
+    }))  # fmt: skip
+    log = Dataset(('wrist',), CYCLE, 0, np.array([points]), None, np.array([seen]), None, None)
+    begun = make_model(load_machine(tmp_path / 'machine.yaml'), log)
+    found = dict(zip((p.name for p in begun.parameters), begun.suggested(), strict=True))
+    assert (found['wrist.frictionloss'], found['wrist.kp']) == (30.0, 50.0)

@@ -139,7 +139,11 @@ class Mujoco(MachineModel):
         return out
 
     def suggested(self) -> Array | None:
-        """Return (N,) parameters by inverse dynamics, see `FullModel.suggested`."""
+        """Return (N,) parameters, see `FullModel.suggested`.
+
+        By inverse dynamics, or as described where that leaves less of the log: dry friction of
+        MuJoCo gives way as a damper does, up to its size, and inverse dynamics take it for one.
+        """
         if self.data.position is None or self.plant.model.neq:
             return None
         middle = np.array([0.5 * (p.low + p.high) for p in self.parameters])
@@ -165,8 +169,15 @@ class Mujoco(MachineModel):
             drive, _, name = p.name.rpartition('.')
             if name in found and drive in drives:
                 middle[n] = found[name][drives.index(drive)]
+        told = self.as_described({})
+        stated = [
+            told.get(p.name, x if p.absent is None else p.absent)
+            for p, x in zip(self.parameters, middle.tolist(), strict=True)
+        ]
         low, high = np.array([(p.low, p.high) for p in self.parameters]).T
-        return np.asarray(np.clip(middle, low, high))
+        both = np.clip([middle, stated], low, high)
+        left = np.square(self.residuals(both)).mean(axis=1)
+        return np.asarray(both[int(np.argmin(left))])
 
     # ------------------------------------------------------------------ what it is
 
