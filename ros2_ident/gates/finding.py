@@ -14,17 +14,8 @@ Level = Literal['ok', 'warn', 'fail']
 LEVELS: tuple[Level, ...] = ('fail', 'warn', 'ok')
 # Of findings that are as bad, one that others follow from comes first.
 _CAUSES = (
-    'names',
-    'limit',
-    'set_point',
-    'reach',
-    'tilt',
-    'weight',
-    'offset',
-    'sign',
-    'scale',
-    'law',
-)
+    'names', 'limit', 'set_point', 'reach', 'tilt', 'weight', 'offset', 'sign', 'scale', 'law',
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

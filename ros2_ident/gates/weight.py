@@ -60,8 +60,7 @@ class _Joint:
 
     def beside_weight(self, rows: Array) -> Array:
         """Return (T, ...) rows without what all but the weight explains of them."""
-        known = self.inertia, self.rotor, self.friction, self.free
-        return _without(rows, np.column_stack(known))
+        return _without(rows, self.inertia, self.rotor, self.friction, self.free)
 
     def factor(self) -> float:
         """Return effort per effort that the description asks for, NaN where it does not show.
@@ -71,14 +70,13 @@ class _Joint:
         factor = _factor(self.beside_weight(self.weight), self.beside_weight(self.effort))
         if math.isfinite(factor) or self.weight.any():
             return factor
-        known = np.column_stack([self.friction, self.free])
-        factor = _factor(_without(self.inertia, known), _without(self.effort, known))
+        beside = self.friction, self.free
+        factor = _factor(_without(self.inertia, *beside), _without(self.effort, *beside))
         return factor if factor < 1.0 / ANOTHER else math.nan
 
     def lost(self) -> float:
         """Return the larger of friction and rotor, as a share of how the effort varies."""
-        parts = self.weight, self.free, self.rotor, self.friction
-        columns = np.column_stack(parts)
+        columns = np.column_stack([self.weight, self.free, self.rotor, self.friction])
         found = np.linalg.lstsq(columns, self.effort - self.inertia, rcond=1e-9)[0]
         made = self.rotor * found[-3], self.friction @ found[-2:]
         return max(float(np.std(part)) for part in made) / float(np.std(self.effort))
@@ -95,11 +93,8 @@ def check_weight(machine: Machine, data: Dataset) -> list[Gate]:
         joints = list(_joints(machine, data))
     except IdentError:
         return []  # said where the model is made
-    tilted = _tilted(machine, joints)
-    if tilted:
-        return tilted
     factors = {x.drive: f for x in joints if math.isfinite(f := x.factor())}
-    return _sized(factors) or _behind_gears(machine, joints)
+    return _tilted(machine, joints) or _sized(factors) or _behind_gears(machine, joints)
 
 
 def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
@@ -139,8 +134,9 @@ def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
         )
 
 
-def _without(rows: Array, columns: Array) -> Array:
-    """Return (T, ...) rows without what (T, C) columns explain of them."""
+def _without(rows: Array, *parts: Array) -> Array:
+    """Return (T, ...) rows without what columns (T,) or (T, C) explain of them."""
+    columns = np.column_stack(parts)
     return rows - columns @ np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
 
 
@@ -180,10 +176,10 @@ def _sized(factors: dict[str, float]) -> list[Gate]:
     off = {drive: factor for drive, factor in factors.items() if not near(factor, ANOTHER)}
     if not off:
         return []
-    drive, factor = next(iter(off.items()))
+    (drive, factor), *others = off.items()
     # A description that is wrong is not so by one factor on every joint.
     by_one = len(off) == len(factors) > 1 and all(near(x / factor) for x in off.values())
-    rest = '' if by_one else likewise(f'{n} {figure(x)}' for n, x in list(off.items())[1:])
+    rest = '' if by_one else likewise(f'{n} {figure(x)}' for n, x in others)
     text = (
         f'{"all joints" if by_one else drive}: the effort is {figure(factor)} times what the '
         f'description asks for{rest}; '
@@ -191,8 +187,8 @@ def _sized(factors: dict[str, float]) -> list[Gate]:
     if abs(factor) < _NOTHING:
         text += 'log the whole torque, not one with gravity compensated, or set free_fall to 0'
     elif near(-factor):
-        text += 'negate the effort or the position in the driver'
-        text += ', or write base_roll: 3.14 where the arm hangs' if by_one else ''
+        hangs = ', or write base_roll: 3.14 where the arm hangs' if by_one else ''
+        text += f'negate the effort or the position in the driver{hangs}'
     else:
         text += (
             'state effort_unit with torque_constant or rated_torque, gear_factor where it is the '

@@ -24,7 +24,7 @@ def found(
 ) -> list[Gate]:
     """Return what is said of a log of the described arm, its base tilted otherwise."""
     machine = described(folder, **BOXES)
-    log = moving(machine, 4000)
+    log = moving(machine, 2000)
     speed = np.gradient(log.position, log.cycle, axis=1)
     change = np.gradient(speed, log.cycle, axis=1)
     effort = arm_of(machine.with_constants(**tilt)).efforts(log.position, speed, change)
