@@ -194,9 +194,13 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
     level = f'({sum(floors) / len(floors):.4g} {unit})'
     if cause == Cause.NONE and size < evidence['material']:
         limit = f'{evidence["material"] * max(floors):.2g} {unit}'
-        what = f'Nothing is missing: the residual is noise, in which a gap of {limit} would show'
+        shown = 'Nothing that this motion shows' if d.not_testable else 'Nothing'
+        what = f'{shown} is missing: the residual is noise, in which a gap of {limit} would show'
         if facts.hidden:
-            what = f'Nothing is missing above {limit}, but slow noise may hide more'
+            what = f'{shown} is missing above {limit}, but slow noise may hide more'
+        drives = d.per_drive.values()
+        noise = of_output(max(g.noise_floor / (g.torque_rms or math.inf) for g in drives), unit)
+        level = f'{level[:-1]}, at most {noise})'
         return what, f'; the largest of a drive is {size:.2f} times the noise floor {level}.'
     share = of_output(d.per_drive[facts.worst].share_of_output, unit)
     gap = f'{size:.2f} times the noise floor, {share}'

@@ -53,7 +53,7 @@ def test_the_example_finds_the_parameters(
     result = space['result']
     for estimate in result.parameters:  # type: ignore[attr-defined]
         assert estimate.low <= TRUTH[estimate.name] <= estimate.high
-    assert 'Nothing is missing' in capsys.readouterr().out
+    assert 'is missing: the residual is noise' in capsys.readouterr().out
 
 
 def test_a_bundled_machine_is_identified_and_diagnosed_in_python(
@@ -64,7 +64,7 @@ def test_a_bundled_machine_is_identified_and_diagnosed_in_python(
     monkeypatch.chdir(ROOT)
     exec(block, {})  # noqa: S102
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith('emps_axis.moving_mass 95.1') and 'Nothing is missing' in lines[-1]
+    assert lines[0].startswith('emps_axis.moving_mass 95.1') and 'is missing: the residual is noise' in lines[-1]
 
 
 def test_the_page_names_every_hook() -> None:

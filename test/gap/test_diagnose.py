@@ -135,7 +135,7 @@ def test_nothing_is_missing_where_nothing_is() -> None:
     found = diagnose(MACHINE, [recording(4)], [recording(5)], seed=3)
     assert found.effect == 'none'
     assert found.where == ()
-    assert 'Nothing is missing' in sentence(found)
+    assert 'Nothing that this motion shows is missing' in sentence(found)
     assert found.not_testable and '; this motion cannot show: ' in sentence(found)
 
 
