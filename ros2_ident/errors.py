@@ -33,6 +33,10 @@ class ErrorCode(enum.IntEnum):
         """Exit code of `ident`: 1 where a run is not good, 2 for wrong input, 3 for a defect."""
         return _EXIT_CODES.get(self, 2)
 
+    def error(self, message: str) -> 'IdentError':
+        """Return an error of this kind; its message is as of `IdentError`."""
+        return IdentError(self, message)
+
 
 # After a cancel and the like there is a result all the same.
 _EXIT_CODES = {

@@ -21,7 +21,7 @@ import shutil
 import stat
 from typing import Any, IO
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 PARTIAL = '.partial'
 # Some network file systems cannot bring a directory to the disk.
@@ -73,9 +73,8 @@ def require_ours(
         elif there and kind not in (None, there):
             what = f'is a file of another kind ({there.decode()}) and will not be replaced'
         if what:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{path}: {what}; move it away, or give another place for the results',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'{path}: {what}; move it away, or give another place for the results'
             )
 
 
@@ -94,7 +93,7 @@ def make_directory(path: str | Path) -> Path:
         why = 'cannot be written to'
     if why:
         text = f'{path}: {why}; give another directory for the results'
-        raise IdentError(ErrorCode.INVALID_GOAL, text)
+        raise ErrorCode.INVALID_GOAL.error(text)
     return path
 
 
@@ -115,10 +114,9 @@ def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(number)
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{path}: another run writes its results there; wait for its end, or give another '
-            'directory',
+            'directory'
         ) from None
     except OSError:
         pass  # some network file systems lock no directories
@@ -360,10 +358,9 @@ def _explained(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as exc:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{path}: cannot be written ({exc.strerror or exc}); make room there, or give another '
-            'directory',
+            'directory'
         ) from exc
 
 

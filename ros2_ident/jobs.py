@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import remove_file
 from ros2_ident.gap.diagnose import diagnose as find_gap
 from ros2_ident.gap.diagnose import DiagnoseProgress
@@ -179,7 +179,7 @@ def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     """
     since = time.monotonic()
     if not request.bags and received is None:
-        raise IdentError(ErrorCode.NO_DATA, 'there is no live data; replay a bag or name its path')
+        raise ErrorCode.NO_DATA.error('there is no live data; replay a bag or name its path')
     travel = travel_of(request.machine)
     if received is None or request.bags:
         recordings = read_bags(request.bags, request.topics, travel)
@@ -227,10 +227,9 @@ def diagnose(
 ) -> Diagnosed:
     """Find the gap and its cause; arguments and errors as of `gap.diagnose`."""
     if request.outputs is not None and len(request.outputs) > 1:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'a diagnosis compares one quantity and {" and ".join(request.outputs)} are given; '
-            'give one of them',
+            'give one of them'
         )
     check = logs.check
     result = find_gap(

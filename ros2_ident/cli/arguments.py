@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 _TABLE = yaml.load(
     Path(__file__).with_name('commands.yaml').read_text(encoding='utf-8'),
@@ -87,9 +87,7 @@ def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL, f'{option} names {name} twice; give it one value'
-            )
+            raise ErrorCode.INVALID_GOAL.error(f'{option} names {name} twice; give it one value')
         found[name] = value
     return found
 
@@ -151,10 +149,9 @@ def effort_of(args: argparse.Namespace) -> dict[str, Any]:
     from ros2_ident.machine.units import effort_factors
 
     if args.effort_unit is None and (args.torque_constant or args.rated_torque):
-        raise IdentError(
-            ErrorCode.WRONG_UNITS,
+        raise ErrorCode.WRONG_UNITS.error(
             'a torque constant or rated torque is given without its unit; add `--effort-unit A` '
-            'or `--effort-unit percent`',
+            'or `--effort-unit percent`'
         )
     if args.effort_unit is None:
         return {}

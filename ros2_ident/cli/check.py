@@ -4,7 +4,7 @@
 import argparse
 
 from ros2_ident.cli.arguments import topics_of, with_effort
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 
 def run(args: argparse.Namespace) -> int:
@@ -20,8 +20,8 @@ def run(args: argparse.Namespace) -> int:
         file = replace(file, machine=with_effort(file.machine, args))
     if args.bag is None:
         if file is None:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL, 'there is nothing to check; give a bag, --machine, or both'
+            raise ErrorCode.INVALID_GOAL.error(
+                'there is nothing to check; give a bag, --machine, or both'
             )
         report = Report(file.name, findings=check_machine(file))
         recordings = []

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import asked
 from ros2_ident.cli.runs import carry_out
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 if TYPE_CHECKING:
     from ros2_ident.gap.result import Diagnosis
@@ -39,9 +39,8 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.gap.verdict import REFUSED
 
     if args.resume and not args.out:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            '--resume goes on by a file in the directory for the results; give --out, too',
+        raise ErrorCode.INVALID_GOAL.error(
+            '--resume goes on by a file in the directory for the results; give --out, too'
         )
     done = carry_out(args, request_of(args), jobs.diagnose, print_diagnosis)
     return 0 if done.complete and done.result.effect not in REFUSED else 1

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import topics_of, with_effort
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 if TYPE_CHECKING:
     from ros2_ident.export.estimate import Estimate
@@ -22,9 +22,8 @@ def run(args: argparse.Namespace) -> int:
 
     wrong = [name for name in args.to or () if name not in TARGETS]
     if wrong:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{wrong[0]} is no target; choose from {", ".join(TARGETS)}',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{wrong[0]} is no target; choose from {", ".join(TARGETS)}'
         )
     estimate = read_estimate(args.results)
     problem = _problem(args, estimate)
@@ -64,10 +63,9 @@ def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
     logs = args.bag or settings.get('bags') or []
     missing = next((log for log in logs if not Path(log).exists()), None)
     if not logs or missing is not None:
-        raise IdentError(
-            ErrorCode.NO_DATA,
+        raise ErrorCode.NO_DATA.error(
             f'the log {missing or estimate.source or "of the results"} is not there; give the bag '
-            'behind RESULTS',
+            'behind RESULTS'
         )
     drives = estimate.drives or None
     data = read_data(logs, machine, drives, topics=topics_of(args))
@@ -91,8 +89,7 @@ def machine_behind(args: argparse.Namespace, estimate: 'Estimate') -> Any:
     before = estimate.settings.get('machine_file')
     found = args.machine or (before if isinstance(before, str) else None)
     if found is None or not Path(found).exists():
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'the machine file {found or "of the results"} is not there; give it with --machine',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'the machine file {found or "of the results"} is not there; give it with --machine'
         )
     return with_effort(load_machine(found), args)

@@ -10,7 +10,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import topics_of
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_text
 from ros2_ident.models.registry import KINDS, machine_from_mapping
 
@@ -29,10 +29,9 @@ def run(args: argparse.Namespace) -> int:
     known: dict[str, Any] = {}
     log = _log(args) if args.bag else None
     if args.kind is None and (log is None or args.description is None):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'say of what kind the machine is, --kind {"/".join(KINDS)}; of an arm a description '
-            'and a log of it say that, --description and --bag',
+            'and a log of it say that, --description and --bag'
         )
     follows = log is not None and log.command is not None and log.command.position is not None
     kind, text = KINDS[args.kind] if args.kind else new_file.arm_kind(follows), None
@@ -54,8 +53,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     path = Path(args.out)
     if path.exists():
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'{path}: exists already; remove it or give another name'
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{path}: exists already; remove it or give another name'
         )
     write_text(path, text)
     command = shlex.join(['ident', 'check', '--machine', str(path)])
@@ -81,9 +80,8 @@ def _log(args: argparse.Namespace) -> 'Recording':
         args.travel = args.travel or read
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
-            f'{args.bag} holds no measured motion; name its topic with --state-topic',
+        raise ErrorCode.MISSING_STREAM.error(
+            f'{args.bag} holds no measured motion; name its topic with --state-topic'
         )
     return recording
 

@@ -7,7 +7,7 @@ import json
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import topics_of
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -116,9 +116,8 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
     models = [make(d, effects=effects) for d in data]
     missing = [p.name for p in models[0].parameters if p.name not in estimate.values]
     if missing:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'the result holds no {missing[0]}; give the machine file that it was found with',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'the result holds no {missing[0]}; give the machine file that it was found with'
         )
     theta = np.array([estimate.values[p.name] for p in models[0].parameters])
     return [(model, theta) for model in models]

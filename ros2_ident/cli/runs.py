@@ -121,9 +121,8 @@ def _live_page(
     if not args.live:
         return nullcontext()
     if out is None or args.no_report:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            '--live shows the run where its report will be; give --out, and leave out --no-report',
+        raise ErrorCode.INVALID_GOAL.error(
+            '--live shows the run where its report will be; give --out, and leave out --no-report'
         )
     from ros2_ident.report.page import LivePage
 

@@ -8,7 +8,7 @@ import shlex
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import once
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 if TYPE_CHECKING:
     from ros2_ident.models import Machine
@@ -88,9 +88,8 @@ def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
         else:
             left |= {f'{drive}.{name}': value for drive in own}
     if left:
-        raise IdentError(
-            ErrorCode.UNKNOWN_PARAMETER,
+        raise ErrorCode.UNKNOWN_PARAMETER.error(
             f'{next(iter(left))!r} cannot be set: no such parameter; '
-            f'choose from {", ".join(machine.bounds)}',
+            f'choose from {", ".join(machine.bounds)}'
         )
     return truth

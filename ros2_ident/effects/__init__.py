@@ -24,7 +24,7 @@ from ros2_ident.effects.effect import DriveState as DriveState
 from ros2_ident.effects.effect import Effect as Effect
 from ros2_ident.effects.effect import EffectParameter as EffectParameter
 from ros2_ident.effects.effect import Hook as Hook
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import unreadable
 
 # Paths of files with effects, separated as in PATH.
@@ -74,11 +74,10 @@ class Catalogue:
             if path in self.sources:
                 continue
             if self.closed:
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
+                raise ErrorCode.INVALID_GOAL.error(
                     f'{path.name}: the simulations are compiled without it already; name the file '
                     f'in the environment variable {VARIABLE}, or call add_effect_files before '
-                    'anything else of ros2_ident is imported',
+                    'anything else of ros2_ident is imported'
                 )
             found = _imported(path)
             self._add(getattr(found, 'EFFECT', None), path.name)
@@ -96,7 +95,7 @@ class Catalogue:
         if not wrong and effect.id in self.effects:
             wrong = f'the catalogue has an effect {effect.id} already; give it another id'
         if wrong:
-            raise IdentError(ErrorCode.INVALID_GOAL, f'{source}: {wrong}')
+            raise ErrorCode.INVALID_GOAL.error(f'{source}: {wrong}')
         self.effects[effect.id] = effect
 
 
@@ -123,12 +122,12 @@ def _imported(path: Path) -> ModuleType:
     """
     if not path.is_file():
         text = f'{path}: {unreadable(path) or "is a folder"}; name the file that defines EFFECT'
-        raise IdentError(ErrorCode.INVALID_GOAL, text)
+        raise ErrorCode.INVALID_GOAL.error(text)
     name = f'ros2_ident_effect_{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}'
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'{path.name} is no Python file; name one that ends with .py'
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{path.name} is no Python file; name one that ends with .py'
         )
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
@@ -136,9 +135,8 @@ def _imported(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         del sys.modules[name]
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'{path.name} cannot be imported, {type(error).__name__}: {error}; correct the file',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{path.name} cannot be imported, {type(error).__name__}: {error}; correct the file'
         ) from error
     return module
 
@@ -178,9 +176,8 @@ def get_effect(name: str) -> Effect:
     try:
         return CATALOGUE[name]
     except KeyError:
-        raise IdentError(
-            ErrorCode.UNKNOWN_PARAMETER,
-            f'no effect is called {name!r}; choose from {", ".join(CATALOGUE)}',
+        raise ErrorCode.UNKNOWN_PARAMETER.error(
+            f'no effect is called {name!r}; choose from {", ".join(CATALOGUE)}'
         ) from None
 
 

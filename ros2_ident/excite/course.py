@@ -192,10 +192,9 @@ def courses_for(
     velocity, acceleration, jerk = rates
     moving = seconds - 2.0 * rest
     if moving < 2.0 * _FINEST * cycle or harmonics < 2:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{max(moving, 0.0):g} s between two rests and {harmonics} harmonics leave no motion; '
-            f'take 2 harmonics and {2.0 * (rest + _FINEST * cycle):g} s or more',
+            f'take 2 harmonics and {2.0 * (rest + _FINEST * cycle):g} s or more'
         )
     lowest = float(np.min(velocity / reach)) / (2.0 * math.pi) / 4.0
     periods = max(1, round(moving * lowest))

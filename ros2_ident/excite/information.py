@@ -10,7 +10,7 @@ import numpy.typing as npt
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.excite.course import derived
 from ros2_ident.excite.limits import Moved, transmission
 from ros2_ident.machine.machine import Machine, Parameter
@@ -94,10 +94,9 @@ class Sensitivity:
         known = [{p.name, p.name.rpartition('.')[2]} for p in self.parameters]
         for name in names:
             if not any(name in both for both in known):
-                raise IdentError(
-                    ErrorCode.UNKNOWN_PARAMETER,
+                raise ErrorCode.UNKNOWN_PARAMETER.error(
                     f'{name!r} is no parameter that is looked for; choose from '
-                    f'{", ".join(p.name for p in self.parameters)}',
+                    f'{", ".join(p.name for p in self.parameters)}'
                 )
         return np.array([not both.isdisjoint(names) for both in known])
 
@@ -135,9 +134,8 @@ class Sensitivity:
         model = self._model(planned, self._quantities)
         told = model.simulate(self.values[None])[0]
         if not np.isfinite(told).all():
-            raise IdentError(
-                ErrorCode.DIVERGED,
-                'the simulation diverges at the expected parameters; give others with --set',
+            raise ErrorCode.DIVERGED.error(
+                'the simulation diverges at the expected parameters; give others with --set'
             )
         moved = self._moved(model, planned, told)
         there = np.zeros(told.shape, dtype=bool)

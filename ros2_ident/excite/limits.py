@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_yaml
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import kind_of, set_points_of, space_of
@@ -173,11 +173,10 @@ def _read(path: str | Path) -> dict[str, Any]:
     try:
         content = read_yaml(path)
     except ValueError as error:
-        raise IdentError(ErrorCode.BAD_VALUES, f'{path} {error}; correct it') from None
+        raise ErrorCode.BAD_VALUES.error(f'{path} {error}; correct it') from None
     if not isinstance(content, dict) or not {'joint_limits', 'workspace'} & set(content):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{path} states no limits; write `joint_limits: {{drive: {{max_velocity: 1.0}}}}`',
+        raise ErrorCode.BAD_VALUES.error(
+            f'{path} states no limits; write `joint_limits: {{drive: {{max_velocity: 1.0}}}}`'
         )
     return content
 
@@ -189,10 +188,9 @@ def _of_file(
     stated = content.get('joint_limits') or {}
     strange = set(stated) - set(machine.drives)
     if len(strange) == len(stated) and stated:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
+        raise ErrorCode.BAD_VALUES.error(
             f'{path} has no limits of {", ".join(machine.drives)}, but of {min(strange)}; name '
-            'the drives as in the machine file',
+            'the drives as in the machine file'
         )
     out = {name: np.full(len(machine.drives), math.nan) for name in KEYS}
     for d, drive in enumerate(machine.drives):
@@ -205,7 +203,7 @@ def _of_file(
 
 def _number(value: Any, what: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise IdentError(ErrorCode.BAD_VALUES, f'{what} is {value!r}; give a number')
+        raise ErrorCode.BAD_VALUES.error(f'{what} is {value!r}; give a number')
     return float(value)
 
 
@@ -219,9 +217,8 @@ def _room(
     rows = content['workspace']
     shape = isinstance(rows, list) and all(isinstance(r, list) and len(r) == 2 for r in rows)
     if not shape or len(rows) != len(space.centre):
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{path}: workspace has to be {len(space.centre)} pairs [low, high] in m; correct it',
+        raise ErrorCode.BAD_VALUES.error(
+            f'{path}: workspace has to be {len(space.centre)} pairs [low, high] in m; correct it'
         )
     ends = [[_number(x, f'{path}: an end of workspace') for x in row] for row in rows]
     low, high = np.array(ends).T
@@ -232,15 +229,13 @@ def _complete(found: Mapping[str, Array], machine: Machine) -> None:
     """Refuse limits that are missing or leave no room."""
     for name, row in found.items():
         if np.isnan(row).any():
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 f'no {KEYS[name]} of {machine.drives[int(np.argmax(np.isnan(row)))]} is known; '
-                'state it in a file for --limits',
+                'state it in a file for --limits'
             )
     rates = ('velocity', 'acceleration', 'jerk', 'effort')
     wrong = [n for n in rates if not (found[n] > 0.0).all()]
     if wrong or not (found['low'] < found['high']).all():
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{KEYS[wrong[0]] if wrong else "max_position"} leaves no room to move; correct it',
+        raise ErrorCode.BAD_VALUES.error(
+            f'{KEYS[wrong[0]] if wrong else "max_position"} leaves no room to move; correct it'
         )

@@ -144,10 +144,9 @@ def excite(
             on_generation=note,
         )
     if not math.isfinite(found.cost):
-        raise IdentError(
-            ErrorCode.DIVERGED,
+        raise ErrorCode.DIVERGED.error(
             'the simulation diverges in every motion that was tried; give other parameters with '
-            '--set, or lower limits',
+            '--set, or lower limits'
         )
     points, costs = first[0]
     middling = points[np.argsort(costs)[len(costs) // 2]]

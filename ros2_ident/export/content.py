@@ -12,7 +12,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.export.estimate import Estimate
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
@@ -119,15 +119,13 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     """
     model = problem.models[0]
     if not isinstance(model, DriveModel):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'a {model.name} has no joints with friction and gains; export machines of drives',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'a {model.name} has no joints with friction and gains; export machines of drives'
         )
     if isinstance(model, Serial) and (model.transmission.coupled or model.transmission.balanced):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             'none of the files has a place for couplings and counterbalances, and without them '
-            'the arm would be another one; take the result from result.json',
+            'the arm would be another one; take the result from result.json'
         )
     names = [p.name for p in model.parameters]
     theta = fit = np.array([estimate.values[name] for name in names])
@@ -250,10 +248,9 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     """
     arm, inertials = model.arm, model.inertials
     if not arm.bodies or not any(body.inertials[0] > 0.0 for body in arm.bodies):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             'the machine file describes no links with a mass; give geometry.description, a URDF '
-            'or an MJCF',
+            'or an MJCF'
         )
     names, middle = inertials.names, inertials.middles
     free = {p.name: n for n, p in enumerate(model.parameters)}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ros2_ident.arrays import NORMAL
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.gap.result import Value
 from ros2_ident.identify.result import Identification, ParameterEstimate
 from ros2_ident.models import EffectAt
@@ -71,16 +71,13 @@ def read_estimate(path: str | Path) -> Estimate:
     # Without --each an @ belongs to a joint's name.
     several = [name for name in found.values if of.settings.get('each') and '@' in name]
     if several:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{several[0]} is the value of one recording; identify one recording without --each, '
-            'or hold it with --fix, and export that',
+            'or hold it with --fix, and export that'
         )
     broken = [name for name, value in found.values.items() if not math.isfinite(value)]
     if broken:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'{path} holds no value of {broken[0]}; identify again'
-        )
+        raise ErrorCode.INVALID_GOAL.error(f'{path} holds no value of {broken[0]}; identify again')
     return found
 
 

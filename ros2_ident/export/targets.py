@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.machine.keys import written
@@ -132,7 +132,7 @@ def _named(elements: Iterable[ET.Element], tag: str, name: str, remedy: str) -> 
     for element in elements:
         if element.get('name') == name:
             return element
-    raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'the description has no {tag} {name}; {remedy}')
+    raise ErrorCode.BAD_MACHINE_FILE.error(f'the description has no {tag} {name}; {remedy}')
 
 
 def _put_inertial(body: ET.Element, new: ET.Element) -> None:
@@ -265,7 +265,7 @@ def write(
             else 'the machine file knows no gains; add position_gain and velocity_gain to '
             'controller'
         )
-        raise IdentError(ErrorCode.INVALID_GOAL, f'nothing can be written for {wrong}: {why}')
+        raise ErrorCode.INVALID_GOAL.error(f'nothing can be written for {wrong}: {why}')
     texts = {name: TARGETS[name].write(description, content) for name in names}
     paths = {name: Path(directory) / TARGETS[name].file for name in names}
     require_ours([*paths.values(), Path(directory) / SUMMARY])

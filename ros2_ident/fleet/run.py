@@ -70,17 +70,14 @@ def read_fleet(path: str | Path, machine_file: str | None = None) -> list[Row]:
         try:
             content = read_yaml(path, _LARGEST)
         except ValueError as error:
-            raise IdentError(
-                ErrorCode.NO_DATA,
-                f'{path}: {error}; give a YAML list of bags or a directory of them',
+            raise ErrorCode.NO_DATA.error(
+                f'{path}: {error}; give a YAML list of bags or a directory of them'
             ) from None
         listed = content.get('bags') if isinstance(content, Mapping) else None
         if isinstance(content, Mapping) and 'machine_file' in content:
             machine_file = str(base / str(content['machine_file']))
     if not isinstance(listed, list) or not listed:
-        raise IdentError(
-            ErrorCode.NO_DATA, f'{path}: holds no bag; write them in a list below `bags:`'
-        )
+        raise ErrorCode.NO_DATA.error(f'{path}: holds no bag; write them in a list below `bags:`')
     rows: dict[str, Row] = {}
     for number, given in enumerate(listed, 1):
         row = _begun(f'{path}: entry {number}', base, given, machine_file, rows)
@@ -99,18 +96,16 @@ def _begun(
 ) -> Row:
     """Return the begin of a row from its entry in the list."""
     if not isinstance(given, Mapping) or not given.get('bag') or set(given) - _KEYS:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{where} is not understood; give it `bag`, and of {", ".join(sorted(_KEYS))} what '
-            'you know',
+            'you know'
         )
     own = given.get('machine_file')
     file = str(base / str(own)) if own else machine_file
     if not file:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{where} names no machine file; add `machine_file` to it or to the list, or give '
-            '--machine',
+            '--machine'
         )
     bag, *more = map(str, given['bag'] if isinstance(given['bag'], list) else [given['bag']])
     stem = re.sub(r'[^\w.-]+', '_', bag).strip('._') or 'bag'

@@ -10,7 +10,7 @@ from pathlib import Path
 import re
 import xml.etree.ElementTree as ET
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_small
 from ros2_ident.machine.units import name_of, shown
 from ros2_ident.recording.limits import unfit
@@ -54,9 +54,8 @@ def _read(path: Path) -> str:
         return read_small(path, _BYTES).decode()
     except (OSError, ValueError) as error:
         reason = getattr(error, 'strerror', None) or 'it is no text in UTF-8'
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
-            f'{path}: cannot be read ({reason}); give a URDF or an MJCF file',
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            f'{path}: cannot be read ({reason}); give a URDF or an MJCF file'
         ) from None
 
 
@@ -77,10 +76,9 @@ def _include(element: ET.Element, folder: Path, top: Path, read: set[Path]) -> N
         path = next((x for x in (folder / name, top / name) if x.is_file()), folder / name)
         known = path.resolve()
         if not known.is_relative_to(top.resolve()) or known in read or len(read) > _FILES:
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
+            raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'{path}: is included and not read: from outside of {top}, twice, or after '
-                f'{_FILES} others; give one MJCF, as mujoco.mj_saveLastXML writes it',
+                f'{_FILES} others; give one MJCF, as mujoco.mj_saveLastXML writes it'
             )
         read.add(known)
         root = _tree(_read(path), path)
@@ -110,7 +108,7 @@ def judged_tree(
         _leave_out_shapes(root)
     problem = problem or next(_problems(root, shapes), None)
     if problem is not None:
-        raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'{named} {problem}')
+        raise ErrorCode.BAD_MACHINE_FILE.error(f'{named} {problem}')
     return root
 
 
@@ -122,7 +120,7 @@ def _tree(text: str, named: object) -> ET.Element:
             return ET.fromstring(text)  # noqa: S314 - without entities, and bounded
         except (ET.ParseError, ValueError) as error:
             problem = f'is no XML ({error}); give a URDF or an MJCF file'
-    raise IdentError(ErrorCode.BAD_MACHINE_FILE, f'{named} {problem}')
+    raise ErrorCode.BAD_MACHINE_FILE.error(f'{named} {problem}')
 
 
 def declared(root: ET.Element, tag: str, name: str) -> list[list[float]]:

@@ -64,7 +64,7 @@ class MachineFile:
         """
         if self.machine is None:
             first = self.remarks[0]
-            raise IdentError(first.code, self.sentence(first))
+            raise first.code.error(self.sentence(first))
         return self.machine
 
 
@@ -84,26 +84,24 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
     try:
         raw = read_small(path)
     except (OSError, ValueError) as exc:
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
+        raise ErrorCode.BAD_MACHINE_FILE.error(
             f'{path}: cannot be read ({getattr(exc, "strerror", None) or exc}); give the path of '
-            'a machine file',
+            'a machine file'
         ) from None
     try:
         loader = _Loader(raw)
         node = loader.get_single_node()
         data = None if node is None else loader.construct_document(node)
     except RecursionError:
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE, f'{path}: is nested too deeply; {TEMPLATE}'
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            f'{path}: is nested too deeply; {TEMPLATE}'
         ) from None
     except (yaml.YAMLError, ValueError) as exc:
         mark = getattr(exc, 'problem_mark', None)
         where = f'{path}:{mark.line + 1}' if mark else str(path)
         problem = getattr(exc, 'problem', None) or str(exc).replace('\n', ' ')
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
-            f'{where}: is no YAML ({problem}); correct this line or {TEMPLATE}',
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            f'{where}: is no YAML ({problem}); correct this line or {TEMPLATE}'
         ) from None
     lines: dict[tuple[str, ...], int] = {}
     twice = [

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, NEUTRAL, Value
 from ros2_ident.machine.units import angular, plain_unit
@@ -48,10 +48,9 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
+            raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'parameter {self.name} has the bounds [{self.low}, {self.high}]; '
-                'write a finite lower bound below a finite upper one',
+                'write a finite lower bound below a finite upper one'
             )
 
 
@@ -133,19 +132,17 @@ class Machine:
         if values is None:
             if name in NEUTRAL:
                 return NEUTRAL[name]
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
-                f'a {self.kind} has no constant {name}; it has {", ".join(self.constants)}',
+            raise ErrorCode.BAD_MACHINE_FILE.error(
+                f'a {self.kind} has no constant {name}; it has {", ".join(self.constants)}'
             )
         if len(values) == 1:
             return values[0]
         if drive is not None:
             return values[self.drives.index(drive)]
         if any(value != values[0] for value in values[1:]):
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
+            raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'{name} differs from drive to drive, and this needs one for all; '
-                'write one value in the machine file',
+                'write one value in the machine file'
             )
         return values[0]
 
@@ -203,10 +200,9 @@ class Machine:
         if not asking:
             return self
         if text is None:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
+            raise ErrorCode.MISSING_STREAM.error(
                 f'the machine file asks for {DESCRIPTION_TOPIC}, and nothing was heard there; '
-                'start robot_state_publisher, or name the file of a URDF',
+                'start robot_state_publisher, or name the file of a URDF'
             )
         judged_tree(text, DESCRIPTION_TOPIC)
         digest = hashlib.sha256(f'{self.digest}{text}'.encode()).hexdigest()

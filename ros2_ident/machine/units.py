@@ -6,7 +6,7 @@ import re
 import reprlib
 from typing import Any
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 _ANGULAR = {'kg': 'kg m^2', 'N': 'N m', 'm': 'rad'}
 # Lever that makes a way of an angle, m: the radius of a common pulley or pinion. By it advice for
@@ -71,17 +71,15 @@ def effort_factors(
         'percent': ('rated_torque', rated, 0.01),
     }
     if unit not in needed:
-        raise IdentError(
-            ErrorCode.WRONG_UNITS,
-            f'effort unit is {shown(unit)}; write one of N m, N, A, percent',
+        raise ErrorCode.WRONG_UNITS.error(
+            f'effort unit is {shown(unit)}; write one of N m, N, A, percent'
         )
     key, value, share = needed[unit]
     factors = [number(x) or 0.0 for x in (value if isinstance(value, list) else [value])]
     if not all(factors):
-        raise IdentError(
-            ErrorCode.WRONG_UNITS,
+        raise ErrorCode.WRONG_UNITS.error(
             f'effort unit {unit} needs {key} to become a torque, found {name_of(value)}; add the '
-            f'line `{key}: ...` to the machine file, or give --{key.replace("_", "-")}',
+            f'line `{key}: ...` to the machine file, or give --{key.replace("_", "-")}'
         )
     return tuple(x * share for x in factors)
 

@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.description import declared, judged_tree
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
@@ -95,11 +95,10 @@ def one_joint_file(
     mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
     weight = _weight(motion, motion.effort)
     if rigid and weight and travel != 'm':
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'the effort of {names[0]} follows the sine of its position, up to {weight:.3g}: a '
             f'joint under gravity, which a {kind.name} does not have; take --kind serial, or '
-            '--travel m where the position is a length',
+            '--travel m where the position is a length'
         )
     head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
     period = f'controller: {{cycle: {motion.period:.4g}}}      # s, period of the log\n'
@@ -271,9 +270,8 @@ def description_key(kind: Kind) -> str:
     """
     key = next((key for key in kind.keys if key.file), None)
     if key is None:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'a {kind.name} is not described by a URDF or an MJCF; leave out --description',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'a {kind.name} is not described by a URDF or an MJCF; leave out --description'
         )
     return key.name
 
@@ -288,10 +286,9 @@ def _joints(kind: Kind, description: str | None, states: Stream | None) -> tuple
     if not common and ('drive', 'joint') in kind.by_path:
         return logged or ()  # the file says which joint is which
     if not common:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'the log holds {", ".join(logged or ()) or "no joint"} and the description '
-            f'{", ".join(known) or "no joint that moves"}; give both of one machine',
+            f'{", ".join(known) or "no joint that moves"}; give both of one machine'
         )
     return common
 

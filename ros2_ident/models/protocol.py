@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.machine.units import per_metre
 from ros2_ident.recording import Dataset
@@ -320,10 +320,8 @@ class FullModel(Model):
         """
         if not effects:
             return self
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'a {self.name} cannot be extended by {effects[0].effect}; '
-            'its model offers no effects',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'a {self.name} cannot be extended by {effects[0].effect}; its model offers no effects'
         )
 
 
@@ -356,10 +354,9 @@ class _Completed(FullModel):
         told = np.asarray(self._model.simulate(theta), dtype=np.float64)
         shape = (len(theta), *self.measured.shape)
         if told.shape != shape:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 f'{self.name}.simulate returned the shape {told.shape} for {len(theta)} '
-                f'candidates; it has to return {shape}: candidates, outputs, instants',
+                f'candidates; it has to return {shape}: candidates, outputs, instants'
             )
         return np.where(np.isnan(told), math.inf, told)
 
@@ -404,10 +401,9 @@ def complete(model: Any) -> FullModel:
         if not hasattr(model, name)
     ]
     if missing:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'a {type(model).__name__} is no model: it has no {", ".join(missing)}; '
-            'see ros2_ident.models.protocol.Model',
+            'see ros2_ident.models.protocol.Model'
         )
     return _Completed(model)
 

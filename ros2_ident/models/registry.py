@@ -60,16 +60,14 @@ class Kinds(Mapping[str, Kind]):
             try:
                 kind = point.load()
             except (ImportError, AttributeError) as error:
-                raise IdentError(
-                    ErrorCode.UNKNOWN_MODEL,
+                raise ErrorCode.UNKNOWN_MODEL.error(
                     f'the machine kind {name} of {point.value} cannot be loaded ({error}); repair '
-                    'or remove the package that registers it',
+                    'or remove the package that registers it'
                 ) from error
             if isinstance(kind, Kind) and kind.name == name:
                 return kind
-            raise IdentError(
-                ErrorCode.UNKNOWN_MODEL,
-                f'{point.value} is no machine kind {name}; register a Kind by its own name',
+            raise ErrorCode.UNKNOWN_MODEL.error(
+                f'{point.value} is no machine kind {name}; register a Kind by its own name'
             )
         raise KeyError(name)
 
@@ -86,9 +84,8 @@ def kind_of(machine: Machine) -> Kind:
     try:
         return KINDS[machine.kind]
     except KeyError:
-        raise IdentError(
-            ErrorCode.UNKNOWN_MODEL,
-            f'there is no machine kind {machine.kind!r}; choose from {", ".join(KINDS)}',
+        raise ErrorCode.UNKNOWN_MODEL.error(
+            f'there is no machine kind {machine.kind!r}; choose from {", ".join(KINDS)}'
         ) from None
 
 
@@ -140,9 +137,8 @@ def space_of(machine: Machine) -> Space:
     """
     space = kind_of(machine).space
     if space is None:
-        raise IdentError(
-            ErrorCode.UNKNOWN_MODEL,
-            f'the kind {machine.kind} has no `space` to move in; add one to its Kind',
+        raise ErrorCode.UNKNOWN_MODEL.error(
+            f'the kind {machine.kind} has no `space` to move in; add one to its Kind'
         )
     return space(machine)
 

@@ -66,9 +66,8 @@ def align(
     """
     names = tuple(drives)
     if not names or len(set(names)) != len(names):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'drives are ({", ".join(names)}); name at least one, and each only once',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'drives are ({", ".join(names)}); name at least one, and each only once'
         )
     recording = scale_effort(recording, effort_scale)
     asking = recording.command
@@ -187,7 +186,7 @@ class _Layout:
 
     def error(self, text: str, code: ErrorCode = ErrorCode.MISSING_STREAM) -> IdentError:
         """Return an error about the recording."""
-        return IdentError(code, f'{self.where}: {text}')
+        return code.error(f'{self.where}: {text}')
 
     def place(self) -> None:
         """Reduce the streams to the drives and number their samples on one common grid."""

@@ -84,7 +84,7 @@ class Topics:
                 found[topic] = (*found.get(topic, ()), role)
         if not found:
             text = 'no topic is given; name at least the state topic'
-            raise IdentError(ErrorCode.INVALID_GOAL, text)
+            raise ErrorCode.INVALID_GOAL.error(text)
         return found
 
 
@@ -119,7 +119,7 @@ def read_bag(
         return _read(path, topics)
     except OSError as exc:
         text = f'cannot be read ({exc.strerror or exc}); give the path of a log'
-        raise IdentError(ErrorCode.NO_DATA, f'{printable(str(path))}: {text}') from exc
+        raise ErrorCode.NO_DATA.error(f'{printable(str(path))}: {text}') from exc
 
 
 def read_bags(
@@ -139,7 +139,7 @@ def read_bags(
         if digest in of:
             text = f'is the same log as {printable(str(of[digest]))} and would count twice; '
             text = f'{printable(str(path))}: {text}name it once'
-            raise IdentError(ErrorCode.INVALID_GOAL, text)
+            raise ErrorCode.INVALID_GOAL.error(text)
         of[digest] = path
         found += recordings
     return found
@@ -255,7 +255,7 @@ def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
     if kind not in SUFFIXES:
         text = f'{printable(kind) or "a file without a suffix"} is not a format read here; '
         text += 'write a CSV with a column map, or give a bag: .mcap, .db3, .bag, or its directory'
-        return IdentError(ErrorCode.INVALID_GOAL, f'{path}: {text}')
+        return ErrorCode.INVALID_GOAL.error(f'{path}: {text}')
     name = shlex.quote(path.name)
     remedy = {
         '.bag': f'`rosbag reindex {name}` writes the index of what is whole, or ',
@@ -275,31 +275,31 @@ def _check_topics(
             holds = f'which holds no {unfit[0]}'
             allowed = holds if kind in ROLES_OF else f'expected {JOINT_STATE}'
             text = f'{topic} is of type {printable(kind)}, {allowed}; give another as {unfit[0]}'
-            raise IdentError(ErrorCode.MISSING_STREAM, f'{path}: {text}')
+            raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
         if len(several) > 1 and kind != CONTROLLER_STATE:
             text = f'{topic} is given as {several[0]} and as {several[1]}; name one topic per role'
-            raise IdentError(ErrorCode.INVALID_GOAL, text)
+            raise ErrorCode.INVALID_GOAL.error(text)
         if kind == ARRAY and not raw.names:
             text = f'{topic} is an array without names; name the joints in its order, as a,b or '
             text += 'a/velocity,b/velocity: --joint-names (the node: joint_names)'
-            raise IdentError(ErrorCode.INVALID_GOAL, text)
+            raise ErrorCode.INVALID_GOAL.error(text)
     if not sum(raw.counts.values()):
         text = 'the bag holds no message; record again while the drives publish'
-        raise IdentError(ErrorCode.NO_DATA, f'{path}: {text}')
+        raise ErrorCode.NO_DATA.error(f'{path}: {text}')
     named = [x for x, several in roles.items() if any(map(topics.named, several))]
     lacking = [x for x in named if not raw.counts.get(x)]
     if lacking or not any(messages.count for messages in raw.messages.values()):
         held = listed(f'{x} ({kind})' for x, kind in sorted(raw.types.items()) if raw.counts[x])
         text = f'holds no message of {", ".join(lacking or roles)}, only {held}; name the topics '
         text += 'of state, effort and command, or `none` for one that was not recorded'
-        raise IdentError(ErrorCode.MISSING_STREAM, f'{path}: {text}')
+        raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
 
 
 def _feed(builder: RecordingBuilder, role: str, topic: str, kind: str, messages: Messages) -> None:
     """Bring the messages of a topic into the builder; they are gone afterwards."""
     if messages.lost and not messages.blocks:
         text = f'no message of {topic} is a valid {kind} ({WHY.get(kind, OTHERWISE)})'
-        raise IdentError(ErrorCode.BAD_VALUES, f'{builder.source}: {text}; repair the publisher')
+        raise ErrorCode.BAD_VALUES.error(f'{builder.source}: {text}; repair the publisher')
     if messages.lost:
         lost = f'{messages.lost} of {messages.count} messages'
         builder.warn(f'{topic}: {lost} are no valid {kind.rpartition("/")[2]} and are left out')

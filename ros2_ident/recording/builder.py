@@ -219,7 +219,7 @@ class RecordingBuilder:
         return [replace(x, warnings=tuple(warnings)) for x in found]
 
     def _bad(self, text: str, code: ErrorCode = ErrorCode.BAD_VALUES) -> IdentError:
-        return IdentError(code, f'{self.source}: {text}')
+        return code.error(f'{self.source}: {text}')
 
     def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
         """Return the names, no more of them than a stream may have."""
@@ -398,7 +398,7 @@ def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
     if restarts > max(_MANY, _SHARE * stamp.size) or late > max(_MANY, _LATE_SHARE * stamp.size):
         text = f'the stamps step back {back.size} times in {stamp.size} messages: two publishers '
         text += 'with different clocks share the topic; record one of them, or remap the other'
-        raise IdentError(ErrorCode.BAD_VALUES, f'{where}: {text}')
+        raise ErrorCode.BAD_VALUES.error(f'{where}: {text}')
     cuts.append(stamp.size)
     rows = np.arange(stamp.size)
     parts = (rows[a:b] for a, b in zip(cuts, cuts[1:], strict=False))

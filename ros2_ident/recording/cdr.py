@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.recording.limits import limit, variable_of
 from ros2_ident.recording.streams import FloatArray, IntArray
 
@@ -112,7 +112,7 @@ class Cursor:
         if not free and size > limit('name') + 1:
             text = f'a joint has a name of {size - 1} bytes, more than the {limit("name")} allowed'
             remedy = f'shorten it, or raise {variable_of("name")}'
-            raise IdentError(ErrorCode.BAD_VALUES, f'{text}; {remedy}')
+            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
         begin = self.skip(size, 1)
         self.fixed[begin : self.at] = not free
         return '' if free else self._data[begin : self.at].rstrip(b'\0').decode()
@@ -131,7 +131,7 @@ class Cursor:
         if number > limit('joints'):
             text = f'a message names {number} joints, more than the {limit("joints")} allowed'
             remedy = f'record the drives only, or raise {variable_of("joints")}'
-            raise IdentError(ErrorCode.BAD_VALUES, f'{text}; {remedy}')
+            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
         return tuple(self.text() for _ in range(number))
 
     def doubles(self) -> IntArray | None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.recording.streams import FloatArray, IntArray
 
 # A stream counts as sampled every m-th cycle where its spacing is within this share of a multiple
@@ -107,13 +107,13 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     """
     if not _SHORTEST_CYCLE < cycle < _LONGEST_CYCLE:
         text = f'controller cycle is {cycle} s; give a positive time in the machine file'
-        raise IdentError(ErrorCode.BAD_VALUES, text)
+        raise ErrorCode.BAD_VALUES.error(text)
     time = (stamp - reference).astype(np.float64) * 1e-9
     cycles = (time[-1] - time[0]) / cycle
     if cycles > _MOST_CYCLES:
         text = f'{time[-1] - time[0]:.4g} s are {cycles:.3g} controller cycles of {cycle:g} s, '
         text += f'more than {_MOST_CYCLES:g}; cut the log, or correct its stamps or the cycle'
-        raise IdentError(ErrorCode.BAD_VALUES, text)
+        raise ErrorCode.BAD_VALUES.error(text)
     period = sample_period(stamp)
     if period:
         stride = _stride(time, period, cycle)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_small
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.limits import listed, printable, require_memory
@@ -81,7 +81,7 @@ def read_lerobot(
     files = sorted(filter(Path.is_file, path.glob('data/*/*.parquet')))
     if not files:
         text = f'{path}: holds no data/*/*.parquet; fetch or record it again'
-        raise IdentError(ErrorCode.NO_DATA, text)
+        raise ErrorCode.NO_DATA.error(text)
     parts = [_values(file, columns) for file in files]
     episode, frame, values = (np.concatenate(x) for x in zip(*parts, strict=True))
     ends = {**(travel or {}), **(_calibrated(Path(calibration)) if calibration else {})}
@@ -120,7 +120,7 @@ def _described(path: Path, roles: Container[str]) -> tuple[float, _Columns]:
     columns = dict(pairs)
     if not columns:
         text = f'{file}: names no joints of {" or ".join(_FEATURES)}; write them as `names`'
-        raise IdentError(ErrorCode.MISSING_STREAM, text)
+        raise ErrorCode.MISSING_STREAM.error(text)
     if len(columns) < len(pairs):
         raise damaged(file, 'names a joint twice in one feature; correct it')
     return rate, columns
@@ -150,7 +150,7 @@ def _values(file: Path, columns: _Columns) -> tuple[IntArray, IntArray, FloatArr
         from pyarrow import parquet
     except ModuleNotFoundError as missing:
         text = f'a LeRobot folder needs {missing.name}; `pip install "ros2-ident[lerobot]"`'
-        raise IdentError(ErrorCode.INVALID_GOAL, text) from None
+        raise ErrorCode.INVALID_GOAL.error(text) from None
     features = dict.fromkeys(feature for feature, _ in columns.values())
     try:
         with parquet.ParquetFile(file) as opened:
@@ -182,7 +182,7 @@ def _calibrated(file: Path) -> dict[str, tuple[float, float]]:
     except _UNFIT as exc:
         text = f'is no calibration of LeRobot ({printable(str(exc), 80)})'
         text = f'{file}: {text}; give the file with range_min and range_max of each motor'
-        raise IdentError(ErrorCode.INVALID_GOAL, text) from None
+        raise ErrorCode.INVALID_GOAL.error(text) from None
     return {name: (-0.5 * math.tau * x, 0.5 * math.tau * x) for name, x in turns.items()}
 
 
@@ -205,7 +205,7 @@ def _in_rad(
     if unknown:
         text = f'-100 to 100 is the travel of {listed(dict.fromkeys(unknown))}, which nothing '
         text += "states; give LeRobot's calibration file by --columns, or a machine with limits"
-        raise IdentError(ErrorCode.WRONG_UNITS, f'{path}: {text}')
+        raise ErrorCode.WRONG_UNITS.error(f'{path}: {text}')
     return said
 
 
@@ -244,7 +244,7 @@ def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) ->
     able = ' or '.join(UNITS[x] for x in found) or 'none of them'
     text = f'{path}: LeRobot states no unit of its positions, which reach {most:.4g} and may be '
     text += f'{able}; give --position-unit {", ".join(UNITS)}'
-    raise IdentError(ErrorCode.WRONG_UNITS, text)
+    raise ErrorCode.WRONG_UNITS.error(text)
 
 
 def _fits(unit: str, spans: Travel, ends: Travel) -> bool:

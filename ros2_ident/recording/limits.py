@@ -4,7 +4,7 @@
 from collections.abc import Iterable, Sequence
 import os
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 _MIB = 1 << 20
 # Each limit, and the unit in which an environment variable overrides it, as docs/logs.md lists.
@@ -28,7 +28,7 @@ def limit(name: str) -> int:
     text = os.environ.get(variable_of(name), str(usual))
     if not text.isdecimal() or not int(text[:12]) > 0 or len(text) > 12:
         said = f'{variable_of(name)} is {text[:40]!r}; give a positive whole number'
-        raise IdentError(ErrorCode.INVALID_GOAL, said)
+        raise ErrorCode.INVALID_GOAL.error(said)
     return int(text) * unit
 
 
@@ -50,7 +50,7 @@ def require_memory(what: str, size: float) -> None:
     if size > (most := limit('memory')):
         text = f'{what} {size_text(size)} of memory, more than the {size_text(most)} allowed'
         remedy = f'correct the stamps or cut the log, or raise {variable_of("memory")} (MiB)'
-        raise IdentError(ErrorCode.BAD_VALUES, f'{text}; {remedy}')
+        raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
 
 
 def variable_of(name: str) -> str:

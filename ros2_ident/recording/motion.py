@@ -169,12 +169,12 @@ def smooth_motion(
         there, period = samples_of(samples, cycle)
         if there.size < 4:
             text = f'drive {row + 1} of {position.shape[0]} has {there.size} position samples'
-            raise IdentError(ErrorCode.BAD_VALUES, f'{text}, at least 4 are needed; record longer')
+            raise ErrorCode.BAD_VALUES.error(f'{text}, at least 4 are needed; record longer')
         rate = 1.0 / period
         if not 0.0 < cutoff < 0.5 * rate:
             text = f'the smoothing cutoff is {cutoff:g} Hz but positions come at {rate:g} Hz'
             remedy = f'choose one between 0 and {0.5 * rate:g} Hz'
-            raise IdentError(ErrorCode.BAD_VALUES, f'{text}; {remedy}')
+            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
     smooth = low_pass(np.stack([fill_smoothly(row) for row in position]), cycle, cutoff)
     # time in cycles keeps the spline's knots well scaled
     time = np.arange(smooth.shape[1], dtype=np.float64)

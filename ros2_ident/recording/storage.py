@@ -165,11 +165,11 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
         return [path], []
     if not path.is_dir():
         text = 'give the path of a bag directory or an .mcap, .db3 or .bag file'
-        raise IdentError(ErrorCode.NO_DATA, f'{path}: {unreadable(path)}; {text}')
+        raise ErrorCode.NO_DATA.error(f'{path}: {unreadable(path)}; {text}')
     files = [x for x in path.iterdir() if x.suffix in (*SUFFIXES, '.zstd') and x.is_file()]
     if not files:
         text = 'holds no .mcap, .db3 or .bag file; give what `ros2 bag record` wrote'
-        raise IdentError(ErrorCode.NO_DATA, f'{path}: {text}')
+        raise ErrorCode.NO_DATA.error(f'{path}: {text}')
     # split recordings count up: bag_9 comes before bag_10
     files.sort(key=lambda x: [int(p) if p.isdigit() else p for p in re.split(r'(\d+)', x.name)])
     stated = [path / x for x in read_metadata(path)[0]]
@@ -194,7 +194,7 @@ def digest(files: Iterable[Path]) -> str:
 
 def damaged(path: Path, text: str) -> IdentError:
     """Return the refusal of a damaged file."""
-    return IdentError(ErrorCode.DAMAGED_BAG, f'{path}: {text}')
+    return ErrorCode.DAMAGED_BAG.error(f'{path}: {text}')
 
 
 @contextmanager

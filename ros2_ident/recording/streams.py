@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 FIELDS = ('position', 'velocity', 'effort')
 ROLES = ('state', 'effort', 'command')
@@ -20,10 +20,7 @@ LATEST_STAMP = 1 << 62
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-def _fail(text: str) -> IdentError:
-    return IdentError(ErrorCode.BAD_VALUES, text)
+_fail = ErrorCode.BAD_VALUES.error
 
 
 def _frozen(values: FloatArray) -> FloatArray:
@@ -162,7 +159,7 @@ class Recording:
         """Refuse a recording of nothing."""
         if self.state is None and self.effort is None and self.command is None:
             text = f'{self.source or "recording"}: holds no stream at all; record joint states'
-            raise IdentError(ErrorCode.NO_DATA, text)
+            raise ErrorCode.NO_DATA.error(text)
         object.__setattr__(self, 'warnings', tuple(self.warnings))
 
     @property
@@ -199,7 +196,7 @@ class Recording:
         cut = {role: stream.between(begin, end) for role, stream in self.streams.items()}
         if all(stream is None for stream in cut.values()):
             text = f'no sample between {begin} and {end} ns, only {self.begin} to {self.end} ns'
-            raise IdentError(ErrorCode.NO_DATA, f'{self.source or "recording"}: {text}')
+            raise ErrorCode.NO_DATA.error(f'{self.source or "recording"}: {text}')
         return replace(self, **{role: cut.get(role) for role in ROLES})  # type: ignore[arg-type]
 
 
@@ -219,7 +216,7 @@ def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> R
     gains = list(factor.values()) if isinstance(factor, Mapping) else [factor]
     if not all(math.isfinite(x) and x for x in gains):
         text = f'effort factor is {factor}; give the torque constant or the rated torque over 100'
-        raise IdentError(ErrorCode.WRONG_UNITS, text)
+        raise ErrorCode.WRONG_UNITS.error(text)
     if set(gains) == {1.0}:
         return recording
 

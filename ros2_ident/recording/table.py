@@ -154,7 +154,7 @@ def load_columns(path: str | Path) -> ColumnMap:
 
 def refuse(path: object, text: str) -> IdentError:
     """Return the error of a map that makes no sense."""
-    return IdentError(ErrorCode.INVALID_GOAL, f'{path}: {text}')
+    return ErrorCode.INVALID_GOAL.error(f'{path}: {text}')
 
 
 def _known(path: object, what: str, given: Iterable[object], known: tuple[str, ...]) -> None:
@@ -203,7 +203,7 @@ def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
     path = Path(path)
     if why := unreadable(path):
         text = f'{path}: {why}; give the path of a bag or a CSV file'
-        raise IdentError(ErrorCode.NO_DATA, text)
+        raise ErrorCode.NO_DATA.error(text)
     text = text_of(path)
     where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
     if not where.exists():
@@ -222,7 +222,7 @@ def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
 
 
 def _bad(path: object, text: str) -> IdentError:
-    return IdentError(ErrorCode.BAD_VALUES, f'{path}: {text}')
+    return ErrorCode.BAD_VALUES.error(f'{path}: {text}')
 
 
 def text_of(path: Path) -> str:
@@ -282,7 +282,7 @@ def _parse(
     if not stamp.size:
         where_ = ' with what `where` asks for' if layout.where else ''
         text = f'{path}: holds no row of values{where_}; record again'
-        raise IdentError(ErrorCode.NO_DATA, text)
+        raise ErrorCode.NO_DATA.error(text)
     _check_steps(path, stamp)
     return stamp, [np.concatenate(part) for part in parts], warnings
 
@@ -305,7 +305,7 @@ def _find(path: Path, cell: Cell, names: list[str]) -> int:
         raise _bad(path, text)
     text = f'{path}: has no column {short(cell)}, its columns are {listed(names, 30)}'
     remedy = 'correct the column map, its delimiter or its skip'
-    raise IdentError(ErrorCode.MISSING_STREAM, f'{text}; {remedy}')
+    raise ErrorCode.MISSING_STREAM.error(f'{text}; {remedy}')
 
 
 def _rows_of(

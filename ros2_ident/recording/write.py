@@ -103,7 +103,7 @@ def write_bag(
     by_topic = {'/' + topic.lstrip('/'): stream for topic, stream in streams.items()}
     if not by_topic:
         text = f'{path}: there is no stream to write; name at least one'
-        raise IdentError(ErrorCode.INVALID_GOAL, text)
+        raise ErrorCode.INVALID_GOAL.error(text)
     require_room(path, mark)
     noted = {**(custom or {}), **({MARK: mark} if mark else {})}
     topics = []
@@ -234,7 +234,7 @@ def require_room(path: str | Path, mark: str = '') -> None:
     if mark:
         text = f'is no {mark} that ident wrote and will not be replaced; move it away'
     if not mark or not _is_marked(path, mark):
-        raise IdentError(ErrorCode.INVALID_GOAL, f'{path}: {text}')
+        raise ErrorCode.INVALID_GOAL.error(f'{path}: {text}')
 
 
 def remove_bag(path: str | Path, mark: str) -> None:

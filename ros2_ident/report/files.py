@@ -16,7 +16,7 @@ import numpy as np
 
 from ros2_ident.arrays import plain
 from ros2_ident.effects import CATALOGUE, EffectParameter
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import (
     make_directory,
     regular,
@@ -109,10 +109,9 @@ def load(directory: str | Path) -> tuple[Identification | None, Written | None]:
     """
     folder = Path(directory)
     if not holds_results(folder):
-        raise IdentError(
-            ErrorCode.NO_DATA,
+        raise ErrorCode.NO_DATA.error(
             f'{folder}: holds neither {JSON} nor {DIAGNOSIS}; give a directory that '
-            '`ident identify` or `ident diagnose` wrote',
+            '`ident identify` or `ident diagnose` wrote'
         )
     result = load_result(folder) if (folder / JSON).exists() else None
     return result, load_diagnosis(folder) if (folder / DIAGNOSIS).exists() else None
@@ -127,9 +126,8 @@ def load_diagnosis(directory: str | Path) -> Written:
     path = Path(directory) / DIAGNOSIS
     data = content(path, '`ident diagnose --out` wrote')
     if not isinstance(data, dict) or 'verdict' not in data or data.get('schema') != SCHEMA:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{path}: is no diagnosis of version {SCHEMA}; write it anew with `ident diagnose`',
+        raise ErrorCode.BAD_VALUES.error(
+            f'{path}: is no diagnosis of version {SCHEMA}; write it anew with `ident diagnose`'
         )
     with intact(path):
         return diagnosis_from(data)
@@ -207,14 +205,13 @@ def content(path: Path, whose: str) -> Any:
         with regular(path) as file:
             return json.loads(file.read().decode())
     except OSError as exc:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{path}: cannot be read ({exc.strerror}); give a directory that {whose}',
+        raise ErrorCode.NO_DATA.error(
+            f'{path}: cannot be read ({exc.strerror}); give a directory that {whose}'
         ) from None
     except (ValueError, RecursionError) as exc:
         said = ' '.join(str(exc).split())
-        raise IdentError(
-            ErrorCode.BAD_VALUES, f'{path}: is damaged ({said}); write the result anew'
+        raise ErrorCode.BAD_VALUES.error(
+            f'{path}: is damaged ({said}); write the result anew'
         ) from None
 
 

@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress
@@ -120,10 +120,9 @@ def require_place(path: str | Path, data: Data, inputs: Sequence[str | Path | No
     for number in range(1, len(data.recordings) + 1):
         place = _place(Path(path), number)
         if any(x.is_relative_to(place.resolve()) for x in read):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 f'{place}: is what is read and will not be replaced; give another directory for '
-                'the results',
+                'the results'
             )
         require_room(place, OVERLAY)
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 import numpy as np
 
 from ros2_ident.arrays import plain
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.result import Identification
 from ros2_ident.words.identification import message
 
@@ -115,16 +115,14 @@ def from_mapping(data: Any, path: Path) -> Identification:
         IdentError: BAD_VALUES where it is no result, or another version's.
     """
     if not isinstance(data, Mapping) or data.get('schema') != SCHEMA:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
+        raise ErrorCode.BAD_VALUES.error(
             f'{path}: is no result of an identification; '
-            'give a directory that `ident identify` wrote',
+            'give a directory that `ident identify` wrote'
         )
     if data.get('version') != VERSION:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
+        raise ErrorCode.BAD_VALUES.error(
             f'{path}: has version {data.get("version")!r} and this package reads {VERSION}; '
-            'read it with the package version it names',
+            'read it with the package version it names'
         )
     with intact(path):
         return _result(data)
@@ -136,9 +134,8 @@ def intact(path: Path) -> Iterator[None]:
     try:
         yield
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as exc:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
-            f'{path}: is incomplete or changed ({type(exc).__name__}: {exc}); write it anew',
+        raise ErrorCode.BAD_VALUES.error(
+            f'{path}: is incomplete or changed ({type(exc).__name__}: {exc}); write it anew'
         ) from None
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import regular, write_arrays
 from ros2_ident.gap.coordinates import following_error
 from ros2_ident.gap.result import Diagnosis
@@ -148,8 +148,8 @@ def read_arrays(path: Path, remedy: str) -> dict[str, npt.NDArray[Any]]:
         with regular(path) as source, np.load(source, allow_pickle=False) as file:
             return dict(file)
     except Exception as exc:  # zipfile, zlib and numpy each have their own
-        raise IdentError(
-            ErrorCode.BAD_VALUES, f'{path}: is damaged ({exc}); delete it, {remedy}'
+        raise ErrorCode.BAD_VALUES.error(
+            f'{path}: is damaged ({exc}); delete it, {remedy}'
         ) from None
 
 
@@ -169,8 +169,7 @@ def load_signals(path: Path) -> Signals:
             )
             unit, travel, judged, drives, models = (arrays[name].tolist() for name in _OF_RUN)
             return Signals(unit, tuple(drives), tuple(models), tuple(recordings), travel, judged)
-    raise IdentError(
-        ErrorCode.BAD_VALUES,
+    raise ErrorCode.BAD_VALUES.error(
         f'{path}: holds {written[0]} of version {written[1]} and this package reads '
-        f'{SCHEMA} of version {VERSION}; delete it, or run again',
+        f'{SCHEMA} of version {VERSION}; delete it, or run again'
     )

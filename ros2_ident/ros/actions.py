@@ -98,9 +98,8 @@ class GoalServer:
         running = self.node.occupation()
         if not running:
             return None
-        return IdentError(
-            ErrorCode.BUSY,
-            f'a goal was refused: {running} is in progress; wait for its end or cancel it',
+        return ErrorCode.BUSY.error(
+            f'a goal was refused: {running} is in progress; wait for its end or cancel it'
         )
 
     def _answer_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
@@ -225,7 +224,7 @@ class GoalServer:
             if isinstance(found, Identified):
                 self._compare(found, path)
             code = ErrorCode(message.error_code)
-            fault = IdentError(code, message.error_message) if code else None
+            fault = code.error(message.error_message) if code else None
             unwritten = unwritten and node.board.unwritten(unwritten)
             state = _STATES.get(code, Status.STATE_FAILED)
             node.board.change(state, self.sentence(message), fault or unwritten)

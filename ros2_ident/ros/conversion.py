@@ -195,10 +195,9 @@ def gap_message(
     message = Gap(**dict.fromkeys(_GAPS, math.nan)) if done is None else _diagnosed(done)
     message.package_version = package_version()
     if done is not None and done.cancelled:
-        error = IdentError(
-            ErrorCode.CANCELLED,
+        error = ErrorCode.CANCELLED.error(
             f'cancelled after {done.seconds:.1f} s; the best so far is kept, effects '
-            'that had not been tried by then may close more of the gap',
+            'that had not been tried by then may close more of the gap'
         )
     return _close(message, error, stamp, result_file)
 

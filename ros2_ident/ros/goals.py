@@ -26,10 +26,7 @@ from ros2_ident.search import Budget, GeneticSettings
 from ros2_ident.threads import processors
 
 _SEARCH = 'initial_population', 'survivors', 'children', 'generations', 'range_reduction'
-
-
-def _refuse(text: str) -> IdentError:
-    return IdentError(ErrorCode.INVALID_GOAL, text)
+_refuse = ErrorCode.INVALID_GOAL.error
 
 
 def wanted_of(
@@ -195,10 +192,9 @@ def _overrides(
     for name, low, high, value in zip(names, lower, upper, held, strict=True):
         declared = machine.bounds.get(name) or machine.bounds.get(name.rpartition('.')[2])
         if declared is None:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
+            raise ErrorCode.UNKNOWN_PARAMETER.error(
                 f'override_names has {name!r}, no such parameter; choose from '
-                f'{", ".join(machine.bounds)}, or one of a drive as {machine.drives[0]}.NAME',
+                f'{", ".join(machine.bounds)}, or one of a drive as {machine.drives[0]}.NAME'
             )
         if math.isnan(low) and math.isnan(high) and math.isnan(value):
             raise _refuse(f'{name} is in override_names and no value is given for it; give one')

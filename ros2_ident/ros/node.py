@@ -143,7 +143,7 @@ class Identifier(Node):
             IdentError: NO_DATA where that is nothing.
         """
         if self.capture.empty:
-            raise IdentError(ErrorCode.NO_DATA, f'{self.capture.silence()}; or name a bag to read')
+            raise ErrorCode.NO_DATA.error(f'{self.capture.silence()}; or name a bag to read')
         return self.capture.snapshot()
 
     def states(self) -> Stream | None:
@@ -177,9 +177,8 @@ class Identifier(Node):
 
     def give_up(self) -> None:
         """Answer all goals although a run has not ended."""
-        error = IdentError(
-            ErrorCode.CANCELLED,
-            'the node was ended, and the run did not end in time; send the goal again',
+        error = ErrorCode.CANCELLED.error(
+            'the node was ended, and the run did not end in time; send the goal again'
         )
         for server in self._servers:
             server.give_up(error)

@@ -121,10 +121,9 @@ class Board:
             return error
         text = ''.join(traceback.format_exception(error))
         self._log.error(f'a defect of this package:\n{text}')
-        return IdentError(
-            ErrorCode.INTERNAL,
+        return ErrorCode.INTERNAL.error(
             f'a defect of this package ended the run ({type(error).__name__}: {error}); '
-            'please report it with the log',
+            'please report it with the log'
         )
 
     def stumbled(self, error: BaseException) -> None:

@@ -129,7 +129,7 @@ def declare(node: Node) -> None:
         value = given[entry.name].value if entry.name in given else None
         try:
             if value is not None and (reason := _wrong(entry, value)):
-                raise IdentError(ErrorCode.BAD_VALUES, reason)
+                raise ErrorCode.BAD_VALUES.error(reason)
             # rclpy takes an empty list for bytes: the type comes from a list that is not empty
             default = [''] if entry.default == () else entry.default
             node.declare_parameter(entry.name, default, descriptor(entry))
@@ -137,12 +137,11 @@ def declare(node: Node) -> None:
                 empty = Parameter(entry.name, Parameter.Type.STRING_ARRAY, [])
                 node.set_parameters([empty])
         except InvalidParameterTypeException:
-            raise IdentError(ErrorCode.BAD_VALUES, _wrong_type(entry, value)) from None
+            raise ErrorCode.BAD_VALUES.error(_wrong_type(entry, value)) from None
         except InvalidParameterValueException as exc:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 f'parameter {entry.name} is {value!r}, its range is {entry.range or str(exc)}; '
-                'give a value inside it',
+                'give a value inside it'
             ) from None
 
 

@@ -51,24 +51,22 @@ def opened(path: str | Path, topics: Sequence[str] = ()) -> tuple[AnyReader, lis
     for place in (path, *path.glob('*')):
         if why := unreadable(place):
             text = f'{place}: {why}; give a bag directory or an .mcap file'
-            raise IdentError(ErrorCode.NO_DATA, text)
+            raise ErrorCode.NO_DATA.error(text)
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as exc:  # rosbags lets errors of its decoders through
         reason = ' '.join(str(exc).split()).rstrip('.') or type(exc).__name__
-        raise IdentError(
-            ErrorCode.DAMAGED_BAG,
-            f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`',
+        raise ErrorCode.DAMAGED_BAG.error(
+            f'{path}: cannot be played ({reason}); try `mcap recover` or `ros2 bag reindex`'
         ) from None
     there = {x.topic for x in reader.connections if x.msgtype == TYPE and x.msgcount}
     wanted = set(topics) or there
     if not there or wanted - there:
-        raise IdentError(
-            ErrorCode.MISSING_STREAM,
+        raise ErrorCode.MISSING_STREAM.error(
             f'{path}: has no {TYPE} on {", ".join(sorted(wanted - there)) or "any topic"}; it has '
             f'them on {", ".join(sorted(there)) or "none"}, others on '
-            f'{", ".join(_skipped(reader)) or "none"}',
+            f'{", ".join(_skipped(reader)) or "none"}'
         )
     return reader, [x for x in reader.connections if x.topic in wanted and x.msgtype == TYPE]
 

@@ -123,7 +123,7 @@ def carry_out(
 
 
 def _no_path(path: str, reason: object) -> IdentError:
-    return IdentError(ErrorCode.INVALID_GOAL, f'{path!r} is no path ({reason}); give one that is')
+    return ErrorCode.INVALID_GOAL.error(f'{path!r} is no path ({reason}); give one that is')
 
 
 def expanded(path: str) -> Path:
@@ -158,15 +158,13 @@ def allowed(path: str, directory: str, *, there: bool = True) -> Path:
     except (OSError, RuntimeError) as exc:
         raise _no_path(path[:80], getattr(exc, 'strerror', None) or exc) from None
     if directory and not real.is_relative_to(expanded(directory).resolve()):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{path} lies outside of allowed_directory {directory}; move it there or have the '
-            'parameter changed',
+            'parameter changed'
         )
     if why:
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f"{path}: {why} on the node's machine; give the path of a bag there",
+        raise ErrorCode.NO_DATA.error(
+            f"{path}: {why} on the node's machine; give the path of a bag there"
         )
     return found
 
@@ -186,13 +184,12 @@ def new_folder(directory: str) -> Path:
         except FileExistsError:
             continue
         except OSError as exc:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 f'output_directory {base} cannot be written ({exc.strerror}); give another one, '
-                'or an empty string to write nothing',
+                'or an empty string to write nothing'
             ) from None
         return path
-    raise IdentError(ErrorCode.INVALID_GOAL, f'{base} is full of runs of {stamp}; clear it')
+    raise ErrorCode.INVALID_GOAL.error(f'{base} is full of runs of {stamp}; clear it')
 
 
 def checkpoint_of(directory: str, *what: str) -> Path | None:

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.search.driver import SearchResult
 from ros2_ident.search.fit import Fitted, Solvable
 from ros2_ident.search.genetic import StopReason
@@ -92,9 +92,8 @@ def _rows(problem: Solvable, middle: Array) -> tuple[Array, Array]:
     sides = np.concatenate([middle + np.diag(step), middle - np.diag(step), middle[None]])
     values = problem.residuals(sides)
     if not np.isfinite(values).all():
-        raise IdentError(
-            ErrorCode.DIVERGED,
-            'a candidate in the middle of the bounds diverges; narrow them in the machine file',
+        raise ErrorCode.DIVERGED.error(
+            'a candidate in the middle of the bounds diverges; narrow them in the machine file'
         )
     up, down, left = values[: len(step)], values[len(step) : -1], values[-1]
     curved = np.abs(up + down - 2.0 * left).max(axis=1)
@@ -107,11 +106,10 @@ def _rows(problem: Solvable, middle: Array) -> tuple[Array, Array]:
     together = problem.residuals((middle + step)[None])[0] - left - slopes @ step
     if bent.any() or np.abs(together).max() > _CURVED * np.abs(slopes * step).max():
         names = [n for n, b in zip(problem.names, bent, strict=True) if b]
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{", ".join(names) or "some of the parameters multiply each other and"} '
             f'{"do" if len(names) != 1 else "does"} not act linearly on the effort; hold '
-            'them with --fix NAME=VALUE, or leave out --method algebraic',
+            'them with --fix NAME=VALUE, or leave out --method algebraic'
         )
     return left, slopes
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.search.evaluators import Cancel, Evaluate
 from ros2_ident.search.genetic import checked_costs, GeneticSearch, StopReason
 from ros2_ident.search.jacobian import Box
@@ -51,9 +51,8 @@ class Budget:
         for name in ('evaluations', 'seconds'):
             value = getattr(self, name)
             if value is not None and not value > 0:
-                raise IdentError(
-                    ErrorCode.BAD_VALUES,
-                    f'the budget of {name} is {value}; give a number above 0 or none',
+                raise ErrorCode.BAD_VALUES.error(
+                    f'the budget of {name} is {value}; give a number above 0 or none'
                 )
 
 
@@ -359,10 +358,9 @@ def minimise(
     """
     box = Box.of(low, high)
     if len(box.low) != search.dimension:
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
+        raise ErrorCode.BAD_VALUES.error(
             f'the bounds have the shape {box.low.shape}; '
-            f'the search has {search.dimension} parameter(s)',
+            f'the search has {search.dimension} parameter(s)'
         )
     run = _Run(evaluate, search, box, budget or Budget(), on_progress, cancel, give_up, work)
     best_costs: list[float] = []

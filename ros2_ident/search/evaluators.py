@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.lanes import WIDTH
 from ros2_ident.search.operators import Index
 from ros2_ident.threads import processors
@@ -100,7 +100,7 @@ class ThreadedEvaluator(AbstractContextManager['ThreadedEvaluator']):
         self, evaluate: Callable[..., Array], threads: int = 2, *, limited: bool = False
     ) -> None:
         if threads < 1:
-            raise IdentError(ErrorCode.BAD_VALUES, f'threads is {threads}; give at least 1')
+            raise ErrorCode.BAD_VALUES.error(f'threads is {threads}; give at least 1')
         self._evaluate = evaluate
         self._threads = threads
         self.limited = limited
@@ -189,9 +189,8 @@ def connect(scheduler: Any) -> Any:
     try:
         from distributed import Client
     except ImportError:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            'Dask is not installed; install it with `pip install "ros2-ident[dask]"`',
+        raise ErrorCode.INVALID_GOAL.error(
+            'Dask is not installed; install it with `pip install "ros2-ident[dask]"`'
         ) from None
     try:
         return Client(  # type: ignore[no-untyped-call]
@@ -199,10 +198,9 @@ def connect(scheduler: Any) -> Any:
         )
     except (OSError, TimeoutError, ValueError) as error:
         said = ' '.join(str(error).split()) or type(error).__name__
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{scheduler}: no Dask scheduler answers ({said}); start one with `dask scheduler` '
-            'and give the address that it prints',
+            'and give the address that it prints'
         ) from None
 
 
@@ -284,10 +282,9 @@ class _Link:
         end = time.monotonic() + PATIENCE
         while not self.slots:
             if time.monotonic() > end or (cancel is not None and cancel.is_set()):
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
+                raise ErrorCode.INVALID_GOAL.error(
                     f'{client.scheduler.address}: the scheduler has no worker; start some with '
-                    '`dask worker ADDRESS`',
+                    '`dask worker ADDRESS`'
                 )
             time.sleep(_LOOK)
         self._scatter()
@@ -362,9 +359,8 @@ def _lost(error: BaseException) -> bool:
 def _said(error: BaseException) -> BaseException:
     """Return an error of a worker as the user shall see it."""
     if isinstance(error, ImportError):
-        return IdentError(
-            ErrorCode.INVALID_GOAL,
+        return ErrorCode.INVALID_GOAL.error(
             f'a worker cannot import what it needs ({error}); install the same version of '
-            'ros2_ident on every worker',
+            'ros2_ident on every worker'
         )
     return error

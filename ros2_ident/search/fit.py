@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.search.driver import Budget, minimise, OnProgress, Progress, SearchResult
 from ros2_ident.search.evaluators import (
     Cancel,
@@ -118,14 +118,12 @@ class FitSettings:
         for name in self.counts:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int) and value >= 1):
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
-                    f'{name} is {value!r}; give a whole number of at least 1',
+                raise ErrorCode.INVALID_GOAL.error(
+                    f'{name} is {value!r}; give a whole number of at least 1'
                 )
         if not 0.0 < self.level < 1.0:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'level is {self.level}; give a probability between 0 and 1',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'level is {self.level}; give a probability between 0 and 1'
             )
 
 
@@ -221,12 +219,11 @@ def _require_memory(settings: FitSettings, dimension: int) -> None:
         count = min(count, drawn)
     needed, free = count * (_COPIES * 8 * dimension + _BESIDE), free_memory()
     if needed > free:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{count} candidates of {dimension} parameters would take about '
             f'{needed / 2**30:.3g} GiB of memory, and {free / 2**30:.3g} GiB are free (at 1000 a '
             f'second they would also take {count / 3.6e6:.3g} h); lower initial_population or '
-            'generations',
+            'generations'
         )
 
 

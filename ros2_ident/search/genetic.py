@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.search.operators import (
     FIRST_GENERATIONS,
     Flags,
@@ -25,6 +25,7 @@ from ros2_ident.search.operators import (
 
 # Relative decrease of the best cost that counts as improvement.
 _IMPROVES = 1e-6
+_refuse = ErrorCode.BAD_VALUES.error
 
 
 class StopReason(enum.Enum):
@@ -39,10 +40,6 @@ class StopReason(enum.Enum):
     SECONDS = 'The budget of seconds is spent; give more of them to search further.'
     CANCELLED = 'The search was cancelled; the result is the best found until then.'
     SOLVED = 'Solved in one step by weighted least squares; nothing was searched.'
-
-
-def _refuse(message: str) -> IdentError:
-    return IdentError(ErrorCode.BAD_VALUES, message)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.search.operators import Index
 
 Residuals = Callable[[Array], Array]
@@ -56,14 +56,11 @@ class Box:
         bottom = np.atleast_1d(np.array(low, dtype=np.float64))
         top = np.atleast_1d(np.array(high, dtype=np.float64))
         if bottom.shape != top.shape or bottom.ndim != 1:
-            raise IdentError(
-                ErrorCode.BAD_VALUES, 'the bounds have to be two lists of finite numbers'
-            )
+            raise ErrorCode.BAD_VALUES.error('the bounds have to be two lists of finite numbers')
         if not ((-np.inf < bottom) & (bottom < top) & (top < np.inf)).all():
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 'every lower bound has to be finite and below its finite upper bound; correct the '
-                'box',
+                'box'
             )
         return cls(bottom, top - bottom)
 

@@ -105,15 +105,13 @@ class Journal(AbstractContextManager['Journal']):
             file.cut(0)
             file.write(head)
         elif not there.startswith(MAGIC[:-2]):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
-                f'{self._path}: is no checkpoint; delete it, and start without it',
+            raise ErrorCode.BAD_VALUES.error(
+                f'{self._path}: is no checkpoint; delete it, and start without it'
             )
         elif there != head:
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 f'{self._path}: belongs to a run of other data, parameters, bounds, seed or '
-                'settings, or of another version; delete it, or go on with the same ones',
+                'settings, or of another version; delete it, or go on with the same ones'
             )
         end = len(head)
         while end + _HEAD.size <= file.size:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.jacobian import Box, finite_differences, Residuals
 from ros2_ident.search.journal import digest_of, Journal, Within
@@ -115,16 +115,14 @@ class _Start:
         """Evaluate residuals (S, R); refuse a wrong shape or NaN."""
         told = np.ascontiguousarray(self.residuals(theta), dtype=np.float64)
         if told.ndim != 2 or len(told) != len(theta):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 f'residuals returned the shape {told.shape} for {len(theta)} candidates; '
-                'it has to return one row for each',
+                'it has to return one row for each'
             )
         if np.isnan(told).any():
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 'residuals returned NaN; leave out samples that were not measured, '
-                'and return inf for a diverged candidate',
+                'and return inf for a diverged candidate'
             )
         return told
 
@@ -203,10 +201,9 @@ def refine(
     box = Box.of(low, high)
     first = np.atleast_2d(np.array(starts, dtype=np.float64))
     if first.size == 0 or first.shape[1] != len(box.low) or not np.isfinite(first).all():
-        raise IdentError(
-            ErrorCode.BAD_VALUES,
+        raise ErrorCode.BAD_VALUES.error(
             f'the starts have the shape {first.shape}; give at least one row of '
-            f'{len(box.low)} finite parameters',
+            f'{len(box.low)} finite parameters'
         )
     outcomes: list[StartOutcome] = []
     best: _Start | None = None

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.search.noise import fit_noise, NoiseModel, weighted_normal_matrix
 from ros2_ident.search.operators import Flags
 
@@ -86,10 +86,9 @@ def intervals(
     """
     count, dimension = jacobian.shape
     if count <= dimension:
-        raise IdentError(
-            ErrorCode.NO_DATA,
+        raise ErrorCode.NO_DATA.error(
             f'{count} residuals cannot tell the confidence of {dimension} parameters; '
-            'record more samples',
+            'record more samples'
         )
     width = np.asarray(high, dtype=np.float64) - np.asarray(low, dtype=np.float64)
     scaled = jacobian * width

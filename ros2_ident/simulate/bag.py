@@ -14,7 +14,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import Effect, get_effect, SOURCES
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.protocol import EffectAt, FullModel
 from ros2_ident.models.registry import drives_moved, planned_model
@@ -89,10 +89,8 @@ def read_effect(text: str) -> Added:
         pairs = [part.split('=') for part in tail.split(',') if part]
         values = {key: float(number) for key, number in pairs}
     except ValueError:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'cannot read the effect {text!r}; write as '
-            'stribeck@drive_2:torque=0.05,velocity=0.03',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'cannot read the effect {text!r}; write as stribeck@drive_2:torque=0.05,velocity=0.03'
         ) from None
     if name.endswith('.py'):
         effect: Effect = sys.modules[SOURCES[Path(name).expanduser().resolve()]].EFFECT
@@ -100,10 +98,9 @@ def read_effect(text: str) -> Added:
         effect = get_effect(name)
     known = [p.name for p in effect.parameters]
     if set(values) != set(known):
-        raise IdentError(
-            ErrorCode.UNKNOWN_PARAMETER,
+        raise ErrorCode.UNKNOWN_PARAMETER.error(
             f'effect {effect.id} needs the values {", ".join(known)}; '
-            f'found {", ".join(values) or "none"}',
+            f'found {", ".join(values) or "none"}'
         )
     return Added(effect, tuple(place.split('+')) if place not in ('', 'all') else (), values)
 
@@ -144,18 +141,15 @@ def simulate(
     offered = model.extensions() if there else ()
     for at in there:
         if at not in offered:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 f'{at.effect} has no place on {at.where} of this machine; choose from '
-                f'{", ".join(dict.fromkeys(x.effect for x in offered)) or "none"}',
+                f'{", ".join(dict.fromkeys(x.effect for x in offered)) or "none"}'
             )
     if there:
         model = planned_model(machine, motion.position, motion.velocity, effects=there)
     told = model.simulate(_theta(model, values | added)[None])[0]
     if not np.isfinite(told).all():
-        raise IdentError(
-            ErrorCode.DIVERGED, 'the simulation diverged; set milder parameters or effects'
-        )
+        raise ErrorCode.DIVERGED.error('the simulation diverged; set milder parameters or effects')
     rows = drives_moved(model, motion.position, motion.velocity, told)
     quantities = {output.quantity for output in model.outputs}
     if 'position' in quantities and 'velocity' not in quantities:
@@ -170,8 +164,8 @@ def _theta(model: FullModel, values: Mapping[str, float]) -> Array:
     for p in model.parameters:
         base = p.name.rpartition('.')[2]
         if p.name not in values and base not in values:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER, f'{p.name} has no value; give {p.name} or {base}'
+            raise ErrorCode.UNKNOWN_PARAMETER.error(
+                f'{p.name} has no value; give {p.name} or {base}'
             )
         out.append(values.get(p.name, values.get(base, math.nan)))
     return np.array(out)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.kind import Space
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.registry import set_points_of, space_of
@@ -297,12 +297,12 @@ def draw_motion(
         IdentError: INVALID_GOAL for an unknown kind or a duration that is too short.
     """
     if kind not in KINDS:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'no motion is called {kind}; choose from {", ".join(KINDS)}'
+        raise ErrorCode.INVALID_GOAL.error(
+            f'no motion is called {kind}; choose from {", ".join(KINDS)}'
         )
     if not seconds >= 1.0:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'a motion of {seconds} s is too short; take 1 s or more'
+        raise ErrorCode.INVALID_GOAL.error(
+            f'a motion of {seconds} s is too short; take 1 s or more'
         )
     rng = np.random.default_rng(seed)
     space = space or space_of(machine)

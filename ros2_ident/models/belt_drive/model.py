@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.belt_drive import kernels as belt_kernels
 from ros2_ident.models.drives.outputs import MachineModel
@@ -62,10 +62,9 @@ class BeltDrive:
         fixed = fixed or {}
         for name in fixed:
             if name not in machine.bounds:
-                raise IdentError(
-                    ErrorCode.UNKNOWN_PARAMETER,
+                raise ErrorCode.UNKNOWN_PARAMETER.error(
                     f'{name!r} cannot be fixed: no such parameter; the model has '
-                    f'{", ".join(machine.bounds)}',
+                    f'{", ".join(machine.bounds)}'
                 )
         self._nominal = np.array([fixed.get(n, machine.number(n)) for n in CONSTANTS])
         self.parameters: tuple[Parameter, ...] = tuple(
@@ -77,10 +76,9 @@ class BeltDrive:
         self.cycle = float(cycle)
         self.reference: Array = np.ascontiguousarray(set_point, dtype=np.float64)
         if not (self.reference.size and np.isfinite(self.reference).all() and self.cycle > 0.0):
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 'the set-point needs at least one finite sample and a positive cycle; '
-                'check the command stream',
+                'check the command stream'
             )
         # The modes turn freely between changes of the set-point; most samples change nothing.
         change = np.diff(self.reference)
@@ -150,14 +148,12 @@ class RecordedBelt(MachineModel):
         self.extended(self.effects)
         self.noise = machine.effort_noise
         if 'velocity' in self.signals.quantities:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                "a belt drive's velocity is not simulated; compare effort and position",
+            raise ErrorCode.INVALID_GOAL.error(
+                "a belt drive's velocity is not simulated; compare effort and position"
             )
         if data.command_position is None:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                'the recording holds no set-point, which drives a belt drive; record it too',
+            raise ErrorCode.MISSING_STREAM.error(
+                'the recording holds no set-point, which drives a belt drive; record it too'
             )
         self.belt = BeltDrive(machine, data.cycle, data.command_position[0], self.fixed)
         self._measured = self.signals.measured(data)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import Effect, EffectParameter, get_effect, Hook
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Kind, Machine, Parameter
 from ros2_ident.machine.units import angular, straight
@@ -146,10 +146,9 @@ class Candidates:
         sprung = self._acting('load_share')
         self.flexible = self._where(sprung)
         if sprung and not self.rigid:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 f'{sprung[0].effect} has no place in a machine whose gear is elastic already; its '
-                'parameter is gear_stiffness',
+                'parameter is gear_stiffness'
             )
 
     def _acting(self, row: str) -> list[EffectAt]:
@@ -170,10 +169,9 @@ class Candidates:
         if at.where == 'all':
             return list(range(len(self.machine.drives)))
         if at.where not in self.machine.drives:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 f'{at.effect} cannot sit on {at.where!r}; '
-                f'choose from {", ".join(self.machine.drives)} or all',
+                f'choose from {", ".join(self.machine.drives)} or all'
             )
         return [self.machine.drives.index(at.where)]
 
@@ -186,10 +184,9 @@ class Candidates:
                 continue
             slot = SLOTS.get(name)
             if slot is None:
-                raise IdentError(
-                    ErrorCode.UNKNOWN_PARAMETER,
+                raise ErrorCode.UNKNOWN_PARAMETER.error(
                     f'machine file: the {self.machine.kind} model has no parameter {name!r}; '
-                    f'it knows {", ".join(SLOTS)}',
+                    f'it knows {", ".join(SLOTS)}'
                 )
             for drive in [None] if slot.shared else self.drives:
                 full = name if drive is None else f'{drive}.{name}'
@@ -235,10 +232,9 @@ class Candidates:
         }
         for name in self.fixed:
             if name not in names:
-                raise IdentError(
-                    ErrorCode.UNKNOWN_PARAMETER,
+                raise ErrorCode.UNKNOWN_PARAMETER.error(
                     f'{name!r} cannot be fixed: no such parameter; '
-                    f'the model has {", ".join(sorted(names))}',
+                    f'the model has {", ".join(sorted(names))}'
                 )
 
     def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:

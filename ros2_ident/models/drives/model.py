@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ros2_ident import lanes
 from ros2_ident.arrays import Array
 from ros2_ident.effects import CATALOGUE, Context, EffectParameter
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import law as law_kernel
 from ros2_ident.kernel import rows
@@ -142,10 +142,9 @@ class DriveModel(MachineModel):
 
     def _check_outputs(self) -> None:
         if self.signals.moving and not self._closed:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 'without a command the recorded motion drives the model and cannot be compared '
-                'with it; compare the effort alone, or record the command',
+                'with it; compare the effort alone, or record the command'
             )
 
     @property
@@ -331,10 +330,9 @@ class DriveModel(MachineModel):
         machine = self.machine
         for key in self.gains:
             if self._closed and not self.pushed and not machine.known(key):
-                raise IdentError(
-                    ErrorCode.BAD_MACHINE_FILE,
+                raise ErrorCode.BAD_MACHINE_FILE.error(
                     f'the log holds a set-point but the machine file no controller.{key}; add it, '
-                    'or let the recorded motion drive the model: `--command-topic none`',
+                    'or let the recorded motion drive the model: `--command-topic none`'
                 )
         base = rows.neutral_rows(1, len(machine.drives))
         of = functools.partial(rows.of, base, drives=len(machine.drives))
@@ -471,10 +469,9 @@ class DriveModel(MachineModel):
                 mode[self.machine.drives.index(name)] = drive_kernel.CLOSED_LOOP
         if (mode == drive_kernel.PRESCRIBED).any():
             if data.position is None:
-                raise IdentError(
-                    ErrorCode.MISSING_STREAM,
+                raise ErrorCode.MISSING_STREAM.error(
                     'there is neither a command nor a measured position to drive the model; '
-                    'record joint_states with positions or joint_command',
+                    'record joint_states with positions or joint_command'
                 )
             smooth = self._motion_below(self._motion_cutoff(data.position[order]))
             motion = np.concatenate([part.ravel() for part in smooth])

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel.group import Task
 from ros2_ident.kernel.measurement import QUANTITIES, Quantity
 from ros2_ident.machine.machine import Machine
@@ -84,10 +84,9 @@ class Outputs:
         for quantity in self.quantities:
             values = getattr(data, quantity)
             if values is None:
-                raise IdentError(
-                    ErrorCode.MISSING_STREAM,
+                raise ErrorCode.MISSING_STREAM.error(
                     f'the recording holds no {quantity}; record it, or leave it out of what is '
-                    'compared',
+                    'compared'
                 )
             parts.append(values[rows])
         return np.ascontiguousarray(np.concatenate(parts))
@@ -154,17 +153,15 @@ def chosen_outputs(
     """
     unknown = [q for q in quantities if q not in QUANTITIES]
     if unknown or not quantities or len(set(quantities)) < len(quantities):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{", ".join(quantities) or "nothing"} cannot be compared; choose from '
-            f'{", ".join(QUANTITIES)}, each once',
+            f'{", ".join(QUANTITIES)}, each once'
         )
     given = [1.0] * len(quantities) if weights is None else [float(w) for w in weights]
     if len(given) != len(quantities) or not all(0.0 < w < np.inf for w in given):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'weights {", ".join(f"{w:g}" for w in given) or "none"} do not suit '
-            f'{", ".join(quantities)}; give one positive number for each',
+            f'{", ".join(quantities)}; give one positive number for each'
         )
     of = dict(zip(quantities, given, strict=True))
     ordered: tuple[Quantity, ...] = tuple(q for q in QUANTITIES if q in of)
@@ -226,10 +223,9 @@ class MachineModel(FullModel):
         self.name = machine.kind
         for name in drives or ():
             if name not in machine.drives:
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
+                raise ErrorCode.INVALID_GOAL.error(
                     f'drive {name!r} is not in the machine file; choose from '
-                    f'{", ".join(machine.drives)}',
+                    f'{", ".join(machine.drives)}'
                 )
         self.drives = tuple(n for n in machine.drives if n in (drives or machine.drives))
         self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.kernel import simulate, sizes
@@ -137,14 +137,13 @@ class LinearAxis(SeparateDrives):
 
     def _check_outputs(self) -> None:
         if self.pushed and 'effort' in self.signals.quantities:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 'under `law: effort` the logged effort moves the axis and is not compared; '
-                'compare the position: `--outputs position`',
+                'compare the position: `--outputs position`'
             )
         if self.pushed and set(self.machine.texts('law')) != {'effort'}:
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE, '`law: effort` holds for all drives or for none'
+            raise ErrorCode.BAD_MACHINE_FILE.error(
+                '`law: effort` holds for all drives or for none'
             )
         super()._check_outputs()
 
@@ -152,10 +151,9 @@ class LinearAxis(SeparateDrives):
         if not self.pushed:
             return super()._set_points(order)
         if self.data.effort is None:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
+            raise ErrorCode.MISSING_STREAM.error(
                 'under `law: effort` the logged effort moves the axis, and none is logged; record '
-                'it, or state the law and the gains of the controllers',
+                'it, or state the law and the gains of the controllers'
             )
         held = self.data.effort[order].copy()
         for row in held:
@@ -214,10 +212,9 @@ class Servo(SeparateDrives):
 
     def _check_outputs(self) -> None:
         if not self._closed:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
+            raise ErrorCode.MISSING_STREAM.error(
                 'a servo is simulated from its set-points, and the recording holds none; record '
-                'the goal positions, or name the topic that carries them',
+                'the goal positions, or name the topic that carries them'
             )
 
     # ------------------------------------------------------------------ candidates to rows

@@ -61,10 +61,9 @@ class Mujoco(MachineModel):
 
     def __init__(self, machine: Machine, data: Dataset, **asked: Any) -> None:
         if data.command_position is None:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
+            raise ErrorCode.MISSING_STREAM.error(
                 'the recording holds no set-point, which the actuators of the simulator follow; '
-                'record it too',
+                'record it too'
             )
         super().__init__(machine, data, **asked)
         self.plant = _plant(machine)
@@ -251,10 +250,9 @@ class Mujoco(MachineModel):
         """Return the model of the same recording with these effects and no others."""
         for at in effects:
             if not _expressed(get_effect(at.effect)):
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
+                raise ErrorCode.INVALID_GOAL.error(
                     f'a {self.name} cannot be extended by {at.effect}, which is no force on a '
-                    'joint and no attribute of an MJCF',
+                    'joint and no attribute of an MJCF'
                 )
         return type(self)(
             self.machine, self.data, drives=self.drives, effects=effects, fixed=self.fixed,

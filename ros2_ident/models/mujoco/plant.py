@@ -44,10 +44,9 @@ def _mujoco() -> Any:
         import mujoco
         import mujoco.rollout
     except ImportError as error:
-        raise IdentError(
-            ErrorCode.UNKNOWN_MODEL,
+        raise ErrorCode.UNKNOWN_MODEL.error(
             'a machine of the kind mujoco needs MuJoCo, which is not installed; '
-            '`pip install mujoco`',
+            '`pip install mujoco`'
         ) from error
     # What it warns of, a candidate that cannot be simulated, shows in the candidate's output.
     mujoco.set_mju_user_warning(lambda text: None)
@@ -71,9 +70,8 @@ def _judged(text: str, joints: list[str]) -> str:
     if trial.returncode:
         said = 'it needs more than 512 MiB or 5 s, or ends'
     if said:
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
-            f'geometry.description is nothing for MuJoCo ({said.splitlines()[0]}); correct it',
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            f'geometry.description is nothing for MuJoCo ({said.splitlines()[0]}); correct it'
         )
     return text
 
@@ -98,10 +96,9 @@ class Place:
         self.joint = _number(model, mj.mjtObj.mjOBJ_JOINT, joint, 'joint')
         one_axis = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
         if int(model.jnt_type[self.joint]) not in one_axis:
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
+            raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'joint {joint} of geometry.description neither turns about nor slides along one '
-                'axis; leave it out of drives',
+                'axis; leave it out of drives'
             )
         self.position, self.dof = (
             int(model.jnt_qposadr[self.joint]),
@@ -116,10 +113,9 @@ class Place:
             return
         acting = np.flatnonzero(model.actuator_trnid[:, 0] == self.joint)
         if acting.size != 1:
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
+            raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'{acting.size} actuators of geometry.description act on joint {joint}; name the '
-                'one that follows the set-point in drive.actuator',
+                'one that follows the set-point in drive.actuator'
             )
         self.actuator = int(acting[0])
 
@@ -130,10 +126,9 @@ def _number(model: Any, kind: Any, name: str, word: str) -> int:
     if found < 0:
         count = {'joint': model.njnt, 'actuator': model.nu, 'body': model.nbody}[word]
         known = ', '.join(str(mj.mj_id2name(model, kind, n)) for n in range(count))
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
+        raise ErrorCode.BAD_MACHINE_FILE.error(
             f'geometry.description has no {word} {name}; it has {known}: give the {word} of each '
-            f'drive in drive.{word}',
+            f'drive in drive.{word}'
         )
     return int(found)
 
@@ -240,18 +235,16 @@ class Plant:
                 if machine.stated(word) or self._bare and machine.known(word):
                     _put(word, self.model, self.places[d], machine.number(word, name))
             if self._bare and not self.stated('kp', d) > 0.0:
-                raise IdentError(
-                    ErrorCode.BAD_MACHINE_FILE,
+                raise ErrorCode.BAD_MACHINE_FILE.error(
                     f'geometry.description is a URDF, which has no gains, and nothing says that '
-                    f'of {name}; state controller.kp, or list it in parameters',
+                    f'of {name}; state controller.kp, or list it in parameters'
                 )
         cycle = machine.number('cycle')
         step = self.model.opt.timestep
         if not step * _SUBSTEPS >= cycle:
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
+            raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'geometry.description has the timestep {step:g} s; write one from '
-                f'{cycle / _SUBSTEPS:g} s to the cycle, {cycle:g} s',
+                f'{cycle / _SUBSTEPS:g} s to the cycle, {cycle:g} s'
             )
         self.substeps = max(1, math.ceil(cycle / step - 1e-6))
         self.model.opt.timestep = cycle / self.substeps
@@ -486,9 +479,8 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
     except ValueError:
         pass
     reason = ' '.join(str(error).split()).partition(', line ')[0]
-    return IdentError(
-        ErrorCode.BAD_MACHINE_FILE,
-        f'geometry.description cannot be read ({reason}); give a URDF or an MJCF',
+    return ErrorCode.BAD_MACHINE_FILE.error(
+        f'geometry.description cannot be read ({reason}); give a URDF or an MJCF'
     )
 
 

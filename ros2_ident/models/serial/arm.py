@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.kind import Figure, Remark, Space
 from ros2_ident.machine.machine import Machine
@@ -48,7 +48,7 @@ def _pinocchio() -> Any:
     try:
         import pinocchio
     except ImportError as error:
-        raise IdentError(ErrorCode.UNKNOWN_MODEL, _NO_PINOCCHIO) from error
+        raise ErrorCode.UNKNOWN_MODEL.error(_NO_PINOCCHIO) from error
     return pinocchio
 
 
@@ -274,16 +274,14 @@ def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
         whole = pin.buildModelFromXML(text) if root.tag == 'robot' else _from_mjcf(pin, text)
     except Exception as error:
         reason = [type(error).__name__, *str(error).strip().splitlines()][-1]
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
-            f'geometry.description cannot be read ({reason}); give a URDF or an MJCF file',
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            f'geometry.description cannot be read ({reason}); give a URDF or an MJCF file'
         ) from error
     missing = [name for name in drives if not whole.existJointName(name)]
     if missing:
         known = ', '.join(list(whole.names)[1:])
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
-            f'geometry.description has no joint {missing[0]}; its joints are {known}',
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            f'geometry.description has no joint {missing[0]}; its joints are {known}'
         )
     return whole
 
@@ -316,10 +314,9 @@ def _reduced(pin: Any, whole: Any, drives: Sequence[str]) -> Any:
     model = pin.buildReducedModel(whole, locked, pin.neutral(whole)) if locked else whole
     for name in drives:
         if model.joints[model.getJointId(name)].nv != 1:
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
+            raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'joint {name} of geometry.description neither turns about nor slides along one '
-                'axis; leave it out of drives',
+                'axis; leave it out of drives'
             )
     return model
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 # Least radius of gyration that a described link is given, m; below this mass [kg] it is none.
 _SMALLEST, _MASSLESS = 1e-3, 1e-9
@@ -186,8 +186,7 @@ def nearest(
             # What is left of the decrease is rounding.
             return bodies(y)
         y, here = y + length * step, there
-    raise IdentError(
-        ErrorCode.BAD_VALUES,
+    raise ErrorCode.BAD_VALUES.error(
         'the inertials that fit and description ask for together are not found; '
-        'identify with a longer motion',
+        'identify with a longer motion'
     )

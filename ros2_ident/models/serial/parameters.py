@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.machine import Box, Machine, Parameter
 from ros2_ident.models.serial.arm import Arm, arm_of, INERTIALS
 
@@ -307,11 +307,10 @@ class Transmission:
             way = length - abs(a - b)
             left = 1.0 - way / self._stroke[d]
             if (left <= 0.0).any():
-                raise IdentError(
-                    ErrorCode.BAD_MACHINE_FILE,
+                raise ErrorCode.BAD_MACHINE_FILE.error(
                     f'the counterbalance of {self._machine.drives[d]} is drawn out by '
                     f'{way.max():.3g} m, its balance_stroke is {self._stroke[d]:g} m; '
-                    'correct balance_stroke, balance_base, balance_arm or balance_angle',
+                    'correct balance_stroke, balance_base, balance_arm or balance_angle'
                 )
             out[d, :, 2 * number] = lever / left
             out[d, :, 2 * number + 1] = lever * way
@@ -339,16 +338,14 @@ def _coupled(machine: Machine) -> Array:
         if other == 'none':
             continue
         if other not in machine.drives or other == drive:
-            raise IdentError(
-                ErrorCode.BAD_MACHINE_FILE,
+            raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'{drive} is coupled_to {other!r}, which is no other joint of the file; choose '
-                f'from {", ".join(n for n in machine.drives if n != drive)}',
+                f'from {", ".join(n for n in machine.drives if n != drive)}'
             )
         out[d, machine.drives.index(other)] = share
     if abs(np.linalg.det(out)) < 1e-6:
-        raise IdentError(
-            ErrorCode.BAD_MACHINE_FILE,
-            'the couplings leave a joint that no motor moves; correct coupled_to and coupling',
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            'the couplings leave a joint that no motor moves; correct coupled_to and coupling'
         )
     return out
 

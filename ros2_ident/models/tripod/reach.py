@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.kind import Figure, Remark, Space
 from ros2_ident.machine.machine import Machine
 
@@ -106,7 +106,7 @@ def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, A
     away = points[None, :2] - foot[:, :, None]
     square = machine.number('rod_length') ** 2 - np.sum(away**2, axis=1)
     if not np.all(square > 0.0):
-        raise IdentError(ErrorCode.BAD_VALUES, _LEAVES)
+        raise ErrorCode.BAD_VALUES.error(_LEAVES)
     rise = np.sqrt(square)
     return points[2] + rise, speeds[2] - np.sum(away * speeds[None, :2], axis=1) / rise
 
@@ -133,7 +133,7 @@ def set_points_of_delta(points: Array, speeds: Array, machine: Machine) -> tuple
     square = ahead**2 + points[2] ** 2
     wanted = (square + across**2 + arm**2 - rod**2) / (2.0 * arm * np.sqrt(square))
     if not np.all(np.abs(wanted) < 1.0):
-        raise IdentError(ErrorCode.BAD_VALUES, _LEAVES)
+        raise ErrorCode.BAD_VALUES.error(_LEAVES)
     up = np.arctan2(points[2], ahead) + np.arccos(wanted)
     up = np.remainder(up + np.pi, 2.0 * np.pi) - np.pi
     # Along a rod nothing moves: its product with the platform's speed is that with the joint's.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page on a result directory: `report.html`, one file that needs nothing else."""
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 
 try:
     from ros2_ident.report.page.assemble import write_report as write_report
@@ -10,7 +10,6 @@ try:
 except ModuleNotFoundError as missing:
     if (missing.name or '').split('.')[0] not in ('bokeh', 'jinja2', 'markupsafe'):
         raise
-    raise IdentError(
-        ErrorCode.INVALID_GOAL,
-        f'a page needs {missing.name}; `pip install "ros2-ident[page]"` brings it',
+    raise ErrorCode.INVALID_GOAL.error(
+        f'a page needs {missing.name}; `pip install "ros2-ident[page]"` brings it'
     ) from None

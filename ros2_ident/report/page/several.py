@@ -11,7 +11,7 @@ import numpy as np
 
 from ros2_ident.arrays import plain
 from ros2_ident.effects import CATALOGUE, title_at
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.models import EffectAt
@@ -248,8 +248,8 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     path = Path(directory) / FLEET
     data = content(path, '`ident fleet` wrote')
     if not isinstance(data, dict) or data.get('schema') != 'ros2_ident.fleet':
-        raise IdentError(
-            ErrorCode.BAD_VALUES, f'{path}: is no fleet of this package; run `ident fleet` again'
+        raise ErrorCode.BAD_VALUES.error(
+            f'{path}: is no fleet of this package; run `ident fleet` again'
         )
     done = [row for row in data['rows'] if row['state'] == 'done']
     told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
