@@ -293,12 +293,7 @@ def save(
             problem = replace(request, outputs=None, effects=effects).problem(logs.fit)
             theta = np.array([values[p.name].value for p in problem.parameters])
     if overlay:
-        files += bags.write_overlay(
-            folder / bags.OVERLAY,
-            problem,
-            theta,
-            topics=request.topics,
-        )
+        files += bags.write_overlay(folder / bags.OVERLAY, problem, theta, topics=request.topics)
     if done.checkpoint is not None and done.complete:
         remove_file(done.checkpoint)
     return files

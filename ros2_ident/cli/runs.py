@@ -82,10 +82,7 @@ def carry_out(
         kept = None if out is None else out / checkpoint
         if kept is not None and not args.resume:
             remove_file(kept)
-        with (
-            _live_page(args, out, request, logs, identifying) as live,
-            interrupts() as cancel,
-        ):
+        with _live_page(args, out, request, logs, identifying) as live, interrupts() as cancel:
             writing = 0.0 if out is None else WRITING * (time.monotonic() - args.begun)
 
             def tell(progress: Any) -> None:

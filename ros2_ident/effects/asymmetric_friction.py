@@ -41,9 +41,6 @@ EFFECT = Effect(
     hook=Hook.FRICTION,
     kernel=_kernel,
     family='direction',
-    confusable=(
-        'constant_force',
-        'effort_bias',
-    ),
+    confusable=('constant_force', 'effort_bias'),
     separated_by='mirror the motion of {drive}, at several speeds, and dwell at both ends',
 )

@@ -28,10 +28,7 @@ EFFECT = Effect(
     hook=Hook.DEFLECTION,
     kernel=_kernel,
     family='gear play',
-    confusable=(
-        'stribeck',
-        'presliding',
-    ),
+    confusable=('stribeck', 'presliding'),
     separated_by='reverse the load of {drive} without its motion: brake hard against gravity',
     needs=elastic_gear,
 )

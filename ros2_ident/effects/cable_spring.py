@@ -25,10 +25,6 @@ EFFECT = Effect(
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,
     family='position',
-    confusable=(
-        'position_dependent_friction',
-        'rail_radius_error',
-        'rod_length_error',
-    ),
+    confusable=('position_dependent_friction', 'rail_radius_error', 'rod_length_error'),
     separated_by='sweep {drive} slowly both ways over its whole stroke',
 )

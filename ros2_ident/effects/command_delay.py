@@ -15,10 +15,7 @@ EFFECT = Effect(
         ),
     ),
     family='loop timing',
-    confusable=(
-        'current_loop_lag',
-        'effort_delay',
-    ),
+    confusable=('current_loop_lag', 'effort_delay'),
     separated_by='compare set-point and measured position of {drive} in a chirp',
     needs=closed_loop,
     shown_by='late_set_point',

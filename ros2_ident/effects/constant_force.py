@@ -26,10 +26,7 @@ EFFECT = Effect(
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,
     family='offset',
-    confusable=(
-        'effort_bias',
-        'asymmetric_friction',
-    ),
+    confusable=('effort_bias', 'asymmetric_friction'),
     separated_by='no motion can: turn the axis over, or log the effort with the motor off',
     needs=lambda context: not {'constant_load', 'log_bias'} & context.identified,
     twins=('effort_bias',),

@@ -13,9 +13,6 @@ EFFECT = Effect(
         EffectParameter('torque', 'effort', 0.0, 1.0, 0.0, target='coulomb', symbol='M_C'),
     ),
     family='dry friction',
-    confusable=(
-        'stribeck',
-        'presliding',
-    ),
+    confusable=('stribeck', 'presliding'),
     separated_by='move {drive} both ways at three speeds or more, with equal dwell',
 )

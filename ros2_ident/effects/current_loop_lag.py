@@ -34,12 +34,7 @@ EFFECT = Effect(
     kernel=_kernel,
     keeps=_keeps,
     family='loop timing',
-    confusable=(
-        'command_delay',
-        'effort_filter',
-        'effort_delay',
-        'velocity_gain_error',
-    ),
+    confusable=('command_delay', 'effort_filter', 'effort_delay', 'velocity_gain_error'),
     separated_by='excite {drive} with a chirp beyond the crossover of its velocity loop',
     needs=closed_loop,
 )

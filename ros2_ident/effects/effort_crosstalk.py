@@ -13,10 +13,7 @@ EFFECT = Effect(
         EffectParameter('coefficient', '1', -0.3, 0.3, 0.0, target='log_crosstalk', symbol='c'),
     ),
     family='coupling',
-    confusable=(
-        'payload_change',
-        'rod_mass',
-    ),
+    confusable=('payload_change', 'rod_mass'),
     separated_by='move the other drives while {drive} rests',
     needs=lambda context: context.drives > 1,
 )

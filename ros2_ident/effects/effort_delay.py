@@ -15,9 +15,6 @@ EFFECT = Effect(
         ),
     ),
     family='log timing',
-    confusable=(
-        'effort_filter',
-        'current_loop_lag',
-    ),
+    confusable=('effort_filter', 'current_loop_lag'),
     separated_by='excite {drive} with a chirp: a delay turns the phase linearly',
 )

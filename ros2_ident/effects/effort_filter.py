@@ -15,9 +15,6 @@ EFFECT = Effect(
         ),
     ),
     family='log timing',
-    confusable=(
-        'effort_delay',
-        'current_loop_lag',
-    ),
+    confusable=('effort_delay', 'current_loop_lag'),
     separated_by='excite {drive} with a chirp: a filter loses gain',
 )

@@ -30,10 +30,7 @@ EFFECT = Effect(
     ),
     place='all',
     family='log timing',
-    confusable=(
-        'effort_filter',
-        'presliding',
-    ),
+    confusable=('effort_filter', 'presliding'),
     separated_by='log the efforts as the drives report them',
     needs=_recorded_motion,
 )

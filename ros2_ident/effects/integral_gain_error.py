@@ -15,10 +15,7 @@ EFFECT = Effect(
         ),
     ),
     family='loop gains',
-    confusable=(
-        'velocity_gain_error',
-        'position_gain_error',
-    ),
+    confusable=('velocity_gain_error', 'position_gain_error'),
     separated_by='compare the logged effort of {drive} with the law: no motion needed',
     needs=lambda context: context.closed_loop and context.integral,
 )

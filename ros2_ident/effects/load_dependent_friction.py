@@ -22,9 +22,6 @@ EFFECT = Effect(
     hook=Hook.FRICTION,
     kernel=_kernel,
     family='load friction',
-    confusable=(
-        'coulomb_friction',
-        'asymmetric_friction',
-    ),
+    confusable=('coulomb_friction', 'asymmetric_friction'),
     separated_by='repeat the motion of {drive} with two payloads',
 )

@@ -25,9 +25,6 @@ EFFECT = Effect(
     hook=Hook.FRICTION,
     kernel=_kernel,
     family='position',
-    confusable=(
-        'cable_spring',
-        'load_dependent_friction',
-    ),
+    confusable=('cable_spring', 'load_dependent_friction'),
     separated_by='sweep {drive} slowly both ways over its whole stroke',
 )

@@ -25,10 +25,7 @@ EFFECT = Effect(
     hook=Hook.STIFFNESS,
     kernel=_kernel,
     family='elasticity',
-    confusable=(
-        'payload_change',
-        'frame_resonance',
-    ),
+    confusable=('payload_change', 'frame_resonance'),
     separated_by='excite {drive} with the same chirp at three positions',
     needs=elastic_gear,
 )

@@ -26,9 +26,6 @@ EFFECT = Effect(
     hook=Hook.FRICTION,
     kernel=_kernel,
     family='speed-dependent friction',
-    confusable=(
-        'viscous_friction',
-        'velocity_gain_error',
-    ),
+    confusable=('viscous_friction', 'velocity_gain_error'),
     separated_by='run {drive} at five constant speeds over its whole range, both ways',
 )

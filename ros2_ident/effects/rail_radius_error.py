@@ -14,11 +14,7 @@ EFFECT = Effect(
     ),
     place='all',
     family='geometry',
-    confusable=(
-        'rod_length_error',
-        'cable_spring',
-        'rod_mass',
-    ),
+    confusable=('rod_length_error', 'cable_spring', 'rod_mass'),
     separated_by='hold still at many places of the workspace',
     needs=platform,
 )

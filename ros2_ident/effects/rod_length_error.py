@@ -12,11 +12,7 @@ EFFECT = Effect(
     parameters=(EffectParameter('error', 'm', -0.05, 0.05, 0.0, target='rod_length', symbol='d'),),
     place='all',
     family='geometry',
-    confusable=(
-        'rail_radius_error',
-        'cable_spring',
-        'rod_mass',
-    ),
+    confusable=('rail_radius_error', 'cable_spring', 'rod_mass'),
     separated_by='hold still at many places of the workspace',
     needs=platform,
 )

@@ -12,10 +12,7 @@ EFFECT = Effect(
     parameters=(EffectParameter('mass', 'kg', 0.0, 0.5, 0.0, target='mass_per_rod'),),
     place='all',
     family='mass',
-    confusable=(
-        'payload_change',
-        'torque_constant_error',
-    ),
+    confusable=('payload_change', 'torque_constant_error'),
     separated_by='make the same acceleration at the rim and in the middle of the workspace',
     needs=platform,
 )

@@ -37,9 +37,6 @@ EFFECT = Effect(
     hook=Hook.COMMAND,
     kernel=_kernel,
     family='scale of effort',
-    confusable=(
-        'velocity_gain_error',
-        'load_dependent_friction',
-    ),
+    confusable=('velocity_gain_error', 'load_dependent_friction'),
     separated_by='repeat the motion of {drive} with a weighed mass added',
 )

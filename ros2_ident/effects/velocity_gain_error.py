@@ -15,11 +15,7 @@ EFFECT = Effect(
         ),
     ),
     family='loop gains',
-    confusable=(
-        'position_gain_error',
-        'integral_gain_error',
-        'viscous_friction',
-    ),
+    confusable=('position_gain_error', 'integral_gain_error', 'viscous_friction'),
     separated_by='compare the logged effort of {drive} with the law: no motion needed',
     needs=closed_loop,
 )

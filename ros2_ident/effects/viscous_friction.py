@@ -13,9 +13,6 @@ EFFECT = Effect(
         EffectParameter('torque', 'effort s/m', 0.0, 1.0, 0.0, target='viscous', symbol='M_V'),
     ),
     family='speed-dependent friction',
-    confusable=(
-        'quadratic_drag',
-        'velocity_gain_error',
-    ),
+    confusable=('quadratic_drag', 'velocity_gain_error'),
     separated_by='run {drive} at five constant speeds over its whole range, both ways',
 )

@@ -15,12 +15,7 @@ from ros2_ident.excite.course import derived
 from ros2_ident.excite.limits import Moved, transmission
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.protocol import FullModel
-from ros2_ident.models.registry import (
-    compared_of,
-    drives_moved,
-    planned_model,
-    set_points_of,
-)
+from ros2_ident.models.registry import compared_of, drives_moved, planned_model, set_points_of
 from ros2_ident.search import finite_differences
 from ros2_ident.search.jacobian import Box
 from ros2_ident.search.least_squares import BOX_DEVIATION

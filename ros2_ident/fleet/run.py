@@ -21,14 +21,7 @@ from typing import Any, TYPE_CHECKING
 from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, read_yaml, require_ours, write_text
-from ros2_ident.fleet.summary import (
-    effects_named,
-    PAGE,
-    Row,
-    sound,
-    SUMMARY,
-    write_summary,
-)
+from ros2_ident.fleet.summary import effects_named, PAGE, Row, sound, SUMMARY, write_summary
 from ros2_ident.search.evaluators import Cancel
 
 if TYPE_CHECKING:

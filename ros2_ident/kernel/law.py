@@ -23,19 +23,7 @@ def room(drives: int) -> int:
 
 def _build(digest):
     @kernel
-    def replay(
-        blocks,
-        rows,
-        room,
-        command,
-        motion,
-        hold,
-        on,
-        delayed,
-        cycle,
-        law,
-        task,
-    ):
+    def replay(blocks, rows, room, command, motion, hold, on, delayed, cycle, law, task):
         """Run the controllers of blocks of candidates along a recorded motion.
 
         Args:

@@ -89,12 +89,7 @@ DRIVE_ROWS = (
     'log_speed',  # by which that falls, per rad/s
     'log_smoothing',  # s, no kernel's: it needs the whole log
 )
-NEUTRAL = {
-    'payload_duration': 1e9,
-    'load_frequency': 30.0,
-    'load_damping': 0.05,
-    'log_gain': 1.0,
-}
+NEUTRAL = {'payload_duration': 1e9, 'load_frequency': 30.0, 'load_damping': 0.05, 'log_gain': 1.0}
 
 KERNEL_EFFECTS = tuple(e for e in composed() if e.hook is not Hook.PARAMETER)
 # What a drive remembers between cycles, besides a row for each effect with a memory.

@@ -327,9 +327,7 @@ def _names(draft: Draft) -> Iterator[Remark]:
         boxed = path[0] == 'parameters'
         found = ErrorCode.UNKNOWN_PARAMETER if boxed else ErrorCode.BAD_MACHINE_FILE
         yield Remark(
-            path,
-            f'a {draft.kind} has no key {shown(".".join(path))}; {remedy}',
-            code=found,
+            path, f'a {draft.kind} has no key {shown(".".join(path))}; {remedy}', code=found
         )
 
 
@@ -389,8 +387,7 @@ def _value(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
             yield from _quantity(draft, key, entry)
         elif key.choices and entry not in (*key.choices, *dict(key.aliases)):
             yield Remark(
-                key.path,
-                f'{key.name} is {shown(entry)}; write one of {", ".join(key.choices)}',
+                key.path, f'{key.name} is {shown(entry)}; write one of {", ".join(key.choices)}'
             )
 
 
@@ -433,15 +430,13 @@ def _interval(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
     ends = [number(end) for end in value[:2]] if isinstance(value, list) else []
     if len(ends) != 2 or len(value) != 3 or None in ends:
         yield Remark(
-            key.path,
-            f'parameter {key.name}: write [min, max, unit], found {shown(value)}',
+            key.path, f'parameter {key.name}: write [min, max, unit], found {shown(value)}'
         )
         return
     low, high = (end for end in ends if end is not None)
     if not low < high:
         yield Remark(
-            key.path,
-            f'parameter {key.name}: min has to be below max, found {shown(value)}',
+            key.path, f'parameter {key.name}: min has to be below max, found {shown(value)}'
         )
     elif not (key.low <= low and high <= key.high):
         yield Remark(key.path, _implausible(draft, key, f'[{low:g}, {high:g}]'), 'warn')

@@ -29,10 +29,7 @@ _BESIDE, _CHANCE = 41, 1e-4
 
 
 def shape_values(
-    parameter: EffectParameter,
-    model: FullModel,
-    where: str,
-    orders: tuple[float, ...] = (),
+    parameter: EffectParameter, model: FullModel, where: str, orders: tuple[float, ...] = ()
 ) -> tuple[float, ...]:
     """Return the values of a shape parameter to start from, in its own unit."""
     if parameter.role == 'order':
@@ -55,9 +52,7 @@ def shape_values(
 
 
 def trials(
-    candidate: EffectAt,
-    model: FullModel,
-    orders: tuple[float, ...] = (),
+    candidate: EffectAt, model: FullModel, orders: tuple[float, ...] = ()
 ) -> list[list[Array]]:
     """Return groups of values of an effect's parameters: within one, sizes superpose.
 

@@ -23,14 +23,7 @@ from ros2_ident.recording.content import (
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.limits import listed, printable
 from ros2_ident.recording.scan import scan
-from ros2_ident.recording.storage import (
-    Damage,
-    damaged,
-    digest,
-    storage_files,
-    SUFFIXES,
-    unpacked,
-)
+from ros2_ident.recording.storage import Damage, damaged, digest, storage_files, SUFFIXES, unpacked
 from ros2_ident.recording.streams import Recording, ROLES
 from ros2_ident.recording.table import read_table
 from ros2_ident.recording.table import SUFFIXES as TABLES

@@ -28,13 +28,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Schema, Statistics
 from mcap.summary import Summary
 from rosbags.rosbag1 import Reader, ReaderError
-from rosbags.rosbag1.reader import (
-    decompressors,
-    Header,
-    read_bytes,
-    read_uint32,
-    RecordType,
-)
+from rosbags.rosbag1.reader import decompressors, Header, read_bytes, read_uint32, RecordType
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 

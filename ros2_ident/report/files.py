@@ -17,13 +17,7 @@ import numpy as np
 from ros2_ident.arrays import plain
 from ros2_ident.effects import CATALOGUE, EffectParameter
 from ros2_ident.errors import ErrorCode
-from ros2_ident.files import (
-    make_directory,
-    regular,
-    remove_file,
-    write_arrays,
-    write_text,
-)
+from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_text
 from ros2_ident.gap.result import Diagnosis, Value
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of

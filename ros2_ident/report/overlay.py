@@ -63,11 +63,7 @@ def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
 
 
 def write_overlay(
-    path: str | Path,
-    problem: Problem,
-    theta: Array,
-    *,
-    topics: Topics | None = None,
+    path: str | Path, problem: Problem, theta: Array, *, topics: Topics | None = None
 ) -> tuple[Path, ...]:
     """Write bags with the original streams, the simulated and the residual effort.
 

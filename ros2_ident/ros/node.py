@@ -274,8 +274,7 @@ class Identifier(Node):
         self._due = False
         if not self.get_parameter('auto_start').value:
             self.board.change(
-                Status.STATE_READY,
-                'the stream has ended; send a goal to ~/identify or ~/diagnose',
+                Status.STATE_READY, 'the stream has ended; send a goal to ~/identify or ~/diagnose'
             )
             return
         try:

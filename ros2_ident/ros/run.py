@@ -24,13 +24,7 @@ from ros2_ident.identify.problem import sources
 from ros2_ident.jobs import Diagnosed, Identified, Request
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.recording import cdr, RecordingBuilder
-from ros2_ident.report.overlay import (
-    OVERLAY,
-    overlay_streams,
-    preview,
-    Series,
-    write_overlay,
-)
+from ros2_ident.report.overlay import OVERLAY, overlay_streams, preview, Series, write_overlay
 from ros2_ident.report.scene import largest_gap, scene_of
 from ros2_ident.search.evaluators import Cancel
 from ros2_ident.search.journal import MAGIC
@@ -274,10 +268,7 @@ def compare(done: Identified, result_file: str) -> tuple[list[bytes], list[bytes
     problem = done.problem()
     if result_file:
         write_overlay(
-            Path(result_file).with_name(OVERLAY),
-            problem,
-            theta,
-            topics=done.request.topics,
+            Path(result_file).with_name(OVERLAY), problem, theta, topics=done.request.topics
         )
     streams = overlay_streams(problem, theta)
     scene = scene_of(problem, theta, streams[0]['residual'])

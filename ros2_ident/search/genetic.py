@@ -14,14 +14,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
-from ros2_ident.search.operators import (
-    FIRST_GENERATIONS,
-    Flags,
-    Index,
-    mutate,
-    MUTATIONS,
-    select,
-)
+from ros2_ident.search.operators import FIRST_GENERATIONS, Flags, Index, mutate, MUTATIONS, select
 
 # Relative decrease of the best cost that counts as improvement.
 _IMPROVES = 1e-6

@@ -15,14 +15,7 @@ from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
 from ros2_ident.kernel import runge_kutta as rk
 from ros2_ident.kernel.hooks import sources_digest
-from ros2_ident.kernel.rows import (
-    DRIVE,
-    DRIVE_COUNT,
-    MACHINE,
-    MACHINE_COUNT,
-    MEMORY,
-    MEMORY_COUNT,
-)
+from ros2_ident.kernel.rows import DRIVE, DRIVE_COUNT, MACHINE, MACHINE_COUNT, MEMORY, MEMORY_COUNT
 from ros2_ident.lanes import (
     absolute,
     any_lane,

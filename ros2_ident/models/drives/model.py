@@ -651,10 +651,7 @@ class DriveModel(MachineModel):
         return task.out
 
     def costs(
-        self,
-        theta: Array,
-        limit: float | Array = math.inf,
-        stop: Callable[[], bool] | None = None,
+        self, theta: Array, limit: float | Array = math.inf, stop: Callable[[], bool] | None = None
     ) -> Array:
         """Return (S,) costs of candidates (S, N), eq. 2; arguments as of `FullModel.costs`."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))

@@ -100,12 +100,7 @@ class Outputs:
         for quantity, weight in zip(self.quantities, self.weights, strict=True):
             weights[QUANTITIES.index(quantity)] = weight
         return Task(
-            wanted,
-            np.empty((0, 0, 0)),
-            (wanted >= 0).sum(axis=2),
-            weights,
-            np.empty(0),
-            out,
+            wanted, np.empty((0, 0, 0)), (wanted >= 0).sum(axis=2), weights, np.empty(0), out
         )
 
     def costing(self, measured: Array) -> Task:

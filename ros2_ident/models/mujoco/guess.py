@@ -14,13 +14,7 @@ import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.motion import (
-    allowed_cutoff,
-    CUTOFF,
-    fill_gaps,
-    low_pass,
-    smooth_motion,
-)
+from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, fill_gaps, low_pass, smooth_motion
 
 NAMES = 'kp', 'kv', 'armature', 'frictionloss', 'damping'
 # Slower than this share of the top speed the direction of friction is open.

@@ -85,18 +85,7 @@ def _efforts(par, first, mem, on, motion, d, drives, count, begun, cycles, cycle
 
 def _build(digest):
     @kernel
-    def simulate(
-        group,
-        room,
-        begin,
-        end,
-        terms,
-        firsts,
-        motion,
-        on,
-        cycle,
-        task,
-    ):
+    def simulate(group, room, begin, end, terms, firsts, motion, on, cycle, task):
         """Simulate blocks of candidates; arguments as in the tripod's kernel, but for these.
 
         Args:

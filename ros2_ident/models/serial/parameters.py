@@ -184,10 +184,7 @@ def _shown(machine: Machine, arm: Arm) -> tuple[Array, Array]:
     rotors = (np.eye(shape[0])[:, None, :] * (_ACCELERATION * acceleration)[:, :, None])[moves]
     sought = 'drive_inertia' in machine.bounds
     rows = sum(moves) * shape[1]
-    return (
-        terms.reshape(rows, -1),
-        rotors.reshape(rows, -1)[:, : shape[0] if sought else 0],
-    )
+    return terms.reshape(rows, -1), rotors.reshape(rows, -1)[:, : shape[0] if sought else 0]
 
 
 def point_mass(mass: Array, place: Array) -> list[Array]:

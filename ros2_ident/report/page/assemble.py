@@ -13,14 +13,7 @@ from ros2_ident.gap.result import Diagnosis
 from ros2_ident.gap.where.localise import Finding
 from ros2_ident.identify.result import Identification, Provenance
 from ros2_ident.report.diagnosis import Written
-from ros2_ident.report.files import (
-    DIAGNOSIS_SIGNALS,
-    FLEET,
-    holds_results,
-    load,
-    PAGE,
-    SIGNALS,
-)
+from ros2_ident.report.files import DIAGNOSIS_SIGNALS, FLEET, holds_results, load, PAGE, SIGNALS
 from ros2_ident.report.page import charts, numbers
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST

@@ -22,15 +22,7 @@ LISTED = 6
 # Units that sentences give numbers in.
 _UNITS = 'N|m|s|ms|kg|rad|Hz|A|K|V'
 
-_GREEK = {
-    'tau': 'τ',
-    'zeta': 'ζ',
-    'omega': 'ω',
-    'mu': 'μ',
-    'delta': 'δ',
-    'pi': 'π',
-    'dm': 'Δm',
-}
+_GREEK = {'tau': 'τ', 'zeta': 'ζ', 'omega': 'ω', 'mu': 'μ', 'delta': 'δ', 'pi': 'π', 'dm': 'Δm'}
 
 
 def number(value: float | None, digits: int = 5) -> str:
