@@ -100,10 +100,8 @@ class Place:
                 f'joint {joint} of geometry.description neither turns about nor slides along one '
                 'axis; leave it out of drives'
             )
-        self.position, self.dof = (
-            int(model.jnt_qposadr[self.joint]),
-            int(model.jnt_dofadr[self.joint]),
-        )
+        self.position = int(model.jnt_qposadr[self.joint])
+        self.dof = int(model.jnt_dofadr[self.joint])
         self.slides = int(model.jnt_type[self.joint]) == int(mj.mjtJoint.mjJNT_SLIDE)
         own = int(model.jnt_bodyid[self.joint])
         self.body = _number(model, mj.mjtObj.mjOBJ_BODY, body, 'body') if body else own
@@ -188,6 +186,15 @@ _FIELDS = (
 )  # fmt: skip
 
 
+class _Own(threading.local):
+    """Data and models of each thread."""
+
+    def __init__(self, model: Any) -> None:
+        self.data = _mujoco().MjData(model)
+        self.roller = _mujoco().rollout.Rollout(nthread=0)
+        self.models: list[Any] = []
+
+
 class Plant:
     """A user's MJCF, ready for candidates.
 
@@ -254,7 +261,7 @@ class Plant:
             )
             for quantity in _SENSORS
         }
-        self._own = threading.local()
+        self._own = _Own(self.model)
 
     @staticmethod
     def _actuate(spec: Any, joints: list[str]) -> None:
@@ -292,7 +299,7 @@ class Plant:
                 damping = model.dof_damping[at.dof] - model.actuator_biasprm[at.actuator, 2]
                 less = 0.5 * model.opt.timestep * damping
                 model.dof_armature[at.dof] = max(model.dof_armature[at.dof] - less, 0.0)
-        _mujoco().mj_setConst(model, self._data)
+        _mujoco().mj_setConst(model, self._own.data)
 
     def stated(self, name: str, drive: int) -> float:
         """Return what the description has in place of a parameter."""
@@ -319,19 +326,7 @@ class Plant:
         """(D,) positions of the drives' joints in which the description is drawn."""
         return np.asarray(self.model.qpos0)[[at.position for at in self.places]]
 
-    @property
-    def _data(self) -> Any:
-        """This thread's data."""
-        if not hasattr(self._own, 'data'):
-            mj = _mujoco()
-            self._own.data = mj.MjData(self.model)
-            self._own.roller = mj.rollout.Rollout(nthread=0)
-            self._own.models = []
-        return self._own.data
-
     def _models(self, count: int) -> list[Any]:
-        data = self._data
-        assert data is not None
         while len(self._own.models) < count:
             self._own.models.append(copy.copy(self.model))
         return self._own.models[:count]
@@ -370,7 +365,7 @@ class Plant:
         mj = _mujoco()
         models = self._models(len(values))
         states = np.zeros((len(values), self._state))
-        data = self._data
+        data = self._own.data
         for s, (model, value) in enumerate(zip(models, values, strict=True)):
             self.changed(model, value)
             mj.mj_resetData(model, data)
@@ -458,7 +453,7 @@ class Plant:
             given[:, 0, :nu] = control[:, n]
             given[:, 0, pushed] = force
             self._own.roller.rollout(
-                models, [self._data], states, given, nstep=1, control_spec=spec, state=now,
+                models, [self._own.data], states, given, nstep=1, control_spec=spec, state=now,
                 sensordata=seen, skip_checks=True,
             )  # fmt: skip
             states[:], told[:, n] = now[:, 0], seen[:, 0]
