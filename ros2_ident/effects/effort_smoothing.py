@@ -1,13 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The efforts were smoothed forwards and backwards before they came into the log."""
 
-from ros2_ident.effects.effect import Context, Effect, EffectParameter
-
-
-def _recorded_motion(context: Context) -> bool:
-    # What a controller asks for shows as it is; a file is smoothed after the run.
-    return not context.closed_loop
-
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='effort_smoothing',
@@ -32,5 +26,6 @@ EFFECT = Effect(
     family='log timing',
     confusable=('effort_filter', 'presliding'),
     separated_by='log the efforts as the drives report them',
-    needs=_recorded_motion,
+    # What a controller asks for shows as it is; a file is smoothed after the run.
+    needs=lambda context: not context.closed_loop,
 )

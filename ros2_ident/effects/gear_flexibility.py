@@ -1,13 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A gear, screw or belt that gives, where the nominal model moves motor and load as one mass."""
 
-from ros2_ident.effects.effect import Context, Effect, EffectParameter
-
-
-def _rigid_and_level(context: Context) -> bool:
-    # What hangs behind a flexible gear would carry the weight alone.
-    return not context.elastic and not context.lifted
-
+from ros2_ident.effects.effect import Effect, EffectParameter
 
 EFFECT = Effect(
     id='gear_flexibility',
@@ -52,5 +46,6 @@ EFFECT = Effect(
     family='elasticity',
     confusable=('current_loop_lag', 'command_delay'),
     separated_by='excite {drive} with a chirp to three times the resonance, with two payloads',
-    needs=_rigid_and_level,
+    # What hangs behind a flexible gear would carry the weight alone.
+    needs=lambda context: not context.elastic and not context.lifted,
 )

@@ -174,10 +174,9 @@ def _numbered(warnings: Sequence[str]) -> dict[str, object]:
 
 def _with_first(result: IdentificationResult) -> str:
     """Return a result's sentence and, where there are some, the first of its warnings."""
-    count = len(result.warnings)
-    if not count:
+    if not result.warnings:
         return str(result.outcome_sentence)
-    more = f' ({count - 1} more)' if count > 1 else ''
+    more = f' ({len(result.warnings) - 1} more)' if len(result.warnings) > 1 else ''
     return f'{result.outcome_sentence} Warning: {result.warnings[0]}{more}'
 
 
