@@ -221,8 +221,7 @@ def _number(position: FloatArray) -> IntArray:
     if (np.diff(rounded) > 0).all() and np.abs(position - rounded).max() < 0.25:
         return rounded
     # strictly increasing integers less their index never decrease: isotonic regression, rounded
-    number: IntArray = np.round(_rising(position - order)).astype(np.int64) + order
-    return number
+    return np.asarray(np.round(_rising(position - order)).astype(np.int64) + order)
 
 
 def _rising(values: FloatArray) -> FloatArray:

@@ -50,8 +50,7 @@ class Motion:
     @property
     def resting(self) -> NDArray[np.bool_]:
         """Where the drive rests (T,)."""
-        slow: NDArray[np.bool_] = np.abs(self.velocity) < REST * np.abs(self.velocity).max()
-        return slow
+        return np.asarray(np.abs(self.velocity) < REST * np.abs(self.velocity).max())
 
     def slowly(self, rows: FloatArray) -> FloatArray:
         """Return rows (..., T) without what is faster than the motion that is judged."""

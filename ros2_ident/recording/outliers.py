@@ -100,8 +100,7 @@ def _candidates(x: FloatArray, rule: _Rule, least: float) -> IntArray:
     rows = np.flatnonzero(off[far:-far] > part_of * least)
     nearby = scipy.ndimage.maximum_filter1d(off, 3)
     beside = np.maximum(nearby[far - 7 + rows], nearby[far + 7 + rows])
-    found: IntArray = rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside]
-    return found
+    return np.asarray(rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside])
 
 
 def _run_at(

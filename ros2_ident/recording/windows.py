@@ -118,8 +118,7 @@ def _features(stream: Stream, drives: Sequence[str]) -> tuple[FloatArray, list[i
 
 def _unit(values: FloatArray) -> FloatArray:
     scale = float(np.sqrt(np.mean(values**2)))
-    scaled: FloatArray = values / scale if scale > 0.0 else values
-    return scaled
+    return np.asarray(values / scale if scale > 0.0 else values)
 
 
 def _greedy(told: FloatArray, sizes: FloatArray, samples: int) -> list[int]:

@@ -254,8 +254,7 @@ class _Run:
             if self.stopped():
                 return part
             found.append(np.asarray(self.work(points[begin : begin + _BLOCK])))
-        order: Index = np.lexsort((np.concatenate(found), part // PART))
-        return order
+        return np.asarray(np.lexsort((np.concatenate(found), part // PART)))
 
     def all(self, found: _Generation) -> StopReason | None:
         """Evaluate a generation; return why it was cut off, None where it was not."""

@@ -142,8 +142,7 @@ def mutate(
         (P * children, N) in the unit cube; the children of one parent are neighbours.
     """
     steps = MUTATIONS[law](rng.random((len(parents) * children, parents.shape[1])))
-    out: Array = np.clip(parents.repeat(children, axis=0) + scale * steps, 0.0, 1.0)
-    return out
+    return np.asarray(np.clip(parents.repeat(children, axis=0) + scale * steps, 0.0, 1.0))
 
 
 def select(points: Array, costs: Array, count: int, distance: float) -> Index:

@@ -449,10 +449,7 @@ class DriveModel(MachineModel):
     @property
     def stiff(self) -> npt.NDArray[np.bool_]:
         """(D,) whether motor and carriage of a drive move as one mass, effects included."""
-        out: npt.NDArray[np.bool_] = (
-            np.full(len(self.machine.drives), self.rigid) & ~self.candidates.flexible
-        )
-        return out
+        return np.asarray(self.rigid & ~self.candidates.flexible)
 
     # ------------------------------------------------------------------ inputs and simulation
 

@@ -289,8 +289,7 @@ class Mujoco(MachineModel):
 
     def simulated_effort(self, theta: Array) -> Array:
         """Return (P, K) what the actuators of the drives compared do, for one candidate (N,)."""
-        out: Array = self._simulated(np.atleast_2d(theta), ('effort',))[0]
-        return out
+        return np.asarray(self._simulated(np.atleast_2d(theta), ('effort',))[0])
 
     def _simulated(self, theta: Array, quantities: Sequence[str]) -> Array:
         own = self._candidates.own_values(theta)
