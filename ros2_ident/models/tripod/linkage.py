@@ -138,44 +138,27 @@ def on_rails(par, place, rate, tool, frame, out):
     y2 = y1 + radius * load(par, MACHINE.rail_2_y * W)
     x3 = x1 + radius * load(par, MACHINE.rail_3_x * W)
     y3 = y1 + radius * load(par, MACHINE.rail_3_y * W)
-    (cx1, cy1, cz1), (cx2, cy2, cz2), (cx3, cy3, cz3), over = _inverse(
-        (x1, y1, z1), (x2, y2, z2), (x3, y3, z3)
-    )
+    c1, c2, c3, over = _inverse((x1, y1, z1), (x2, y2, z2), (x3, y3, z3))
     # Columns of A = dp/ds.
-    k1 = z1 * over
-    k2 = z2 * over
-    k3 = z3 * over
-    ax1 = cx1 * k1
-    ay1 = cy1 * k1
-    az1 = cz1 * k1
-    ax2 = cx2 * k2
-    ay2 = cy2 * k2
-    az2 = cz2 * k2
-    ax3 = cx3 * k3
-    ay3 = cy3 * k3
-    az3 = cz3 * k3
+    a1, a2, a3 = _times(c1, z1 * over), _times(c2, z2 * over), _times(c3, z3 * over)
+    (ax1, ay1, az1), (ax2, ay2, az2), (ax3, ay3, az3) = a1, a2, a3
     vx = ax1 * w1 + ax2 * w2 + ax3 * w3
     vy = ay1 * w1 + ay2 * w2 + ay3 * w3
     vz = az1 * w1 + az2 * w2 + az3 * w3
     # The part of the platform's acceleration that the rates make.
     square = vx * vx + vy * vy
-    c1 = (square + (w1 - vz) * (w1 - vz)) * over
-    c2 = (square + (w2 - vz) * (w2 - vz)) * over
-    c3 = (square + (w3 - vz) * (w3 - vz)) * over
-    bias_x = cx1 * c1 + cx2 * c2 + cx3 * c3
-    bias_y = cy1 * c1 + cy2 * c2 + cy3 * c3
-    bias_z = cz1 * c1 + cz2 * c2 + cz3 * c3
+    e1 = (square + (w1 - vz) * (w1 - vz)) * over
+    e2 = (square + (w2 - vz) * (w2 - vz)) * over
+    e3 = (square + (w3 - vz) * (w3 - vz)) * over
+    bias = _sum(c1, c2, c3, (e1, e2, e3))
     # Each rod's mass is halved between its ends (Codourey 1998).
     mass = tool + 1.5 * rod
     r1 = load(par, (MACHINE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
     r2 = load(par, (MACHINE_COUNT + DRIVE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
     r3 = load(par, (MACHINE_COUNT + 2 * DRIVE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
-    _platform(
-        par, mass, (ax1, ay1, az1), (ax2, ay2, az2), (ax3, ay3, az3), (bias_x, bias_y, bias_z),
-        (r1, r2, r3), (r1, r2, r3), frame, out,
-    )  # fmt: skip
+    _platform(par, mass, a1, a2, a3, bias, (r1, r2, r3), (r1, r2, r3), frame, out)
     if frame:
-        store(out, 12 * W, mass * bias_z)
+        store(out, 12 * W, mass * bias[2])
         store(out, 13 * W, r1 + r2 + r3 + mass)
 
 
