@@ -13,7 +13,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect, shown_by
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.gap.assemble import assemble
 from ros2_ident.gap.contradictions import of_events, of_gates, of_the_file, of_what_is_left
 from ros2_ident.gap.coordinates import motion_of
@@ -216,8 +216,8 @@ def diagnose(
     if model is not None:
         first, second = recordings_from(model), recordings_from(check_model)
     elif machine is None or not fit:
-        raise IdentError(
-            ErrorCode.NO_DATA, 'there is no recording to fit on; give a bag with drive data'
+        raise ErrorCode.NO_DATA.error(
+            'there is no recording to fit on; give a bag with drive data'
         )
     else:
         machine, drives = at_rest(machine, fit, drives)
@@ -236,11 +236,10 @@ def diagnose(
     if conditions is not None:
         conditions.check([*first.labels, *second.labels])
         if conditions.each and second.models:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 'a parameter with a value of its own in every bag has none in a bag held out; '
                 'leave the bag to judge on out, or give it with the others: blocks of each are '
-                'held out then',
+                'held out then'
             )
     key = ''
     if checkpoint is not None:
@@ -321,10 +320,9 @@ class _Passes:
         joint = split.whole.with_effects(())
         if diverged(joint.residual(base.theta[None])[0]):
             remedy = examine_models(joint.models).headline
-            raise IdentError(
-                ErrorCode.DIVERGED,
+            raise ErrorCode.DIVERGED.error(
                 'every candidate diverges on this log; '
-                + (remedy or 'check units, gains and geometry in the machine file'),
+                + (remedy or 'check units, gains and geometry in the machine file')
             )
         clock.stage = 0.2, 0.35
         clock.step(0.0, 'telling noise from what the motion predicts')

@@ -81,10 +81,9 @@ def recordings_from(models: Model | Sequence[Model]) -> 'Part':
 def _one_output_a_drive(models: Sequence[FullModel]) -> None:
     for model in models:
         if len(model.outputs) != len(model.places):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 f'a {model.name} compares {len(model.outputs)} outputs of '
-                f'{len(model.places)} drives; a diagnosis takes one of each: name it (`output`)',
+                f'{len(model.places)} drives; a diagnosis takes one of each: name it (`output`)'
             )
 
 
@@ -282,11 +281,10 @@ class Split:
         for part in (self.fit, self.check):
             counts = np.bincount(part.drive, minlength=len(self.drives))
             if part.models[0].thinned and counts.min() < _FEWEST:
-                raise IdentError(
-                    ErrorCode.NO_DATA,
+                raise ErrorCode.NO_DATA.error(
                     f'{self.drives[int(counts.argmin())]} moves too little for the rate of its '
                     f'log: {counts.min()} values are left beside rest and turns; record longer '
-                    'moves, or at a higher rate',
+                    'moves, or at a higher rate'
                 )
 
     def carrying(self, held: Sequence[Array]) -> 'Split':

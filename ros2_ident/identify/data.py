@@ -141,8 +141,8 @@ def gather(
         _aligned, machine=machine, chosen=chosen, quantities=quantities or compared_of(machine)
     )
     if not recordings:
-        raise IdentError(
-            ErrorCode.NO_DATA, 'there is no recording to identify from; record a motion first'
+        raise ErrorCode.NO_DATA.error(
+            'there is no recording to identify from; record a motion first'
         )
     sources = {r.source: r.sha256 for r in recordings}
     labels = _labels(recordings)
@@ -176,10 +176,9 @@ def gather(
         try:
             dataset = aligned(recording)
             if dataset.duration < SHORTEST:
-                raise IdentError(
-                    ErrorCode.NO_DATA,
+                raise ErrorCode.NO_DATA.error(
                     f'{recording.source or "recording"}: lasts {dataset.duration:.3g} s; '
-                    f'record a motion of several seconds, {SHORTEST:g} s is the least',
+                    f'record a motion of several seconds, {SHORTEST:g} s is the least'
                 )
         except IdentError as error:
             first = first or error
@@ -233,19 +232,15 @@ def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, 
         return machine.drives
     known = ', '.join(machine.drives)
     if isinstance(drives, str) or not drives:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'no drive is chosen; name at least one of {known}'
-        )
+        raise ErrorCode.INVALID_GOAL.error(f'no drive is chosen; name at least one of {known}')
     for name in drives:
         if name not in machine.drives:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'drive {name!r} is not in the machine file; choose from {known}',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'drive {name!r} is not in the machine file; choose from {known}'
             )
     if len(set(drives)) != len(drives):
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            f'the drives {", ".join(drives)} repeat one; name each only once',
+        raise ErrorCode.INVALID_GOAL.error(
+            f'the drives {", ".join(drives)} repeat one; name each only once'
         )
     return tuple(name for name in machine.drives if name in drives)
 
@@ -271,31 +266,27 @@ def _aligned(
     where = recording.source or 'recording'
     for name in chosen if 'effort' in quantities else ():
         if dataset.effort is None:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
+            raise ErrorCode.MISSING_STREAM.error(
                 f"{where}: no stream holds an effort; record the drives' effort, "
-                'or name the topic that carries it',
+                'or name the topic that carries it'
             )
         row = dataset.effort[dataset.names.index(name)]
         there = row[~np.isnan(row)]
         if not there.size:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                f'{where}: no effort of {name}; leave this drive out, or record its effort',
+            raise ErrorCode.MISSING_STREAM.error(
+                f'{where}: no effort of {name}; leave this drive out, or record its effort'
             )
         if there.max() == there.min():
-            raise IdentError(
-                ErrorCode.BAD_VALUES,
+            raise ErrorCode.BAD_VALUES.error(
                 f'{where}: the effort of {name} is {there[0]:g} in every sample; '
-                'switch its measurement on in the drive, or leave this drive out',
+                'switch its measurement on in the drive, or leave this drive out'
             )
     driving = dataset.position if dataset.command_position is None else dataset.command_position
     if driving is not None and np.allclose(
         np.nanmin(driving, axis=1), np.nanmax(driving, axis=1), rtol=0.0, equal_nan=True
     ):
-        raise IdentError(
-            ErrorCode.NO_DATA,
-            f'{where}: no drive moves; record a motion that accelerates every drive',
+        raise ErrorCode.NO_DATA.error(
+            f'{where}: no drive moves; record a motion that accelerates every drive'
         )
     return dataset.coarse(POINTS)
 

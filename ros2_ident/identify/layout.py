@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_yaml
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.protocol import FullModel, Model
@@ -54,15 +54,13 @@ class Conditions:
         there = dict.fromkeys(labels)
         strange = [label for label in self.known if label not in there]
         if strange:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'no recording is called {strange[0]!r}; there are {", ".join(there) or "none"}',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'no recording is called {strange[0]!r}; there are {", ".join(there) or "none"}'
             )
         if self.each and len(there) < 2:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 'there is one recording only, so no parameter can differ between recordings; '
-                'give several bags, or leave this out',
+                'give several bags, or leave this out'
             )
 
 
@@ -86,10 +84,9 @@ def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
         }
     except (AttributeError, OverflowError, TypeError, ValueError) as error:
         unread = isinstance(error, AttributeError)
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{path}: {"holds no parameters by bag" if unread else str(error)[:200]}; write what '
-            'differs in each bag, as `with_load: {tool_mass: 0.5}`',
+            'differs in each bag, as `with_load: {tool_mass: 0.5}`'
         ) from None
     return Conditions(tuple(each), known)
 
@@ -196,10 +193,9 @@ def _named(every: set[str], names: Sequence[str]) -> set[str]:
     for name in names:
         meant = {full for full in every if full == name or full.endswith(f'.{name}')}
         if not meant:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
+            raise ErrorCode.UNKNOWN_PARAMETER.error(
                 f'{name!r} cannot have a value for each recording: no such parameter is free; '
-                f'choose from {", ".join(sorted(every))}',
+                f'choose from {", ".join(sorted(every))}'
             )
         out |= meant
     return out
@@ -214,9 +210,8 @@ def _more(
     more = np.zeros(len(own))
     for name, value in known.items():
         if not np.isfinite(value):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{label}: {name} is known to differ by {value}; give a finite number',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'{label}: {name} is known to differ by {value}; give a finite number'
             )
         for full in _named(every, [name]):
             if full in own:
@@ -264,9 +259,8 @@ def expanded(
         names = {name, *(f'{drive}.{name}' for drive in drives)}
         meant = [full for full in known if full in names or full.partition('@')[0] in names]
         if not meant:
-            raise IdentError(
-                ErrorCode.UNKNOWN_PARAMETER,
-                f'{name!r} cannot be {what}: no such parameter; choose from {", ".join(known)}',
+            raise ErrorCode.UNKNOWN_PARAMETER.error(
+                f'{name!r} cannot be {what}: no such parameter; choose from {", ".join(known)}'
             )
         out.update(dict.fromkeys(meant, value))
     return out
@@ -280,17 +274,16 @@ def check_overrides(fixed: Mapping[str, float], bounds: Mapping[str, tuple[float
     """
     for name, value in fixed.items():
         if not np.isfinite(value):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL, f'{name} cannot be fixed at {value}; give a finite number'
+            raise ErrorCode.INVALID_GOAL.error(
+                f'{name} cannot be fixed at {value}; give a finite number'
             )
         if name in bounds:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL, f'{name} is both fixed and bounded; give one of the two'
+            raise ErrorCode.INVALID_GOAL.error(
+                f'{name} is both fixed and bounded; give one of the two'
             )
     for name, (low, high) in bounds.items():
         if not (np.isfinite(low) and np.isfinite(high) and low < high):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 f'{name} has the bounds {low:g} to {high:g}; '
-                'give a finite lower bound below a finite upper one',
+                'give a finite lower bound below a finite upper one'
             )

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.gates.scale import FEWEST
 from ros2_ident.gates.signals import step_of
 from ros2_ident.kernel.measurement import QUANTITIES
@@ -26,14 +26,12 @@ def checked(outputs: Outputs | None, otherwise: Sequence[str] = ()) -> Outputs:
     given = dict(outputs) if outputs else dict.fromkeys(otherwise)
     for quantity, weight in given.items():
         if quantity not in QUANTITIES:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{quantity!r} cannot be compared; choose from {", ".join(QUANTITIES)}',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'{quantity!r} cannot be compared; choose from {", ".join(QUANTITIES)}'
             )
         if weight is not None and not (math.isfinite(weight) and weight > 0.0):
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'the weight of {quantity} is {weight:g}; give a number above 0',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'the weight of {quantity} is {weight:g}; give a number above 0'
             )
     return {q: given[q] for q in QUANTITIES if q in given}
 
@@ -50,9 +48,8 @@ def read_outputs(texts: Sequence[str]) -> Outputs | None:
         try:
             found[name] = float(value) if equals else None
         except ValueError:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'{text!r} is no output; write its name, or its name and weight as position=1e4',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'{text!r} is no output; write its name, or its name and weight as position=1e4'
             ) from None
     return checked(found) if found else None
 

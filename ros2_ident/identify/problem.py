@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.compiled import result_digest
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.data import chosen_drives, Data
 from ros2_ident.identify.layout import check_overrides, Conditions, expanded, held_of, Layout
 from ros2_ident.identify.outputs import checked, Outputs, weights_of
@@ -71,7 +71,7 @@ class Problem(Layout):
     ) -> None:
         several = tuple(complete(m) for m in models)
         if not several:
-            raise IdentError(ErrorCode.NO_DATA, 'there is no recording; record a motion first')
+            raise ErrorCode.NO_DATA.error('there is no recording; record a motion first')
         self.setup = setup
         self.drives = several[0].places
         self._own = labels, conditions, fixed, bounds
@@ -82,9 +82,8 @@ class Problem(Layout):
         check_overrides(self.fixed, box)
         super().__init__(several, labels, conditions, found, box)
         if not self.parameters:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                'every parameter is fixed; leave at least one to be identified',
+            raise ErrorCode.INVALID_GOAL.error(
+                'every parameter is fixed; leave at least one to be identified'
             )
         self.name, self.unit = self.models[0].name, self.models[0].unit
         self.noise = self.models[0].noise
@@ -92,10 +91,9 @@ class Problem(Layout):
         self.series: tuple[int, ...] = tuple(int(n) for c in counts for n in c)
         self.samples = sum(self.series)
         if self.samples <= len(self.parameters):
-            raise IdentError(
-                ErrorCode.NO_DATA,
+            raise ErrorCode.NO_DATA.error(
                 f'{self.samples} effort samples cannot determine {len(self.parameters)} '
-                'parameters; record a longer motion',
+                'parameters; record a longer motion'
             )
         self._weights = [c.sum() / self.samples for c in counts]
 
@@ -409,21 +407,19 @@ def problem_of_models(
 
 def _check_names(machine: Machine, data: Data, effort: bool) -> None:
     if not data.datasets:
-        raise IdentError(
-            ErrorCode.NO_DATA, 'there is no segment to identify from; record a motion first'
+        raise ErrorCode.NO_DATA.error(
+            'there is no segment to identify from; record a motion first'
         )
     for dataset in data.datasets:
         missing = [name for name in machine.drives if name not in dataset.names]
         if missing:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
+            raise ErrorCode.MISSING_STREAM.error(
                 f'the data hold {", ".join(dataset.names)} and not {", ".join(missing)}; '
-                "align them with the machine's drives",
+                "align them with the machine's drives"
             )
         if effort and dataset.effort is None:
-            raise IdentError(
-                ErrorCode.MISSING_STREAM,
-                'the data hold no effort; record it, or name the topic that carries it',
+            raise ErrorCode.MISSING_STREAM.error(
+                'the data hold no effort; record it, or name the topic that carries it'
             )
 
 
@@ -445,10 +441,9 @@ def require_sources(digest: str) -> None:
         IdentError: INVALID_GOAL with the remedy.
     """
     if digest != sources():
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             'a worker has other sources of ros2_ident, or another NumPy, SciPy or Numba, than '
-            'this process; install the same version on all of them',
+            'this process; install the same version on all of them'
         )
 
 

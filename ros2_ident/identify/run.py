@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.gates import examine, GateReport, sentences
 from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.data import Data, gather
@@ -100,20 +100,17 @@ def identify(
     """
     settings = settings or IdentifySettings()
     if not isinstance(seed, int) or seed < 0:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, f'seed is {seed!r}; give a whole number of at least 0'
-        )
+        raise ErrorCode.INVALID_GOAL.error(f'seed is {seed!r}; give a whole number of at least 0')
     if model is not None:
         if machine is not None or data is not None or drives or effects or outputs:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 'a model brings its own data, drives, effects and outputs; give either the model, '
-                'or machine and data',
+                'or machine and data'
             )
         problem = problem_of_models(model, fixed=fixed, bounds=bounds, conditions=conditions)
     elif machine is None or data is None:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL, 'there is nothing to identify; give machine and data, or model'
+        raise ErrorCode.INVALID_GOAL.error(
+            'there is nothing to identify; give machine and data, or model'
         )
     else:
         compared = tuple(checked(outputs, compared_of(machine)))
@@ -346,17 +343,15 @@ def check_problem(problem: Problem, check: Data) -> Problem:
             models are a user's own; or as `problem_of`.
     """
     if problem.setup is None:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
-            'a model brings its own data, and no other can be judged on; leave out check',
+        raise ErrorCode.INVALID_GOAL.error(
+            'a model brings its own data, and no other can be judged on; leave out check'
         )
     other = problem.setup.judged_on(check)
     own = [p.name for p in other.parameters if p.name not in problem.names]
     if own:
-        raise IdentError(
-            ErrorCode.INVALID_GOAL,
+        raise ErrorCode.INVALID_GOAL.error(
             f'{own[0]} has a value of its own in every bag (--each), so that no other bag can be '
-            'predicted; leave out --check, or share the parameter',
+            'predicted; leave out --check, or share the parameter'
         )
     return other
 

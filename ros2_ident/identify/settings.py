@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.search.driver import OnProgress as OnProgress
 from ros2_ident.search.driver import Progress as IdentifyProgress
 from ros2_ident.search.fit import FitSettings
@@ -36,7 +36,6 @@ class IdentifySettings(FitSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.method not in METHODS:
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
-                f'method is {self.method!r}; choose from {", ".join(METHODS)}',
+            raise ErrorCode.INVALID_GOAL.error(
+                f'method is {self.method!r}; choose from {", ".join(METHODS)}'
             )

@@ -17,7 +17,7 @@ from pathlib import Path
 import re
 import shlex
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.recording.limits import listed, printable, short
 from ros2_ident.recording.table import MAP_SUFFIX, QUANTITIES, refuse, text_of
 
@@ -365,11 +365,10 @@ class Header:
                     columns = [_freed(x, joint, quantity) for x in columns]
                     columns[at] = Meaning(name, joint, quantity, columns[at].unit, scale)
                     continue
-            raise IdentError(
-                ErrorCode.INVALID_GOAL,
+            raise ErrorCode.INVALID_GOAL.error(
                 f'--column {short(text)}: write NAME=JOINT.QUANTITY or NAME=JOINT.QUANTITY*SCALE, '
                 f'with a quantity of {", ".join(QUANTITIES)} and a column of '
-                f'{listed([x.name for x in columns], 30)}',
+                f'{listed([x.name for x in columns], 30)}'
             )
         return replace(self, columns=tuple(columns))
 
@@ -383,10 +382,9 @@ class Header:
             if x.quantity and math.isnan(x.scale):
                 per = 'N m, N, A or percent' if x.quantity == 'effort' else 'rad or m'
                 option = shlex.quote(f'{x.name}={x.joint}.{x.quantity}*SCALE')
-                raise IdentError(
-                    ErrorCode.INVALID_GOAL,
+                raise ErrorCode.INVALID_GOAL.error(
                     f'the column {short(x.name)} is in {x.unit}; say how many {per} one is: '
-                    f'--column {option}',
+                    f'--column {option}'
                 )
 
 
@@ -423,7 +421,7 @@ def header_of(path: Path) -> Header:
         rows = [[x.strip() for x in row] for row in reader]
     except csv.Error as exc:
         text = f'{path}: its first lines cannot be read ({exc}); correct them'
-        raise IdentError(ErrorCode.BAD_VALUES, text) from None
+        raise ErrorCode.BAD_VALUES.error(text) from None
     rows = [row[:-1] if row and not row[-1] and delimiter == ' ' else row for row in rows]
     # Among more words than numbers a row holds values where it is like the last one.
     last = [_is_number(x, decimal) for x in rows[-1]] if rows else []

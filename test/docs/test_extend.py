@@ -64,7 +64,10 @@ def test_a_bundled_machine_is_identified_and_diagnosed_in_python(
     monkeypatch.chdir(ROOT)
     exec(block, {})  # noqa: S102
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith('emps_axis.moving_mass 95.1') and 'is missing: the residual is noise' in lines[-1]
+    assert (
+        lines[0].startswith('emps_axis.moving_mass 95.1')
+        and 'is missing: the residual is noise' in lines[-1]
+    )
 
 
 def test_the_page_names_every_hook() -> None:
