@@ -83,6 +83,9 @@ Arguments that many functions here and in `blind.forms` have:
     CONSTANT_FORCE,  # N, a load against the positive direction
     CABLE_STIFFNESS,  # N/m
     CABLE_PLACE,  # m
+    STOP_STIFFNESS,  # N/m, of both end stops
+    STOP_LOWER,  # m
+    STOP_UPPER,  # m
     # A servo, whose controller asks for a share of its supply.
     DRIVE_GAIN,  # N m, torque at the full supply, standing
     BACK_EMF,  # N m s/rad, by which it falls
@@ -101,7 +104,7 @@ Arguments that many functions here and in `blind.forms` have:
     ARM_MOMENT,  # kg m, its first moment, of the same sign
     ARM_ZERO,  # rad, where it lies level
     DRIVE_COLUMNS,
-) = range(70)
+) = range(73)
 
 # Shared by the machine.
 (

@@ -70,9 +70,12 @@ def load_force(stretch: float, rate: float, d: Array) -> float:
 
 @compiled
 def carriage_force(rail_place: float, d: Array) -> float:
-    """Return the force on the carriage beside the gear's [N]: offset and cable."""
+    """Return the force on the carriage beside the gear's [N]: offset, cable, end stops."""
     force: float = -d[at.CABLE_STIFFNESS] * (rail_place - d[at.CABLE_PLACE])
     force -= d[at.CONSTANT_FORCE]
+    if d[at.STOP_STIFFNESS] != 0.0:
+        reached = min(max(rail_place, d[at.STOP_LOWER]), d[at.STOP_UPPER])
+        force += d[at.STOP_STIFFNESS] * (reached - rail_place)
     return force
 
 

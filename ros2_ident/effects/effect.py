@@ -148,7 +148,8 @@ class EffectParameter:
             minimum.
         role: `size` switches the effect off at its neutral value; `shape` only shapes it;
             `position` and `time` are shapes whose starts follow the log: places the drive visits,
-            its numbers being strokes from the lowest one, and instants of the log.
+            its numbers being strokes from the lowest one, and instants of the log. A position
+            with `starts` has those.
         target: The kernel's row (see `kernel.rows`) it acts on; empty where the effect's kernel
             does.
         how: With a target: whether it is added to the row, multiplied with it, or replaces it.

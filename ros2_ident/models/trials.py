@@ -38,7 +38,7 @@ def shape_values(
         turn = model.motor_turn(where) or float(model.travel[0] == 'rad')
         turns = turn * _stroke(model, where) / (2.0 * np.pi)
         return (*(n for n in parameter.starts if n * turns >= _PERIODS), *orders)
-    if parameter.role == 'position':
+    if parameter.role == 'position' and not parameter.starts:
         data = model.data
         position = data.command_position if data.command_position is not None else data.position
         assert position is not None

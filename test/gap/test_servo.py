@@ -105,6 +105,15 @@ def test_without_effort_the_friction_of_a_loaded_gear_is_found_and_its_gap_close
     assert not [gate for gate in found.gates if gate.gate in ('sign', 'limit', 'law')]
 
 
+def test_a_servo_sent_beyond_its_stop_stands_at_it() -> None:
+    stop = {'stiffness': 40.0, 'lower': -0.7, 'upper': 9.0}
+    fit, check = (dataset(seed, (Effect('end_stop', ('joint',), stop),)) for seed in (3, 4))
+    near = {'end_stop', 'cable_spring', 'torque_ripple', 'torque_saturation'}
+    found = diagnose(MACHINE, [fit], [check], without=sorted(set(CATALOGUE) - near), seed=1)
+    assert found.effect == 'end_stop', sentence(found)
+    assert found.parameters['joint.end_stop.lower'].value == pytest.approx(-0.7, abs=5e-3)
+
+
 def test_where_nothing_is_missing_a_servo_is_left_alone() -> None:
     found = diagnose(MACHINE, [dataset(5)], [dataset(6)], seed=1)
     assert found.effect == 'none', sentence(found)

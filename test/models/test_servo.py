@@ -10,6 +10,7 @@ from checks.reference.effects import Effect
 from checks.reference.servo import simulate_servo
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, machine_from_mapping, make_model
+from ros2_ident.models.trials import trials
 from ros2_ident.recording import Dataset
 
 DRIVE = {
@@ -128,9 +129,15 @@ def test_a_motor_that_is_switched_off_neither_drives_nor_brakes() -> None:
             4e-6,
         ),
         ('stribeck', {'torque': 0.02, 'speed': 1.0}, (0.02, 1.0), 1e-6),
+        (
+            'end_stop',
+            {'stiffness': 3e4, 'lower': -0.6, 'upper': 0.8},
+            (3e4, -0.6, 0.8),
+            1e-4,
+        ),
     ],
 )
-def test_friction_acts_as_in_the_twin(effect, values, theta, apart) -> None:
+def test_an_effect_acts_as_in_the_twin(effect, values, theta, apart) -> None:
     unmodelled = (Effect(effect, ('joint',), values),)
     at = (EffectAt(effect, 'joint'),)
     log, out = beside(machine(), at, theta, unmodelled)
@@ -163,6 +170,16 @@ def test_the_log_holds_duty_voltage_current_or_torque(unit, of) -> None:
     np.testing.assert_allclose(out, of(log.torque, log.velocity), atol=2e-6)
     model = make_model(one, _data(one), quantities=('effort',))
     assert model.outputs[0].unit == unit
+
+
+def test_an_end_stop_is_looked_for_where_the_joint_came_to_not_where_it_was_sent() -> None:
+    seen = np.clip(set_points()[0], -0.5, 0.4)
+    one = machine()
+    at = EffectAt('end_stop', 'joint')
+    model = make_model(one, _data(one, position=seen), effects=[at])
+    starts = np.array([phi for group in trials(at, model) for phi in group])
+    assert starts[:, 1].max() == pytest.approx(-0.41)
+    assert starts[:, 2].min() == pytest.approx(0.31)
 
 
 def _data(one, **changed) -> Dataset:

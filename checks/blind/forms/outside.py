@@ -106,17 +106,6 @@ FORMS = (
         setter(share=at.BALL_SHARE, pitch=at.BALL_PITCH, phase=at.BALL_PHASE),
     ),
     _outside(
-        'end_contact',
-        "-stiffness y^(3/2) (1 + damping y'), y = s - place where positive",
-        'Hunt and Crossley 1975, J. Appl. Mech. 42(2), eq. 10',
-        (
-            Range('stiffness', 'N/m^1.5', 250.0, 3e4),
-            Range('place', 'm', 0.49, 0.53),
-            Range('damping', 's/m', 0.1, 0.9),
-        ),
-        setter(stiffness=at.STOP_STIFFNESS, place=at.STOP_PLACE, damping=at.STOP_DAMPING),
-    ),
-    _outside(
         'loose_part',
         "a part of the carriage on a spring: u'' + 2 D w u' + w^2 u = -s''",
         'Den Hartog 1934, Mechanical Vibrations, sect. 3.2',

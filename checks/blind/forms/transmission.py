@@ -115,6 +115,16 @@ FORMS = (
         setter(stiffness=at.HOSE_STIFFNESS, place=at.HOSE_PLACE, length=at.HOSE_LENGTH),
     ),
     Form(
+        'end_contact',
+        'end_stop',
+        "-stiffness y^(3/2) (1 + damping y'), y = s - place where positive",
+        'Hunt and Crossley 1975, J. Appl. Mech. 42(2), eq. 10',
+        Range('stiffness', 'N/m^1.5', 250.0, 3e4, counterpart='stiffness'),
+        (Range('place', 'm', 0.49, 0.53), Range('damping', 's/m', 0.1, 0.9)),
+        setter(stiffness=at.STOP_STIFFNESS, place=at.STOP_PLACE, damping=at.STOP_DAMPING),
+        fades=False,
+    ),
+    Form(
         'force.gas_spring',
         'constant_force',
         '-force (length / (length - s + place))^n',

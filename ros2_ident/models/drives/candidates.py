@@ -345,6 +345,17 @@ class Candidates:
                     total[:, places] += (np.abs(size) * per_unit[p.unit])[:, places]
         return total
 
+    def contact(self, block: Array) -> Array:
+        """Return (S, D) the largest stiffness [N/m] of springs between frame and carriages."""
+        total = np.zeros((len(block), len(self.machine.drives)))
+        for at in self.effects:
+            effect, places = get_effect(at.effect), self._places(at)
+            for number, p in enumerate(effect.parameters):
+                if effect.hook is Hook.CARRIAGE_FORCE and p.unit == 'force/m':
+                    size = rows.of_effect(block, effect.id, number, total.shape[1])
+                    total[:, places] += np.abs(size)[:, places]
+        return total
+
     def _values(self, theta: Array) -> dict[Target, Array]:
         """Return every parameter's (S,) values: held, free, and of drives that only follow."""
         values: dict[Target, Array] = {}

@@ -427,6 +427,10 @@ class DriveModel(MachineModel):
                 / (np.maximum(eps, _NOTHING) * (motor + np.where(stiff, rail, 0.0)))
             )
             need = np.maximum(need, self.cycle * slope / 1.5)
+        if self._closed:
+            # Beside its gear a carriage swings on what it touches, a rigid drive as one mass.
+            touched = np.sqrt(self.candidates.contact(block) / np.where(stiff, motor + rail, rail))
+            need = np.maximum(need, self.cycle * touched / 0.45)
         if not stiff.all():
             inverse = 1.0 / motor + 1.0 / np.maximum(rail, _NOTHING)
             with np.errstate(invalid='ignore'):  # below 0 it diverges
