@@ -74,10 +74,11 @@ def what_it_is(effect: Effect) -> str:
 
 def row(effect: Effect) -> str:
     """Return the line on one effect."""
+    several = f'; up to {effect.most} at a place' if effect.most > 1 else ''
     motion = effect.separated_by.format(drive='the drive')
     cells = [
         f'`{effect.id}`',
-        f'{what_it_is(effect)} `{effect.equation}` ({effect.source})',
+        f'{what_it_is(effect)} `{effect.equation}` ({effect.source}){several}',
         _parameters(effect),
         ', '.join(effect.confusable) or '-',
         motion,
@@ -89,7 +90,7 @@ def markdown() -> str:
     """Return docs/effects.md."""
     lines = [*INTRODUCTION, '']
     grouped = {
-        group: [effect for effect in CATALOGUE.values() if effect.group == group]
+        group: [e for e in CATALOGUE.values() if e.group == group and e.number == 1]
         for group in GROUPS
     }
     for group, effects in grouped.items():

@@ -19,7 +19,11 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models import registry
 
 # Effects of the catalogue that have their twin under another id.
-TWINS = {'payload_turns': 'payload_change'}
+TWINS = {
+    'payload_turns': 'payload_change',
+    'torque_ripple_2': 'torque_ripple',
+    'torque_ripple_3': 'torque_ripple',
+}
 
 
 @dataclass(frozen=True)

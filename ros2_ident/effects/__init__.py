@@ -7,6 +7,7 @@ processes that simulate for this one.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 import hashlib
 import importlib
 from importlib.metadata import entry_points
@@ -33,6 +34,8 @@ VARIABLE = 'ROS2_IDENT_EFFECTS'
 GROUP = 'ros2_ident.effects'
 # Parameters that a kernel takes at most, and hooks that write memories.
 _MOST, _REMEMBERING = 3, (Hook.SIGN, Hook.FRICTION, Hook.COMMAND)
+# Which of several of an effect, in titles.
+_WHICH = 'first', 'second', 'third'
 
 
 class Catalogue:
@@ -97,6 +100,10 @@ class Catalogue:
         if wrong:
             raise ErrorCode.INVALID_GOAL.error(f'{source}: {wrong}')
         self.effects[effect.id] = effect
+        for number, which in list(enumerate(_WHICH, 1))[1 : effect.most]:
+            own = {'id': f'{effect.id}_{number}', 'title': f'{which} {effect.title}'}
+            again = replace(effect, **own, number=number, variant_of=effect.id)
+            self.effects[again.id] = again
 
 
 def _wrong(effect: Any) -> str:

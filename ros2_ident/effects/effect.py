@@ -231,6 +231,8 @@ class Effect:
         twins: Ids of effects that no log tells from this one: one answer under several names.
         variant_of: Id of an effect that has the same cause and another course.
         shown_by: What of a log shows the effect by itself; `gap` looks for it.
+        most: How many of it one place may have, as several orders of a ripple.
+        number: Which of these it is; the catalogue makes those behind the first.
     """
 
     id: str
@@ -250,14 +252,23 @@ class Effect:
     twins: tuple[str, ...] = ()
     variant_of: str = ''
     shown_by: Detector | None = None
+    most: int = 1
+    number: int = 1
+
+    @property
+    def further(self) -> str:
+        """Id of the next of several, looked for beside this one; empty for none."""
+        return f'{self.variant_of or self.id}_{self.number + 1}' if self.number < self.most else ''
 
     def applies(self, context: Context) -> bool:
         """Whether a machine can have the effect.
 
         It has what the effect needs, and does not identify all the sizes anyway: a parameter of
         the machine file is no deviation from it. What sits in the measurement of an effort does
-        not show where none is compared.
+        not show where none is compared. One of several is looked for beside those before it only.
         """
+        if self.number > 1:
+            return False
         if self.group == 'measurement' and not context.effort:
             return False
         sizes = {p.target for p in self.parameters if p.role == 'size'}

@@ -20,8 +20,9 @@ EFFECT = Effect(
     equation='A sin(n gear z) + B cos(n gear z) added to the motor torque',
     source='Holtz and Springob, IEEE TIE 43(2), 1996',
     parameters=(
-        EffectParameter('sine', 'effort', -0.25, 0.25, 0.0, symbol='A', meaning='sine part'),
-        EffectParameter('cosine', 'effort', -0.25, 0.25, 0.0, symbol='B', meaning='cosine part'),
+        # The whole effort: it may be all that a motor without a load makes effort for.
+        EffectParameter('sine', 'effort', -1.0, 1.0, 0.0, symbol='A', meaning='sine part'),
+        EffectParameter('cosine', 'effort', -1.0, 1.0, 0.0, symbol='B', meaning='cosine part'),
         EffectParameter(
             'order',
             '1',
@@ -39,4 +40,6 @@ EFFECT = Effect(
     family='motor angle',
     confusable=('transmission_eccentricity',),
     separated_by='turn {drive} slowly at constant speed over many motor turns',
+    # Those of slots, of poles and of both together. By hand.
+    most=3,
 )

@@ -260,7 +260,7 @@ class Fitter:
     def _screened(
         self, run: RunTasks, base: Hypothesis, candidates: Sequence[EffectAt]
     ) -> dict[EffectAt, list[Start]]:
-        new = [c for c in candidates if c not in base.effects]
+        new = [at for c in candidates if (at := _next(c, base.effects))]
         found: dict[EffectAt, list[Start]] = {}
         told = run('starts', [(c,) for c in new])
         for done, (candidate, starts) in enumerate(zip(new, told, strict=True), 1):
@@ -359,6 +359,17 @@ class Fitter:
             several = screened[c][: 3 if rank < 3 else 1]
             starts += [s for s in several if s.gain > 0.5 * several[0].gain or s is several[0]]
         return starts
+
+
+def _next(candidate: EffectAt, effects: Sequence[EffectAt]) -> EffectAt | None:
+    """Return a candidate or, where some of it are among the effects, the next; None for none."""
+    at = candidate
+    while at in effects:
+        further = get_effect(at.effect).further
+        if not further:
+            return None
+        at = replace(at, effect=further)
+    return at
 
 
 def visibility(screened: dict[EffectAt, list[Start]]) -> dict[EffectAt, float]:

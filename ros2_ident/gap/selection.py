@@ -357,6 +357,9 @@ class Selector(Fitter):
         """Put what the final model needs most first, so that the first is the largest."""
         final = chain[-1]
         needs = np.array([e.loss - final.loss for e in rests])
+        # Several of one effect at a place stay in their turn, where the most needed of them is.
+        roots = [(_root(at), at.where) for at in final.effects]
+        needs = np.array([max(needs[[r == own for r in roots]]) for own in roots])
         if len(final.effects) < 2 or not needs.argmax():
             return chain, rests
         order = [int(i) for i in np.argsort(-needs, kind='stable')]
@@ -379,7 +382,11 @@ class Selector(Fitter):
         for index in range(len(best.effects) - 2, -1, -1):
             if self.stopped():
                 break
-            if best.effects[index] in self.shown:
+            at = best.effects[index]
+            if (
+                at in self.shown
+                or replace(at, effect=get_effect(at.effect).further) in kept.effects
+            ):
                 continue
             less = self.without(kept, index)
             # Against all of them: one by one hardly anything would count.
@@ -414,6 +421,12 @@ class Selector(Fitter):
         near = self.instead_of(first, final, rounds)[:4]
         models = [final, *(self.swapped(final, first, *x) for x in near if not self.stopped())]
         return tuple(sorted((e for e in models if e.loss < np.inf), key=lambda e: e.loss))
+
+
+def _root(at: EffectAt) -> str:
+    """Return the id of the first of several of an effect."""
+    effect = get_effect(at.effect)
+    return effect.variant_of if effect.number > 1 else effect.id
 
 
 def _certain(floor: Floor) -> Array:

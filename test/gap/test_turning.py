@@ -15,27 +15,26 @@ from ros2_ident.words.verdict import advice, sentence
 
 CYCLE = 1e-3
 NOISE = 0.01
-JOINT = machine_from_mapping(
-    {
-        'machine': 'linear_axis',
-        'drives': ['joint'],
-        'drive': {'coulomb_regularisation': 0.02},
-        'controller': {
-            'cycle': CYCLE,
-            'position_gain': 40.0,
-            'velocity_gain': 3.0,
-            'integral_gain': 100.0,
-            'velocity_feedforward': 1.0,
-            'torque_limit': 40.0,
-        },
-        'effort_noise': NOISE,
-        'parameters': {
-            'moving_mass': [0.01, 1.0, 'kg m^2'],
-            'coulomb_friction': [0.0, 2.0, 'N m'],
-            'viscous_friction': [0.0, 1.0, 'N m s/rad'],
-        },
-    }
-)
+PLAIN = {
+    'machine': 'linear_axis',
+    'drives': ['joint'],
+    'drive': {'coulomb_regularisation': 0.02},
+    'controller': {
+        'cycle': CYCLE,
+        'position_gain': 40.0,
+        'velocity_gain': 3.0,
+        'integral_gain': 100.0,
+        'velocity_feedforward': 1.0,
+        'torque_limit': 40.0,
+    },
+    'effort_noise': NOISE,
+    'parameters': {
+        'moving_mass': [0.01, 1.0, 'kg m^2'],
+        'coulomb_friction': [0.0, 2.0, 'N m'],
+        'viscous_friction': [0.0, 1.0, 'N m s/rad'],
+    },
+}
+JOINT = machine_from_mapping(PLAIN)
 TRUTH = {'moving_mass': 0.1, 'coulomb_friction': 0.3, 'viscous_friction': 0.1}
 
 
@@ -59,6 +58,24 @@ def recording(seed: int, effect: Effect) -> Dataset:
 def diagnosed(name: str, values: dict[str, float]) -> Diagnosis:
     effect = Effect(name, JOINT.drives, values)
     return diagnose(JOINT, [recording(1, effect)], [recording(2, effect)], seed=1)
+
+
+def test_all_orders_of_a_motor_that_does_nothing_but_cog_are_found() -> None:
+    time = np.arange(9000) * 2e-3
+    position = 2.0 * np.arcsin(0.99 * np.sin(time))
+    cogging = 0.5 * np.sin(9.0 * position + 0.4) + 0.3 * np.sin(15.0 * position + 2.0)
+    speed = np.gradient(position, 2e-3)
+    effort = cogging + 0.05 * np.tanh(speed / 0.02) + 0.02 * np.gradient(speed, 2e-3)
+    effort += NOISE * np.random.default_rng(1).standard_normal(time.size)
+    controller = {'cycle': 2e-3, 'torque_limit': 40.0}
+    motor = machine_from_mapping({**PLAIN, 'controller': controller})
+    data = Dataset(JOINT.drives, 2e-3, 0, None, None, position[None], None, effort[None])
+    found = diagnose(motor, [data], seed=1)
+    names = [f'torque_ripple{n}' for n in ('', '_2')]
+    assert [found.effect, *(at.effect for at in found.also)] == names, sentence(found)
+    orders = [found.parameters[f'joint.{name}.order'].value for name in names]
+    assert orders == pytest.approx([9.0, 15.0], abs=0.02)
+    assert 'bound' not in ' '.join([sentence(found), *advice(found)])
 
 
 def test_stribeck_friction_of_half_a_radian_a_second_is_found() -> None:
