@@ -34,10 +34,7 @@ def shape_values(
     """Return the values of a shape parameter to start from, in its own unit."""
     if parameter.role == 'order':
         # With fewer periods it is a spring or a constant force.
-        # A joint that turns does so with its motor where nothing else is stated.
-        turn = model.motor_turn(where) or float(model.travel[0] == 'rad')
-        turns = turn * _stroke(model, where) / (2.0 * np.pi)
-        return (*(n for n in parameter.starts if n * turns >= _PERIODS), *orders)
+        return (*(n for n in parameter.starts if n * _turns(model, where) >= _PERIODS), *orders)
     if parameter.role == 'position' and not parameter.starts:
         data = model.data
         position = data.command_position if data.command_position is not None else data.position
@@ -145,10 +142,17 @@ def orders_shown(
 
 def _grid(model: FullModel, place: str) -> Array:
     """Return orders so dense that none lies unseen between two."""
-    turns = model.motor_turn(place) * _stroke(model, place) / (2.0 * np.pi)
+    turns = _turns(model, place)
     if not turns > 0.0:
         return np.empty(0)
     return np.arange(max(_LOWEST, _PERIODS / turns), _HIGHEST, _DENSE / turns)
+
+
+def _turns(model: FullModel, place: str) -> float:
+    """Return over how many turns of its motor a place moves; 0 where that is not known."""
+    # A joint that turns does so with its motor where nothing else is stated.
+    turn = model.motor_turn(place) or float(model.travel[0] == 'rad')
+    return turn * _stroke(model, place) / (2.0 * np.pi)
 
 
 def _stroke(model: FullModel, place: str) -> float:
