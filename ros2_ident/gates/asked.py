@@ -39,14 +39,21 @@ class Event:
     Attributes:
         drive: The drive.
         recording: Its number, from 1.
-        time: Instant of the peak, s since the start of the recording.
-        effort: Peak [unit of the effort].
+        time: Instant of the peak, or start, s since the start of the recording.
+        effort: Peak, or middle value [unit of the effort].
+        end: When it ended, s; NaN where only the peak is known.
     """
 
     drive: str
     recording: int
     time: float
     effort: float
+    end: float = math.nan
+
+    @property
+    def when(self) -> str:
+        """Its instant, or from when to when it lasted, in words."""
+        return f'{self.time:.2f}{"" if math.isnan(self.end) else f" to {self.end:.2f}"} s'
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,7 @@ class Asked:
     Attributes:
         drive: The drive.
         late: By how much, s.
-        factor: Effort made per effort asked for.
+        factor: Effort made per effort asked for; NaN where a control law asks for it.
         usual: Standard deviation of what is left where nothing stands out, N m or N.
         pushes: What stands out; the next four are NaN where nothing does.
         share: Share of all that is left which stands out.
@@ -137,7 +144,7 @@ def fit_asked(machine: Machine, data: Dataset, drive: str, recording: int = 1) -
     asked = Asked(drive, float(late), float(solution[0]), size)
     stamped = log.scatter * np.abs(np.gradient(log.late(late), log.step))
     usual = np.hypot(size, float(solution[0]) * stamped)
-    if _is_limited(log.effort, left, usual):
+    if is_limited(log.effort, left, usual):
         return replace(asked, limit=float(np.abs(log.effort).max()))
     peaks = peaks_of(left, STANDS_OUT * usual, log.step, _SMALL)
     if peaks is None:
@@ -199,7 +206,7 @@ def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
     )  # fmt: skip
 
 
-def _is_limited(effort: Array, left: Array, usual: Array) -> bool:
+def is_limited(effort: Array, left: Array, usual: Array) -> bool:
     """Whether most of what is left is missing where the drive makes its largest effort."""
     most = float(np.abs(effort).max())
     short = (left * effort < 0.0) & (np.abs(effort) > _LIMITED * most)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
+from ros2_ident.gates.added import added_to, without
 from ros2_ident.gates.asked import Asked, fit_asked
 from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
 from ros2_ident.gates.finding import Gate, GateReport, Level, LEVELS
@@ -114,12 +115,13 @@ def _of_one(
     machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None, number: int
 ) -> GateReport:
     """Ask every gate about one recording."""
-    report = _of_motion(machine, data, drives, noise)
+    report = _of_motion(machine, data, drives, noise, number)
     report = replace(report, gates=(*report.gates, *_beyond_reach(machine, data)))
     if 'effort' not in compared_of(machine):
         return report
     report = replace(report, gates=(*report.gates, *check_weight(machine, data)))
     asked = [found for drive in drives if (found := fit_asked(machine, data, drive, number))]
+    asked += report.asked[0] if report.asked else ()
     said = [gate for found in asked for gate in check_asked(found, machine.model_unit)]
     return GateReport((*report.gates, *said), report.laws, (tuple(asked),))
 
@@ -140,7 +142,7 @@ def _beyond_reach(machine: Machine, data: Dataset) -> Iterator[Gate]:
 
 
 def _of_motion(
-    machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None
+    machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None, recording: int
 ) -> GateReport:
     """Ask what belongs to set-points of position, and to the log as a whole."""
     found = check_streams(data)
@@ -172,8 +174,13 @@ def _of_motion(
         return GateReport((*found, *apart))
     laws: list[Law] = []
     said: list[Gate] = []
+    added: list[Asked] = []
     for number, drive in enumerate(drives):
-        law = fit_law(machine, data, drive, 0.0 if tracking is None else tracking.late(drive))
+        late = 0.0 if tracking is None else tracking.late(drive)
+        law = fit_law(machine, data, drive, late)
+        if law is not None and (more := added_to(machine, data, law, recording)):
+            added.append(more)
+            law = fit_law(machine, without(data, more), drive, late) or law
         if law is not None:
             laws.append(law)
         level = None if noise is None else float(noise[number])
@@ -186,7 +193,7 @@ def _of_motion(
     # The law tells by how much stamps lie apart, and whose.
     known = {gate.drive for gate in said if gate.gate == 'offset'}
     apart = [gate for gate in apart if gate.drive not in known and not swapped]
-    return GateReport((*found, *apart, *said, *swapped), tuple(laws))
+    return GateReport((*found, *apart, *said, *swapped), tuple(laws), (tuple(added),))
 
 
 def check_streams(data: Dataset) -> list[Gate]:
@@ -277,6 +284,8 @@ def check_asked(found: Asked, unit: str) -> list[Gate]:
     if off:
         text += '; check the torque constants of log and controller'
     said = [Gate('asked', drive, 'warn' if off else 'ok', found.factor, '1', text)]
+    if math.isnan(found.factor):
+        said = []  # a law asks for it, which has a gate of its own
     if math.isfinite(found.limit):
         text = (
             f'{drive}: the effort stays at about {found.limit:.3g} {unit} where the command asks '
@@ -284,7 +293,7 @@ def check_asked(found: Asked, unit: str) -> list[Gate]:
         )
         said.append(Gate('limited', drive, 'warn', found.limit, unit, text))
     if found.pushes:
-        at = ', '.join(f'{p.time:.2f} s ({figure(p.effort, "+")} {unit})' for p in found.pushes)
+        at = ', '.join(f'{p.when} ({figure(p.effort, "+")} {unit})' for p in found.pushes)
         text = (
             f'{drive}: effort that was not commanded: {at}; look for another source of commands, '
             'contact with a person or an object, or a fault of the drive'

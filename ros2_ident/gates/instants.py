@@ -13,7 +13,7 @@ from ros2_ident.arrays import Array, MEDIAN
 # A peak sinks by this share of what makes it stand out before the next one.
 _SINKS = 0.5
 # One that lasts longer, s, or all of them together a larger share of the series, are no instants.
-_LONGEST, _SHARE = 1.0, 0.25
+LONGEST, SHARE = 1.0, 0.25
 # What comes more often belongs to the motion.
 _MOST = 4
 # Where a weight is half, in deviations, and rounds in which what stands out loses its weight.
@@ -52,9 +52,9 @@ def peaks_of(apart: Array, least: ArrayLike, step: float, small: float = 0.0) ->
     if not 0 < at.size <= _MOST:
         return None
     width, _, first, last = scipy.signal.peak_widths(height, at)
-    if (step * width > _LONGEST).any() or width.sum() > _SHARE * apart.size:
+    if (step * width > LONGEST).any() or width.sum() > SHARE * apart.size:
         return None
-    if _swings(at, width, np.sign(apart[at])):
+    if swings(at, width, np.sign(apart[at])):
         return None
     inside = np.zeros(apart.size, dtype=bool)
     for a, b in zip(first, last, strict=True):
@@ -62,7 +62,7 @@ def peaks_of(apart: Array, least: ArrayLike, step: float, small: float = 0.0) ->
     return Peaks(at, inside)
 
 
-def _swings(at: NDArray[np.intp], width: Array, sign: Array) -> bool:
+def swings(at: NDArray[np.intp], width: Array, sign: Array) -> bool:
     """Whether two follow each other as the halves of a swing do, to both sides.
 
     Those of a sine are a third of its period wide at half their height, and half of it apart.

@@ -24,7 +24,7 @@ def instants(events: Sequence[Event], unit: str) -> str:
     """Return bursts of effort, each with its size, and its recording where there are several."""
     several = any(e.recording > 1 for e in events)
     return ', '.join(
-        f'{e.time:.2f} s ({figure(e.effort, "+")} {unit})'
+        f'{e.when} ({figure(e.effort, "+")} {unit})'
         + (f' in recording {e.recording}' if several else '')
         for e in events
     )
