@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ros2_ident.arrays import NORMAL
+from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Round
 from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
@@ -102,10 +103,13 @@ class Rules:
     def mends_a_form(self, chain: Sequence[Hypothesis], after: Hypothesis) -> bool:
         """Whether what is new sits where earlier effects do, and closes as little as their forms.
 
-        A share of the gap of the chain's first fit.
+        A share of the gap of the chain's first fit. A further order of a ripple mends none.
         """
         earlier = {at.where for at in chain[-1].effects}
-        new = {at.where for at in after.effects[len(chain[-1].effects) :]}
+        added = after.effects[len(chain[-1].effects) :]
+        if all(get_effect(at.effect).number > 1 for at in added):
+            return False
+        new = {at.where for at in added}
         if not (earlier and (new <= earlier or 'all' in new | earlier)):
             return False
         explainable = chain[0].gap.sum()

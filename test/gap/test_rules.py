@@ -64,6 +64,15 @@ def test_the_rules_are_those_that_the_docs_state():
     assert {k: v for k, v in stated.items() if k in rules} == rules
 
 
+def test_a_further_order_of_a_ripple_counts_however_large_the_first_was():
+    first, again, spring = (
+        EffectAt(name, 'one') for name in ('torque_ripple', 'torque_ripple_2', 'cable_spring')
+    )
+    chain = [made([1000.0, 0.0]), made([10.0, 0.0], [first])]
+    assert RULES.mends_a_form(chain, made([1.0, 0.0], [first, spring]))
+    assert not RULES.mends_a_form(chain, made([1.0, 0.0], [first, again]))
+
+
 # ---------------------------------------------------------------------- the answer
 
 
