@@ -301,8 +301,8 @@ class _Sums:
         """
         nominal, own = slice(0, self.count), slice(self.count, None)
         across = self.normal[own, nominal]
-        known = self.normal[nominal, nominal] + np.eye(self.count)
-        inner = np.linalg.pinv(known, hermitian=True)
+        inner = self.normal[nominal, nominal] + np.eye(self.count)
+        inner = np.linalg.pinv(inner, hermitian=True)
         normal = self.normal[own, own] - across @ inner @ across.T
         gradient = self.gradient[own] - across @ inner @ self.gradient[nominal]
         chosen = np.zeros(len(gradient), dtype=bool)
