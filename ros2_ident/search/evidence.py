@@ -301,18 +301,15 @@ class _Sums:
         """
         nominal, own = slice(0, self.count), slice(self.count, None)
         across = self.normal[own, nominal]
-        inner = self.normal[nominal, nominal] + np.eye(self.count)
-        inner = np.linalg.pinv(inner, hermitian=True)
+        inner = np.linalg.inv(self.normal[nominal, nominal] + np.eye(self.count))
         normal = self.normal[own, own] - across @ inner @ across.T
         gradient = self.gradient[own] - across @ inner @ self.gradient[nominal]
         chosen = np.zeros(len(gradient), dtype=bool)
         if not chosen.size:
             return chosen
         least = _COPY * np.diag(self.normal)[own]
-        factor, scales = self._factor(np.minimum(_FREE * scale, self.limit))
-        half = scipy.linalg.solve_triangular(factor, self.gradient * scales, lower=True)
-        # Of all that the columns explain, without what the parameters do.
-        explained = float(half @ half - self.gradient[nominal] @ inner @ self.gradient[nominal])
+        prior = np.diag(np.minimum(_FREE * scale, self.limit) ** -2.0)
+        explained = float(gradient @ np.linalg.solve(normal + prior, gradient))
         while chosen.sum() < _SELECTED:
             square = np.diag(normal)
             gain = np.where(square > least, gradient**2 / np.maximum(square, 1e-300), 0.0)

@@ -63,13 +63,3 @@ def test_more_columns_than_samples_do_not_explain_noise(rho):
         floors.append(seen.floor[0] / np.sqrt(np.mean(drawn**2)))
         assert seen.gain < 5.0
     assert np.mean(floors) == pytest.approx(1.0, abs=0.1)
-
-
-def test_columns_that_are_copies_of_each_other_are_weighed_as_one() -> None:
-    rng = np.random.default_rng(4)
-    jacobian = rng.standard_normal((400, 2))
-    one, noise = rng.standard_normal((2, 400))
-    residual = 1e8 * one + noise
-    runs, blocks = [Run(0, 400, 0)], np.arange(400) // 50
-    found = weigh(residual, jacobian, np.stack([one] * 3, axis=1), runs, blocks)
-    assert found.floor[0] == pytest.approx(np.std(noise), rel=0.1)
