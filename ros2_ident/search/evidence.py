@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise and model error in a residual, told apart by what can be predicted.
 
-    r = -J d - S a + n,    a_i ~ N(0, tau^2),    n ~ AR(p) of each place
+    r = -J d - S a + n,    a_i ~ N(0, tau^2 + tau_i^2),    n ~ AR(p) of each place
 
 J is the derivative of the residual by the parameters, whose error d has the box as its prior. The
-columns of S are what the model may lack: what effects would change, functions of the motion. The
-few that explain most are free; the size tau of the others maximises the evidence. Size and colour
-of the noise are those of what is left, with what the coefficients' uncertainty hides of it put
-back (expectation maximisation).
+columns of S are what the model may lack: what effects would change, functions of the motion. How
+large they are is what maximises the evidence: tau of all, and a tau_i of its own for the few of
+which the evidence is so many times larger that it outweighs their choice among all. Size and
+colour of the noise are those of what is left, with what the coefficients' uncertainty hides of it
+put back (expectation maximisation).
 Nothing of either has to be known. The evidence says how well each sample is predicted by
 those before it; what it is not clear about counts only where it comes true on blocks left out.
 """
@@ -32,20 +33,18 @@ _ROUNDED = 1e-10
 _TURNS, _DRAWS = 2, 8
 # Blocks are left out in so many folds.
 _FOLDS = 4
-# A column of which the parameters imitate all but this share of the square is a copy of them:
-# along this motion nothing tells it from another value. So many columns are selected, of such a
-# share of what all explain at least, and are then as free as so many times the residual. All by
-# hand; the narrowest of those tried on 120 simulated axes that cover as often, 2026-11-28.
-_COPY, _SELECTED, _SHARE, _FREE = 5e-3, 2, 0.1, 30.0
+# Columns of which the parameters imitate all but this share say nothing of their own.
+_OWN = 1e-3
 # Share of what the rows hold from which on coefficients may well follow noise.
 _MUCH = 0.25
 # Logarithm of the evidence that chance alone may gain.
 _CHANCE = 3.0
 # From here on it is clear that something is predicted.
 _CLEAR = 30.0
-# Sizes tried, as shares of the residual: every fourth, then those about the best.
+# Sizes tried, as shares of the residual: every fourth, then those about the best. And how many
+# times single columns get their own before that of all is looked for again.
 _SIZES = np.logspace(-5.0, 1.5, 66)
-_EVERY = 4
+_EVERY, _ROUNDS = 4, 4
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,8 @@ def weigh(
 
     Reference:
         Kennedy and O'Hagan (2001), J. R. Statist. Soc. B 63; Brynjarsdottir and O'Hagan (2014),
-        Inverse Problems 30; one size by MacKay (1992), Neural Computation 4.
+        Inverse Problems 30; one size by MacKay (1992), Neural Computation 4; sizes of single
+        columns by Tipping and Faul (2003), AISTATS 9.
     """
     scaled, limit = _of_one_size(jacobian, missing, most)
     # A column's samples lie side by side: whitening and products go along them.
@@ -284,42 +284,21 @@ class _Sums:
 
     def sizes(self, scale: float) -> tuple[Array, float, float]:
         """Return (C,) the most probable sizes of what is missing, the gain over none, evidence."""
-        none = np.minimum(scale * _SIZES[0], self.limit)
-        least = self.evidence(none)
-        own = np.where(self._selected(scale), _FREE * scale, 0.0)
+        none, own = np.minimum(scale * _SIZES[0], self.limit), np.zeros(len(self.limit))
         size, evidence = self._of_all(own, scale * _SIZES)
+        least = self.evidence(none)
         if not evidence - least > _CHANCE:
             # What chance gains is no evidence that anything is missing.
             return none, evidence - least, least
-        return np.minimum(np.hypot(size, own), self.limit), evidence - least, evidence
-
-    def _selected(self, scale: float) -> npt.NDArray[np.bool_]:
-        """Return (C,) the few columns that explain most, by forward selection.
-
-        Each takes a share of what all columns would explain, more than chance makes the best of
-        them, and is no copy of parameters and columns before it.
-        """
-        nominal, own = slice(0, self.count), slice(self.count, None)
-        across = self.normal[own, nominal]
-        inner = np.linalg.inv(self.normal[nominal, nominal] + np.eye(self.count))
-        normal = self.normal[own, own] - across @ inner @ across.T
-        gradient = self.gradient[own] - across @ inner @ self.gradient[nominal]
-        chosen = np.zeros(len(gradient), dtype=bool)
-        if not chosen.size:
-            return chosen
-        least = _COPY * np.diag(self.normal)[own]
-        prior = np.diag(np.minimum(_FREE * scale, self.limit) ** -2.0)
-        explained = float(gradient @ np.linalg.solve(normal + prior, gradient))
-        while chosen.sum() < _SELECTED:
-            square = np.diag(normal)
-            gain = np.where(square > least, gradient**2 / np.maximum(square, 1e-300), 0.0)
-            i = int(np.argmax(gain))
-            if gain[i] <= max(_SHARE * explained, 2.0 * (_CHANCE + math.log(gain.size))):
+        for _ in range(_ROUNDS):
+            common = np.minimum(size, self.limit)
+            sizes = self._own(np.hypot(common, own), common)
+            further = np.sqrt(np.maximum(sizes**2 - common**2, 0.0))
+            if np.array_equal(further, own):
                 break
-            chosen[i], column = True, normal[i] / square[i]
-            gradient, explained = gradient - gradient[i] * column, explained - gain[i]
-            normal = normal - np.outer(normal[i], column)
-        return chosen
+            own = further
+            size, evidence = self._of_all(own, scale * _SIZES[scale * _SIZES <= size])
+        return np.minimum(np.hypot(size, own), self.limit), evidence - least, evidence
 
     def _of_all(self, own: Array, tried: Array) -> tuple[float, float]:
         """Return the most probable size of all beside those (C,) of their own, and its evidence.
@@ -339,6 +318,34 @@ class _Sums:
         first = max(0, best(tried[::-_EVERY]) - _EVERY + 1)
         last = best(tried[first : first + 2 * _EVERY - 1])
         return float(tried[last]), evidence[float(tried[last])]
+
+    def _own(self, sizes: Array, common: Array) -> Array:
+        """Return (C,) sizes, some of them now their own, from sizes and those `common` to all.
+
+        One at a time, by the evidence that its best size has beside the others as they are. That
+        it is this one and no other has to be paid for.
+        """
+        own = slice(self.count, None)
+        covariance, mean = self.covariance(sizes), self.solve(sizes)
+        square, least = sizes**2, max(_CHANCE, math.log(max(sizes.size, 1)))
+        for _ in range(sizes.size):
+            spread = np.diag(covariance)[own]
+            # What the rows and the other coefficients say of one: precision, and its mean by that.
+            precision = np.maximum(1.0 / spread - 1.0 / square, _ROUNDED / square)
+            told = mean[own] / spread
+            best = np.clip((told**2 / precision - 1.0) / precision, common**2, self.limit**2)
+            gain = _of_one(best, told, precision) - _of_one(square, told, precision)
+            gain[precision <= _ROUNDED / square] = 0.0
+            i = int(np.argmax(gain))
+            if not gain[i] > least:
+                break
+            change = 1.0 / best[i] - 1.0 / square[i]
+            column = covariance[:, self.count + i]
+            factor = change / (1.0 + change * column[self.count + i])
+            mean = mean - factor * mean[self.count + i] * column
+            covariance = covariance - factor * np.outer(column, column)
+            square[i] = best[i]
+        return np.asarray(np.sqrt(square))
 
     def evidence(self, sizes: Array) -> float:
         """Return the logarithm of the evidence for sizes, but for what is the noise's alone."""
@@ -387,17 +394,22 @@ class _Sums:
             return scipy.linalg.cholesky(precision, lower=True), scale
 
 
-def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
-    """Return (C', R) columns of one size, and (C',) how many times each may be there.
+def _of_one(square: Array, told: Array, precision: Array) -> Array:
+    """Return (C,) the evidence of single coefficients by the squares of their sizes."""
+    more = 1.0 + square * precision
+    return np.asarray(0.5 * (told**2 * square / more - np.log(more)))
 
-    A column's size is the geometric mean of its RMS and of that of what the parameters cannot
-    imitate: nothing says whether effects are alike in what they do or in what they leave.
+
+def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
+    """Return (C', R) columns of RMS 1 once the parameters have imitated what they can.
+
+    And (C',) how many times each may be there.
     """
     basis, columns = np.linalg.qr(jacobian)[0], missing.T
     whole = np.einsum('cr,cr->c', columns, columns)
     own = whole - np.sum((columns @ basis) ** 2, axis=1)
-    keep = own > np.maximum(_COPY * whole, 1e-300)
-    rms = (own[keep] * whole[keep]) ** 0.25 / math.sqrt(len(missing))
+    keep = own > np.maximum(_OWN**2 * whole, 1e-300)
+    rms = np.sqrt(own[keep] / len(missing))
     limit = np.full(rms.size, np.inf) if most is None else most[keep] * rms
     return columns[keep] / rms[:, None], limit
 
