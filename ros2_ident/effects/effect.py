@@ -190,7 +190,7 @@ def pressing(unit: str, high: float, sign: str) -> tuple[EffectParameter, ...]:
     )
 
 
-def fading(starts: tuple[float, ...] = (0.01, 0.03, 0.1, 0.3)) -> EffectParameter:
+def fading(starts: tuple[float, ...] = (0.03, 0.1, 0.3)) -> EffectParameter:
     """Return the speed over which friction fades, of Stribeck."""
     return EffectParameter(
         'velocity', 'm/s', 0.005, 1.0, 0.03, starts, 'shape', symbol='v_S',

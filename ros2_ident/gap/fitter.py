@@ -292,7 +292,8 @@ class Fitter:
             ]
             tasks += [((*own, at), _SHOWN, x) for at, x in self._shown(base, candidates)]
             for number, e in enumerate(self._run(run, key, tasks), 1):
-                if e and e.cost < (leaders[e.effects].cost if e.effects in leaders else np.inf):
+                # Of several minima the one that the part held out bears, too.
+                if e and e.loss < (leaders[e.effects].loss if e.effects in leaders else np.inf):
                     leaders[e.effects] = e
                 share = 0.5 + 0.3 * number / len(tasks)
                 self.on_step(share, f'fitted {_named(tasks[number - 1][0][len(own) :])}')

@@ -40,8 +40,8 @@ class Rules:
             form being another one, and a further one at its place has to close more. Practice
             cases, 2026-11-23.
         own: Least RMS of what an effect changes and nothing else does, as a share of the RMS of
-            all that it changes: its form is off by as much (the root of `alike`), and so may be
-            those of the parameters' laws that do the rest.
+            all that it changes: the forms of the parameters' laws, which do the rest, may be off
+            by as much. By hand.
         most: Most effects; the same one on several drives counts once. By hand.
         shaken: RMS that a drive shaken by its encoder's steps puts on the others, as a share of
             its own. By hand.
@@ -59,7 +59,7 @@ class Rules:
     closed: float = 0.5
     rival: float = 0.12
     alike: float = 0.02
-    own: float = 0.14
+    own: float = 0.05
     most: int = 4
     shaken: float = 0.25
     floors: float = FLOORS

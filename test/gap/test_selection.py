@@ -61,10 +61,10 @@ def test_a_law_whose_numbers_another_cause_took_up_is_put_in_plainer_words(selec
 
 def test_effects_that_the_parameters_imitate_are_ties_and_no_names(selector):
     fitted = made((0.1, 0.0), [DRAG]), made((0.3, 0.0), [STRIBECK])
-    selector.own = lambda e, index: 0.05 if e.effects[index] == DRAG else 0.6
+    selector.own = lambda e, index: 0.01 if e.effects[index] == DRAG else 0.6
     left, ties = selector.untied(Round(made((2.0, 0.0)), {}, fitted))
     assert [e.effects for e in left.fitted] == [(STRIBECK,)]
-    assert [(tie.effect, tie.own) for tie in ties] == [(DRAG.effect, 0.05)]
+    assert [(tie.effect, tie.own) for tie in ties] == [(DRAG.effect, 0.01)]
 
 
 def test_a_floor_too_large_and_slow_for_noise_is_told(selector):

@@ -250,20 +250,26 @@ class Candidates:
             '1/W': 1.0 / (force * speed),
         }  # fmt: skip
         turns = self.travels[places[0]] == 'rad'
+        # Slower than nominal friction turns over no law is seen. By hand: nor does a default for
+        # that leave out more than a tenth of the speeds.
+        still = self.of(self.base[None], 'regularisation')[0, places]
+        slow = min(float(still.max()), 0.1 * speed)
         out = []
         for p in get_effect(at.effect).parameters:
             # What belongs to the machine is no angle, however its drives turn.
             own = p.target in rows.MACHINE_ROWS
             factor = 1.0 if own else factors.get(p.unit, 1.0)
             first = float(most.lowest.min()) if p.role == 'position' else 0.0
+            least = slow if p.unit == 'm/s' else -math.inf
+            starts = (max(first + start * factor, least) for start in p.starts)
             out.append(
                 replace(
                     p,
                     unit=angular(p.unit) if turns and not own else p.unit,
-                    low=first + p.low * factor,
+                    low=max(first + p.low * factor, least),
                     high=first + p.high * factor,
-                    neutral=first + p.neutral * factor,
-                    starts=tuple(first + start * factor for start in p.starts),
+                    neutral=max(first + p.neutral * factor, least),
+                    starts=tuple(dict.fromkeys(starts)),
                 )
             )
         return tuple(out)
