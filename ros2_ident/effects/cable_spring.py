@@ -19,7 +19,7 @@ EFFECT = Effect(
     equation='-k (s - s_0) on the load side',
     source='Khatib/FloBaRoID catalogue of disturbance forces; Hooke',
     parameters=(
-        EffectParameter('stiffness', 'force/m', -2.0, 2.0, 0.0, symbol='k'),
+        EffectParameter('stiffness', 'force/m', -1.0, 1.0, 0.0, symbol='k'),
         along_rail('rest', 's_0', 'position without force'),
     ),
     hook=Hook.CARRIAGE_FORCE,
