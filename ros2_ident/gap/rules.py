@@ -9,6 +9,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Round
 from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
+from ros2_ident.search.evidence import OWN
 
 # Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
 TIE = 20.0
@@ -59,7 +60,7 @@ class Rules:
     closed: float = 0.5
     rival: float = 0.12
     alike: float = 0.02
-    own: float = 0.05
+    own: float = OWN
     most: int = 4
     shaken: float = 0.25
     floors: float = FLOORS

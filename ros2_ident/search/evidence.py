@@ -11,6 +11,7 @@ colour of the noise are those of what is left, with what the coefficients' uncer
 put back (expectation maximisation).
 Nothing of either has to be known. The evidence says how well each sample is predicted by
 those before it; what it is not clear about counts only where it comes true on blocks left out.
+How far the parameters may be off is drawn with the sizes unknown, each its own (horseshoe prior).
 """
 
 from collections.abc import Sequence
@@ -33,8 +34,9 @@ _ROUNDED = 1e-10
 _TURNS, _DRAWS = 2, 8
 # Blocks are left out in so many folds.
 _FOLDS = 4
-# Columns of which the parameters imitate all but this share say nothing of their own.
-_OWN = 1e-3
+# Of a column of which the parameters imitate all but this share (RMS), the motion cannot tell
+# whether it is there: then a parameter is known as one that may stand for it as well. By hand.
+OWN = 0.05
 # Share of what the rows hold from which on coefficients may well follow noise.
 _MUCH = 0.25
 # Logarithm of the evidence that chance alone may gain.
@@ -45,6 +47,9 @@ _CLEAR = 30.0
 # times single columns get their own before that of all is looked for again.
 _SIZES = np.logspace(-5.0, 1.5, 66)
 _EVERY, _ROUNDS = 4, 4
+# Draws of the sizes that the parameters' certainty is of, and as many before them as do not count:
+# on 120 simulated axes 1000 give the same, 2026-11-28.
+_DRAWN, _SKIPPED = 300, 100
 
 
 @dataclass(frozen=True)
@@ -165,7 +170,7 @@ def weigh(
     sums = found.sums
     # Rows that were left out of the sums tell as much as those in them.
     whole = _Sums(sums.normal / share, sums.gradient / share, limit)
-    shift, covariance = whole.parameters(found.sizes)
+    shift, covariance = whole.parameters(found.sizes, scale)
     # A prediction that makes it worse is none.
     return Evidence(
         found.noise,
@@ -359,10 +364,47 @@ class _Sums:
         factor, scale = self._factor(sizes)
         return np.asarray(scale * scipy.linalg.cho_solve((factor, True), scale * self.gradient))
 
-    def parameters(self, sizes: Array) -> tuple[Array, Array]:
-        """Return (N,) how far the parameters move, and (N, N) their covariance."""
-        own = slice(0, self.count)
-        return -self.solve(sizes)[own], self.covariance(sizes)[own, own]
+    def parameters(self, sizes: Array, scale: float) -> tuple[Array, Array]:
+        """Return (N,) how far the parameters move, and (N, N) their covariance.
+
+        Most columns are not there, a few may be large, and which they are is not known: so their
+        sizes have the horseshoe prior, and are drawn in turn with the coefficients.
+
+        Args:
+            sizes: (C,) sizes to begin with.
+            scale: Of the size of all: half of it is expected below.
+
+        Reference:
+            Carvalho, Polson and Scott (2010), Biometrika 97; drawn as by Makalic and Schmidt
+            (2016), IEEE Signal Processing Letters 23.
+        """
+        own, rng = slice(0, self.count), np.random.default_rng(0)
+        if not (self.count and sizes.size):
+            return -self.solve(sizes)[own], self.covariance(sizes)[own, own]
+
+        def drawn(shape: float, rate: Array) -> Array:
+            return np.asarray(rate / rng.gamma(shape, size=np.shape(rate)))
+
+        common = np.asarray(np.mean(sizes**2) / scale**2)
+        local = (sizes / scale) ** 2 / common
+        means, inner = [], []
+        for _ in range(_SKIPPED + _DRAWN):
+            factor, unit = self._factor(np.minimum(scale * np.sqrt(common * local), self.limit))
+            mean = unit * scipy.linalg.cho_solve((factor, True), unit * self.gradient)
+            half = scipy.linalg.solve_triangular(factor, np.diag(unit)[:, own], lower=True)
+            means.append(mean[own])
+            inner.append(half.T @ half)
+            spread = scipy.linalg.solve_triangular(
+                factor, rng.standard_normal(len(mean)), lower=True, trans='T'
+            )
+            square = ((mean + unit * spread)[self.count :] / scale) ** 2
+            local = drawn(1.0, 1.0 / drawn(1.0, 1.0 + 1.0 / local) + square / (2.0 * common))
+            common = drawn(
+                (len(local) + 1) / 2,
+                1.0 / drawn(1.0, 1.0 + 1.0 / common) + np.sum(square / local) / 2.0,
+            )
+        known = np.array(means[_SKIPPED:])
+        return -known.mean(axis=0), np.mean(inner[_SKIPPED:], axis=0) + np.cov(known.T, bias=True)
 
     def taken(self, sizes: Array) -> float:
         """Return how many of the coefficients the rows decide, and not their prior."""
@@ -408,7 +450,7 @@ def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[A
     basis, columns = np.linalg.qr(jacobian)[0], missing.T
     whole = np.einsum('cr,cr->c', columns, columns)
     own = whole - np.sum((columns @ basis) ** 2, axis=1)
-    keep = own > np.maximum(_OWN**2 * whole, 1e-300)
+    keep = own > np.maximum(OWN**2 * whole, 1e-300)
     rms = np.sqrt(own[keep] / len(missing))
     limit = np.full(rms.size, np.inf) if most is None else most[keep] * rms
     return columns[keep] / rms[:, None], limit
