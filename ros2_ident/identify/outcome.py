@@ -235,8 +235,8 @@ MOST_OF_BOX = 0.5
 LITTLE = 0.01
 
 NOT_IDENTIFIABLE = 'not identifiable from this data'
-# Of a parameter that noise alone would leave identified.
-HIDDEN = 'not identified once model error is allowed for'
+# Of an interval that is too wide to identify a parameter; the second where noise alone would do.
+WIDE, HIDDEN = 'interval wider than {}', ' once model error is allowed for'
 NIL = 'below 1 % of the output'
 # Of what stands for several parameters of links and rotors that show together only.
 BASE = 'base parameter, of either sign'
@@ -297,7 +297,9 @@ def _estimate(
             said.append(f'{bound}: {NIL}' if bound else NIL)
         elif state != 'identified':
             hidden = state_of(value, noise_low, noise_high, p.low, p.high) == 'identified'
-            said += [x for x in (bound, HIDDEN if hidden else '') if x] or [NOT_IDENTIFIABLE]
+            wide = WIDE.format('the value' if high - low > abs(value) else 'half its bounds')
+            said += [bound or NOT_IDENTIFIABLE]
+            said += [wide + (HIDDEN if hidden else '')] if bound or hidden else []
     said += [f'at its {at} bound'] if at else []
     said += [BASE] if p.kind == 'base' else []
     estimate = ParameterEstimate(
