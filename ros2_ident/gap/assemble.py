@@ -84,17 +84,20 @@ def assemble(
     steps = tuple(Step(label, blocks.rms(i)) for i, label in enumerate(labels))
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
-    evidence = selector.noise_of(final).evidence if found.complete else None
+    # What was judged on blocks held out is reported from all samples, as by an identification.
+    every = selector.on_all()
+    first = every.refit((), found.chain[0].theta)
+    known = every.refit(final.effects, final.theta) if final.effects else first
+    evidence = selector.noise_of(known).evidence if found.complete else None
     per_drive, whole = _per_drive(selector, found, blocks)
-    values = _values(selector, final, evidence) | _steps(verdict.encoders)
+    values = _values(selector, known, evidence, every) | _steps(verdict.encoders)
     values |= {
         c.key: Value(c.value, c.unit, c.low, c.high)
         for c in verdict.facts.constants
         if math.isfinite(c.stated)
     }
     nominal = {
-        p.name: v
-        for p, v in zip(split.fit.with_effects(()).parameters, found.chain[0].theta, strict=True)
+        p.name: v for p, v in zip(split.fit.with_effects(()).parameters, first.theta, strict=True)
     }
     moved = {
         name: (values[name].value - v) / v
@@ -223,11 +226,14 @@ def _predicted(selector: Selector, chain: Sequence[Hypothesis], verdict: Verdict
 
 
 def _values(
-    selector: Selector, e: Hypothesis, evidence: Evidence | None = None
+    selector: Selector,
+    e: Hypothesis,
+    evidence: Evidence | None = None,
+    fits: Fits | None = None,
 ) -> dict[str, Value]:
     joint = selector.split.fit.with_effects(e.effects)
     # What the log does not say the box does: an interval ends where its parameter was searched.
-    low, high, *noise = np.clip(selector.ends(e, evidence), joint.low, joint.high)
+    low, high, *noise = np.clip(selector.ends(e, evidence, fits), joint.low, joint.high)
     # Those of the effects come last; the bounds of the others are the machine file's matter.
     sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
     first = len(joint.parameters) - len(sizes)

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from threading import Lock
@@ -310,6 +311,12 @@ class Split:
         with suppress(IdentError):
             return self._of(models)
         return self
+
+    def together(self) -> 'Split':
+        """Return the split that is fitted on the blocks held out as well, where these are held."""
+        other = copy.copy(self)
+        other.fit = self.whole if self.held_out == 'blocks' else self.fit
+        return other
 
     def stating(self, name: str, value: float) -> 'Split':
         """Return the split whose machine file states another number."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.effects import get_effect
+from ros2_ident.gap.fits import Fits
 from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
 from ros2_ident.gap.noise_floor import Floor, predictability
@@ -54,23 +55,30 @@ class Selector(Fitter):
         self.steps = steps
         self._seen: dict[frozenset[EffectAt], tuple[Hypothesis, Floor]] = {}
 
-    def ends(self, e: Hypothesis, evidence: Evidence | None) -> tuple[Array, ...]:
+    def on_all(self) -> Fits:
+        """Return fits on the blocks held out as well, as identifications are; a bag stays out."""
+        return Fits(self.split.together(), self.fits.floor, self.stopped, self.fits.missed)
+
+    def ends(
+        self, e: Hypothesis, evidence: Evidence | None, fits: Fits | None = None
+    ) -> tuple[Array, ...]:
         """Return (N,) both ends of each parameter's 95 % interval, and of that by noise alone.
 
         Args:
             e: The fit.
             evidence: Of what it leaves; without it the intervals are those by noise.
+            fits: Those it is one of; the present ones where None.
         """
-        split = self.split
-        joint = split.fit.with_effects(e.effects)
-        rows = len(self.fits.weight)
+        fits = fits or self.fits
+        part, rows = fits.split.fit, len(fits.weight)
+        joint = part.with_effects(e.effects)
         found = intervals(
             e.jacobian[:rows] / (joint.high - joint.low),
             e.residual[:rows],
             e.theta,
             joint.low,
             joint.high,
-            series=[int(s) for mask in split.fit.masks for s in mask.sum(axis=1)],
+            series=[int(s) for mask in part.masks for s in mask.sum(axis=1)],
         )
         noise = found.low, found.high
         if evidence is None:

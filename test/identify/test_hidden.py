@@ -8,6 +8,7 @@ from identify_cases import axis, axis_data, AXIS_TRUTH, identified, QUICK
 import numpy as np
 import pytest
 
+from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.run import identify
 from ros2_ident.report.schema import from_mapping, to_mapping
@@ -53,6 +54,16 @@ def test_a_perfect_model_has_the_intervals_of_noise():
     for p in found.parameters:
         assert p.low <= p.noise_low < p.noise_high <= p.high
         assert p.high - p.low < 1.6 * (p.noise_high - p.noise_low), p.name
+
+
+def test_a_diagnosis_reports_the_parameters_of_an_identification():
+    found = identify(axis(), axis_data(), seed=3)
+    also = diagnose(axis(), axis_data().datasets, seed=3)
+    assert (also.effect, also.held_out) == ('none', 'blocks')
+    for p in found.parameters:
+        q, half = also.parameters[p.name], 0.5 * (p.high - p.low)
+        assert q.value == pytest.approx(p.value, abs=0.1 * half), p.name
+        assert (q.low, q.high) == pytest.approx((p.low, p.high), abs=0.3 * half), p.name
 
 
 def at_an_even_speed(seed: int) -> Data:
