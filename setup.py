@@ -55,6 +55,7 @@ def parts() -> dict[str, Any]:
     found = find_packages(include=[NAME, f'{NAME}.*'])
     data = {f'{NAME}.report.page': ['*.css', '*.html', '*.js'], f'{NAME}.cli': ['*.yaml']}
     data[f'{NAME}.machine'] = ['*.yaml']
+    data[f'{NAME}.recording'] = ['maps/*.yaml']
     main = f'{NAME}.cli.main:main'
     if os.environ.get('ROS2_IDENT_WHEEL'):
         extras = {**EXTRAS, 'page': PAGE}

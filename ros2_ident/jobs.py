@@ -180,15 +180,15 @@ def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     since = time.monotonic()
     if not request.bags and received is None:
         raise ErrorCode.NO_DATA.error('there is no live data; replay a bag or name its path')
-    travel = travel_of(request.machine)
+    travel, drives = travel_of(request.machine), request.machine.drives
     if received is None or request.bags:
-        recordings = read_bags(request.bags, request.topics, travel)
+        recordings = read_bags(request.bags, request.topics, travel, drives)
     else:
         recordings = received.build()
     fit = _gathered(request, recordings)
     check = None
     if request.check:
-        check = _gathered(request, read_bags(request.check, request.topics, travel))
+        check = _gathered(request, read_bags(request.check, request.topics, travel, drives))
     # the same live data are recognised as the same
     sha256 = fit.sha256 or hashlib.sha256(b''.join(x.digest for x in fit.datasets)).hexdigest()
     return Logs(fit, check, sha256, since)

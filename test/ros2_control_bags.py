@@ -5,13 +5,12 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
-from ros2_ident.recording.content import (
-    ARRAY,
-    CONTROLLER_STATE,
-    DYNAMIC_STATE,
-    JOINT_STATE,
-    TRAJECTORY,
-)
+from ros2_ident.recording.cdr import JOINT_STATE
+from ros2_ident.recording.maps import TRAJECTORY
+
+ARRAY = 'std_msgs/msg/Float64MultiArray'
+CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
+DYNAMIC_STATE = 'control_msgs/msg/DynamicJointState'
 
 # Fields of the messages in control_msgs, branch jazzy.
 _CONTROLLER = """

@@ -25,7 +25,7 @@ from rosbags.typesys import get_typestore, Stores
 from checks.reference.tripod import simulate_tripod, TABLE_5
 from ros2_ident.models import load_machine
 from ros2_ident.recording import cdr
-from ros2_ident.recording.content import JOINT_STATE
+from ros2_ident.recording.cdr import JOINT_STATE
 from ros2_ident.simulate.motions import draw_motion
 
 ROOT = Path(__file__).resolve().parents[2]

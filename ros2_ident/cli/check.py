@@ -28,7 +28,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         machine = file.machine if file else None
         travel = travel_of(machine) if machine else None
-        recordings = read_bag(args.bag, topics_of(args), travel=travel)
+        drives = machine.drives if machine else ()
+        recordings = read_bag(args.bag, topics_of(args), travel, drives)
         report = check_both(recordings, file, args.drives) if file else check(recordings)
     for line in render(report):
         print(line)

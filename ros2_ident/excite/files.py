@@ -11,7 +11,7 @@ from ros2_ident.arrays import plain
 from ros2_ident.excite.plan import Excitation
 from ros2_ident.files import make_directory, require_ours, write_text
 from ros2_ident.recording import Stream, write_bag
-from ros2_ident.recording.cdr import typestore
+from ros2_ident.recording.definition import standard
 from ros2_ident.recording.write import require_room, Topic
 
 BAG, WORTH = 'set_points', 'excite.json'
@@ -68,7 +68,7 @@ def require_place(directory: str | Path) -> None:
 
 def _trajectory(found: Excitation, lead: float) -> bytes:
     """Return a serialised JointTrajectory."""
-    store, series = typestore(), found.courses.series
+    store, series = standard(), found.courses.series
     types = store.types
     every = max(1, int(1.0 / (_POINTS * series.highest * series.cycle)))
     last = found.planned.position.shape[1] - 1

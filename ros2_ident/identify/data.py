@@ -107,7 +107,7 @@ def read_data(
         IdentError: As `read_bags`, `align` and `gather`.
     """
     several = [bags] if isinstance(bags, str | Path) else bags
-    recordings = read_bags(several, topics, travel_of(machine))
+    recordings = read_bags(several, topics, travel_of(machine), machine.drives)
     return gather(recordings, machine, drives, samples=samples, quantities=quantities)
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read logs into recordings: bags whole or damaged, tables, LeRobot folders."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import shlex
@@ -10,18 +10,10 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.content import (
-    ARRAY,
-    Content,
-    CONTROLLER_STATE,
-    JOINT_STATE,
-    Messages,
-    OTHERWISE,
-    ROLES_OF,
-    WHY,
-)
+from ros2_ident.recording.content import Content, Messages, why
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.limits import listed, printable
+from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, nameless, roles_of
 from ros2_ident.recording.scan import scan
 from ros2_ident.recording.storage import Damage, damaged, digest, storage_files, SUFFIXES, unpacked
 from ros2_ident.recording.streams import Recording, ROLES
@@ -42,7 +34,8 @@ class Topics:
         command: The controller's set-point.
         columns: Column map of a table (CSV), which has no topics; where empty, the file
             `NAME.columns.yaml` beside `NAME.csv`. Of a LeRobot folder its robot's calibration.
-        names: What the numbers of a Float64MultiArray are: joints, or `joint/velocity`.
+        names: Joints in the order of messages that name none; of a Float64MultiArray also
+            `joint/velocity`.
         so_far: Whether the log is of a node that may not have heard every topic yet.
         position_unit: Unit of the positions in a LeRobot folder: rad, deg or percent; where empty,
             it is told by the ends of the joints.
@@ -82,7 +75,10 @@ class Topics:
 
 
 def read_bag(
-    path: str | Path, topics: Topics | None = None, travel: Travel | None = None
+    path: str | Path,
+    topics: Topics | None = None,
+    travel: Travel | None = None,
+    drives: Sequence[str] = (),
 ) -> list[Recording]:
     """Read what joints do from a bag's topics, or a table's columns.
 
@@ -91,6 +87,7 @@ def read_bag(
             file, a `.csv` file, or a LeRobot folder.
         topics: Which topics to read; the default names where None.
         travel: Ends of the machine's joints, by which a LeRobot folder's unit is told.
+        drives: The machine's joints, whose order is taken where messages name none.
 
     Returns:
         One recording per uninterrupted stretch, in the order of the log. What a damaged bag does
@@ -109,14 +106,17 @@ def read_bag(
             roles = [role for role in ROLES if topics.topic(role)]
             unit = topics.position_unit
             return read_lerobot(path, roles, unit, topics.columns, travel)
-        return _read(path, topics)
+        return _read(path, topics, tuple(drives))
     except OSError as exc:
         text = f'cannot be read ({exc.strerror or exc}); give the path of a log'
         raise ErrorCode.NO_DATA.error(f'{printable(str(path))}: {text}') from exc
 
 
 def read_bags(
-    paths: Sequence[str | Path], topics: Topics | None = None, travel: Travel | None = None
+    paths: Sequence[str | Path],
+    topics: Topics | None = None,
+    travel: Travel | None = None,
+    drives: Sequence[str] = (),
 ) -> list[Recording]:
     """Read logs one after the other.
 
@@ -127,7 +127,7 @@ def read_bags(
     found: list[Recording] = []
     of: dict[str, str | Path] = {}
     for path in paths:
-        recordings = read_bag(path, topics, travel=travel)
+        recordings = read_bag(path, topics, travel, drives)
         digest = recordings[0].sha256
         if digest in of:
             text = f'is the same log as {printable(str(of[digest]))} and would count twice; '
@@ -138,14 +138,14 @@ def read_bags(
     return found
 
 
-def _read(path: Path, topics: Topics) -> list[Recording]:
+def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording]:
     """Read a bag; see `read_bag`."""
     roles = topics.roles()
     files, warnings = storage_files(path)
-    content = _scanned(files, topics)
+    content = _scanned(files, topics, drives)
     chosen, notes = supplemented(topics, content)
     if chosen != topics:
-        roles, content = chosen.roles(), _scanned(files, chosen)
+        roles, content = chosen.roles(), _scanned(files, chosen, drives)
     if not content.warnings:  # damage says it all: metadata.yaml cannot fit a broken file
         content.warnings += warnings
     _check_topics(path, content, roles, topics)
@@ -153,7 +153,7 @@ def _read(path: Path, topics: Topics) -> list[Recording]:
     for sentence in content.warnings:
         builder.warn(sentence)
     for (topic, role), messages in content.messages.items():
-        _feed(builder, role, topic, content.types[topic], messages)
+        _feed(builder, role, topic, content, messages)
     return builder.build()
 
 
@@ -167,9 +167,9 @@ def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, .
     chosen: dict[str, str] = {}
     notes = []
     for role in ROLES:
-        if not _is_open(topics, role, content):
+        if not _is_open(topics, role, content) or _states_effort(role, chosen, content):
             continue
-        for kind in ROLES_OF:
+        for kind in kinds():
             able = [x for x, its, roles in offered if its == kind and role in roles]
             if kind == JOINT_STATE or not able:
                 continue
@@ -184,13 +184,43 @@ def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, .
         if topic in chosen.values() or kind == JOINT_STATE:
             continue
         names = ''
-        if kind == ARRAY:
+        if not roles and nameless(kind, 'command'):
             roles, names = ('command',), ' --joint-names A,B (the joints in its order)'
         ways = ' or '.join(f'--{role}-topic {topic}{names}' for role in roles)
-        why = f'; to read it: {ways}' if roles else ': it holds no values'
-        notes.append(f'{topic} ({kind}) is not read{why}')
+        said = f'; to read it: {ways}' if roles else ': it holds no values'
+        notes.append(f'{topic} ({kind}) is not read{said}')
     found = replace(topics, **chosen)  # type: ignore[arg-type]
-    return found, tuple(notes)
+    return found, (*notes, *_others(content))
+
+
+# Fields of a type without a map that are shown, and topics in a list.
+_SHOWN, _LISTED = 4, 20
+
+
+def _others(content: Content) -> list[str]:
+    """Return a sentence on each topic of a type without a map, and one on those without numbers.
+
+    Names of numbers show whether a column map is worth writing.
+    """
+    found: list[str] = []
+    bare = []
+    for topic, kind in sorted(content.types.items()):
+        if roles_of(kind):
+            continue
+        known = content.definition(topic)
+        fields = known.numbers(_SHOWN + 1) if known and len(found) < _LISTED else []
+        if fields:
+            said = f'{topic} ({printable(kind)}) is not read, there is no map of its type'
+            found.append(f'{said}; it holds {listed(fields, _SHOWN)}')
+        else:
+            bare.append(f'{topic} ({kind})')
+    return [*found, *([f'not read: {listed(bare, _LISTED)}'] if bare else [])]
+
+
+def _states_effort(role: str, chosen: Mapping[str, str], content: Content) -> bool:
+    """Say whether the role is an effort that comes with the state that was chosen."""
+    about = map_of(content.types[chosen['state']]) if 'state' in chosen else None
+    return role == 'effort' and about is not None and 'effort' not in about.roles
 
 
 def _is_open(topics: Topics, role: str, content: Content) -> bool:
@@ -204,13 +234,13 @@ def _is_open(topics: Topics, role: str, content: Content) -> bool:
     return not any(x is not None and np.isfinite(x).any() for x in efforts)
 
 
-def _scanned(files: list[Path], topics: Topics) -> Content:
+def _scanned(files: list[Path], topics: Topics, drives: tuple[str, ...]) -> Content:
     """Return the messages of all files, one after the other, and in warnings what is lost.
 
     Raises:
         IdentError: DAMAGED_BAG where no file yields a message and one is damaged.
     """
-    content = Content(topics.roles(), topics.names)
+    content = Content(topics.roles(), topics.names, drives)
     refused: list[IdentError] = []
     found = 0
     with unpacked(files) as plain:
@@ -263,16 +293,18 @@ def _check_topics(
     """Say what is wrong where no wanted topic, or not every named one, can be read."""
     for topic, several in roles.items():
         kind = raw.types.get(topic, JOINT_STATE)
-        unfit = [role for role in several if role not in ROLES_OF.get(kind, ())]
+        unfit = [role for role in several if role not in roles_of(kind)]
         if unfit:
             holds = f'which holds no {unfit[0]}'
-            allowed = holds if kind in ROLES_OF else f'expected {JOINT_STATE}'
+            allowed = holds if roles_of(kind) else f'expected {JOINT_STATE}'
             text = f'{topic} is of type {printable(kind)}, {allowed}; give another as {unfit[0]}'
             raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
-        if len(several) > 1 and kind != CONTROLLER_STATE:
+        about = map_of(kind)
+        same = about is None or len({str(about.roles[x]) for x in several}) < len(several)
+        if len(several) > 1 and same:
             text = f'{topic} is given as {several[0]} and as {several[1]}; name one topic per role'
             raise ErrorCode.INVALID_GOAL.error(text)
-        if kind == ARRAY and not raw.names:
+        if nameless(kind, several[0]) and not raw.names:
             text = f'{topic} is an array without names; name the joints in its order, as a,b or '
             text += 'a/velocity,b/velocity: --joint-names (the node: joint_names)'
             raise ErrorCode.INVALID_GOAL.error(text)
@@ -288,19 +320,30 @@ def _check_topics(
         raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
 
 
-def _feed(builder: RecordingBuilder, role: str, topic: str, kind: str, messages: Messages) -> None:
+def _feed(
+    builder: RecordingBuilder, role: str, topic: str, content: Content, messages: Messages
+) -> None:
     """Bring the messages of a topic into the builder; they are gone afterwards."""
+    kind = content.types[topic]
     if messages.lost and not messages.blocks:
-        text = f'no message of {topic} is a valid {kind} ({WHY.get(kind, OTHERWISE)})'
+        text = f'no message of {topic} is a valid {kind} ({why(kind, role)})'
         raise ErrorCode.BAD_VALUES.error(f'{builder.source}: {text}; repair the publisher')
     if messages.lost:
         lost = f'{messages.lost} of {messages.count} messages'
         builder.warn(f'{topic}: {lost} are no valid {kind.rpartition("/")[2]} and are left out')
+    about = map_of(kind)
     if messages.unstamped:
         said = 'all header stamps are 0, the time of recording is used; stamp the messages'
-        if kind == ARRAY:
-            said = 'arrays have no stamps, the time of recording is used, some milliseconds late'
+        if about is not None and not about.stamp:
+            named = kind.rpartition('/')[2]
+            said = f'{named} has no stamp, the time of recording is used, some milliseconds late'
         builder.warn(f'{topic}: {said}')
+    for said in [*messages.said, *([about.note] if about and about.note else [])]:
+        builder.warn(f'{topic}: {said}')
+    if about is not None and role not in about.names and not content.names and messages.blocks:
+        said = 'its messages have no names: joints are called'
+        named = listed(messages.blocks[0].names, 4)
+        builder.warn(f'{topic}: {said} {named} in their order; name others by --joint-names')
     while messages.blocks:
         block = messages.blocks.popleft()
         builder.add_block(role, block.stamp, block.names, *block.fields)

@@ -1,30 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joints' values from raw CDR, many messages at a time.
+"""Joints' values from serialised messages, many at a time.
 
 Messages of one topic nearly always have the same joints and length, so their numbers lie at the
-same bytes: the layout is parsed once, all numbers are picked with two array operations.
+same bytes: the layout is parsed once, all numbers are picked as strided arrays.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
-import struct
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.typesys import get_typestore, Stores
-from rosbags.typesys.store import Typestore
 
-from ros2_ident.errors import ErrorCode
-from ros2_ident.recording.limits import limit, variable_of
-from ros2_ident.recording.streams import FloatArray, IntArray
+from ros2_ident.recording.definition import Fields, path_of, standard, standard_of
+from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, LATEST_STAMP
 
 # Messages of one size are sorted by layout so many times together, then one by one.
 _ROUNDS = 32
-# CDR may be filled up to its alignment; more at the end is no JointState.
-_PADDING = 8
 JOINT_STATE = 'sensor_msgs/msg/JointState'
-_HEADER = 4  # bytes of encapsulation before the first byte that alignment counts from
+
+
+@dataclass(frozen=True)
+class Pick:
+    """Where values of a field lie in the bytes of a message.
+
+    Attributes:
+        field: Number of the field, as in `FIELDS`.
+        columns: Joints that have one (C,), by their number.
+        places: Byte offsets (C,), -1 where there is no value.
+        format: In numpy, as `f8`.
+        scale: Factor to the unit that is read.
+        absent: What stands for no value; NaN for nothing else.
+    """
+
+    field: int
+    columns: IntArray
+    places: IntArray
+    format: str
+    scale: float = 1.0
+    absent: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -32,19 +46,19 @@ class Layout:
     """Where the parts of a message lie in its bytes.
 
     Attributes:
-        names: Joint names.
-        places: Byte offsets (D,) of position, velocity and effort, -1 for a joint that has no
-            value; None where a whole field is empty.
+        names: Joint names (D).
+        picks: Values of the fields.
         fixed: Mask (L,) of the bytes that have to be equal for the layout to hold.
         big: Whether numbers are big-endian.
-        stamp: Byte offset of the stamp; None where the message has none.
+        stamp: Byte offset, format and factor to ns of each part of the stamp; none where the
+            message has none.
     """
 
     names: tuple[str, ...]
-    places: tuple[IntArray | None, IntArray | None, IntArray | None]
+    picks: tuple[Pick, ...]
     fixed: NDArray[np.bool_]
     big: bool
-    stamp: int | None = _HEADER
+    stamp: tuple[tuple[int, str, int], ...]
 
 
 @dataclass(frozen=True)
@@ -61,120 +75,19 @@ class Block:
     rows: IntArray
     stamp: IntArray
     names: tuple[str, ...]
-    fields: tuple[FloatArray | None, FloatArray | None, FloatArray | None]
+    fields: tuple[FloatArray | None, ...]
 
 
-class Cursor:
-    """Walks over one serialised message and notes which of its bytes make its layout.
-
-    Args:
-        data: The message with its four bytes of encapsulation.
-
-    Attributes:
-        at: Place of the next byte.
-        big: Whether numbers are big-endian.
-        fixed: Mask (L,) of the bytes that lengths and names are made of.
-
-    Raises:
-        ValueError: The bytes are no message, here and in every step.
-        IdentError: BAD_VALUES where joints are more, or their names longer, than is allowed.
-    """
-
-    def __init__(self, data: bytes) -> None:
-        if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
-            raise ValueError('no CDR message')
-        self.big = data[1] == 0
-        self.fixed = np.zeros(len(data), dtype=np.bool_)
-        self.fixed[:2] = True
-        self.at = _HEADER
-        self._data = data
-        self._unpack = struct.Struct(f'{">" if self.big else "<"}I').unpack_from
-
-    def skip(self, size: int, align: int) -> int:
-        """Pass over a value of some bytes; return its place."""
-        begin = self.at + -(self.at - _HEADER) % align
-        if begin + size > len(self._data):
-            raise ValueError('message ends early')
-        self.at = begin + size
-        return begin
-
-    def count(self) -> int:
-        """Return a length."""
-        begin = self.skip(4, 4)
-        self.fixed[begin : self.at] = True
-        return int(self._unpack(self._data, begin)[0])
-
-    def text(self, *, free: bool = False) -> str:
-        """Return a string; a free one may differ from message to message."""
-        size = self.count()
-        if self.at + size > len(self._data):
-            raise ValueError('message ends early')
-        if not free and size > limit('name') + 1:
-            text = f'a joint has a name of {size - 1} bytes, more than the {limit("name")} allowed'
-            remedy = f'shorten it, or raise {variable_of("name")}'
-            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
-        begin = self.skip(size, 1)
-        self.fixed[begin : self.at] = not free
-        return '' if free else self._data[begin : self.at].rstrip(b'\0').decode()
-
-    def header(self) -> int:
-        """Pass over a header; return the place of its stamp."""
-        begin = self.skip(8, 4)
-        self.text(free=True)
-        return begin
-
-    def names(self) -> tuple[str, ...]:
-        """Return a sequence of names."""
-        number = self.count()
-        if number > len(self._data):
-            raise ValueError('more names than bytes')
-        if number > limit('joints'):
-            text = f'a message names {number} joints, more than the {limit("joints")} allowed'
-            remedy = f'record the drives only, or raise {variable_of("joints")}'
-            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
-        return tuple(self.text() for _ in range(number))
-
-    def doubles(self) -> IntArray | None:
-        """Return the places of a sequence of doubles; None where it is empty."""
-        number = self.count()
-        if not number:
-            return None
-        begin = self.skip(8 * number, 8)
-        return begin + 8 * np.arange(number)
-
-    def end(self) -> None:
-        """Refuse what goes on after its end."""
-        if len(self._data) - self.at > _PADDING:
-            raise ValueError('message goes on after its end')
-
-
+# Finds the parts of a serialised message; ValueError where the bytes are none.
 Parse = Callable[[bytes], Layout]
 
 
-def parse_layout(data: bytes) -> Layout:
-    """Find the parts of one serialised JointState.
-
-    Args:
-        data: The message with its four bytes of encapsulation.
-
-    Raises:
-        ValueError: The bytes are no JointState.
-        IdentError: As `Cursor`.
-    """
-    cursor = Cursor(data)
-    cursor.header()
-    names = cursor.names()
-    position, velocity, effort = cursor.doubles(), cursor.doubles(), cursor.doubles()
-    cursor.end()
-    return Layout(names, (position, velocity, effort), cursor.fixed, cursor.big)
-
-
-def decode(messages: Sequence[bytes], parse: Parse = parse_layout) -> list[Block]:
+def decode(messages: Sequence[bytes], parse: Parse) -> list[Block]:
     """Decode serialised messages.
 
     Args:
         messages: T messages of one topic, in order.
-        parse: Finds the parts of a message; those of a JointState by default.
+        parse: Finds the parts of a message.
 
     Returns:
         Blocks in the order of the messages: concatenated, their `rows` are 0..T-1.
@@ -184,7 +97,7 @@ def decode(messages: Sequence[bytes], parse: Parse = parse_layout) -> list[Block
     """
     if not messages:
         return []
-    sizes = np.fromiter((len(m) for m in messages), dtype=np.int64, count=len(messages))
+    sizes = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
     layout_of = np.empty(len(messages), dtype=np.int64)
     layouts: list[Layout] = []
     pieces: list[NDArray[np.uint8]] = []
@@ -194,6 +107,8 @@ def decode(messages: Sequence[bytes], parse: Parse = parse_layout) -> list[Block
         joined = b''.join([messages[i] for i in rows.tolist()])
         table = np.frombuffer(joined, dtype=np.uint8).reshape(rows.size, size)
         for layout, chosen in _by_layout(messages, rows, table, parse):
+            if chosen.size == len(messages):  # nearly always: no copy is made
+                return [_block(layout, table, chosen)]
             layout_of[rows[chosen]] = len(layouts)
             place[rows[chosen]] = np.arange(chosen.size)
             layouts.append(layout)
@@ -217,7 +132,9 @@ def _by_layout(
         if not left.size:
             return
         layout = parse(messages[int(rows[left[0]])])
-        same = (table[left][:, layout.fixed] == table[left[0], layout.fixed]).all(axis=1)
+        fixed = np.flatnonzero(layout.fixed)
+        own = table[:, fixed] if left.size == rows.size else table[np.ix_(left, fixed)]
+        same = (own == own[0]).all(axis=1)
         yield layout, left[same]
         left = left[~same]
     # hardly two are alike: comparing each with all others would take for ever
@@ -229,37 +146,49 @@ def _block(layout: Layout, table: NDArray[np.uint8], rows: IntArray) -> Block:
     """Pick the numbers of messages that share a layout."""
     order = '>' if layout.big else '<'
     stamp = np.zeros(rows.size, dtype=np.int64)
-    if layout.stamp is not None:
-        half = layout.stamp + 4
-        seconds = table[:, half - 4 : half].copy().view(f'{order}i4')[:, 0].astype(np.int64)
-        nanoseconds = table[:, half : half + 4].copy().view(f'{order}u4')[:, 0].astype(np.int64)
-        if (nanoseconds >= 1_000_000_000).any():
+    for place, form, factor in layout.stamp:
+        part = _column(table, place, order + form)
+        if factor == 1 and (part >= 1_000_000_000).any() and len(layout.stamp) > 1:
             raise ValueError('a stamp of more nanoseconds than a second has')
-        stamp = seconds * 1_000_000_000 + nanoseconds
-    fields: list[FloatArray | None] = []
-    for places in layout.places:
-        if places is not None and places.size != len(layout.names):
-            raise ValueError(f'{len(layout.names)} names but an array of {places.size} values')
-        fields.append(None if places is None else _picked(table, places, order))
-    return Block(rows, stamp, layout.names, (fields[0], fields[1], fields[2]))
+        if form[0] == 'f' and not (np.abs(part) < LATEST_STAMP / factor).all():
+            raise ValueError('a stamp that is no time')
+        whole = np.round(part * factor) if form[0] == 'f' else part.astype(np.int64) * factor
+        stamp += whole.astype(np.int64)
+    fields: list[FloatArray | None] = [None] * len(FIELDS)
+    for pick in layout.picks:
+        values = _picked(table, pick, order)
+        target = fields[pick.field]
+        if target is None and pick.columns.size == len(layout.names):
+            fields[pick.field] = values
+            continue
+        if target is None:
+            target = fields[pick.field] = np.full((rows.size, len(layout.names)), np.nan)
+        target[:, pick.columns] = values
+    return Block(rows, stamp, layout.names, tuple(fields))
 
 
-def _picked(table: NDArray[np.uint8], places: IntArray, order: str) -> FloatArray:
-    """Return the doubles (T, D) at places (D,) of messages (T, L); NaN where there is none."""
-    begin = int(places[0])
-    if begin >= 0 and (np.diff(places) == 8).all():
-        raw = table[:, begin : begin + 8 * places.size].copy()
-        return raw.view(f'{order}f8').astype(np.float64)
-    raw = table[:, (places[:, None] + np.arange(8)).ravel()]
-    values = np.ascontiguousarray(raw).view(f'{order}f8').astype(np.float64)
-    values[:, places < 0] = np.nan
-    return values
+def _column(table: NDArray[np.uint8], place: int, form: str) -> NDArray[Any]:
+    """Return the numbers (T,) at a byte of messages (T, L), which need not be aligned."""
+    return np.ndarray((len(table),), form, table.data, place, (table.strides[0],))
 
 
-@cache
-def typestore() -> Typestore:
-    """Return the messages of ROS 2 Jazzy itself."""
-    return get_typestore(Stores.ROS2_JAZZY)
+def _picked(table: NDArray[np.uint8], pick: Pick, order: str) -> FloatArray:
+    """Return a field (T, C) of messages (T, L); NaN where there is none."""
+    places, form = pick.places, order + pick.format
+    steps = np.diff(places)
+    if places.size and (places >= 0).all() and (steps == steps[:1]).all():
+        step = int(steps[0]) if steps.size else 0
+        strides = table.strides[0], step
+        shape = len(table), places.size
+        values = np.ndarray(shape, form, table.data, int(places[0]), strides).astype(np.float64)
+    else:
+        values = np.full((len(table), places.size), np.nan)
+        for column, place in enumerate(places.tolist()):
+            if place >= 0:
+                values[:, column] = _column(table, place, form)
+    if not np.isnan(pick.absent):
+        values[np.isclose(values, pick.absent, rtol=1e-6, atol=0.0)] = np.nan
+    return values if pick.scale == 1.0 else values * pick.scale
 
 
 def encode(
@@ -275,7 +204,7 @@ def encode(
     Returns:
         T messages, little-endian CDR with encapsulation.
     """
-    store = typestore()
+    store = standard()
     header, joints, time = (
         store.types[x] for x in ('std_msgs/msg/Header', JOINT_STATE, 'builtin_interfaces/msg/Time')
     )
@@ -286,8 +215,11 @@ def encode(
     seconds, nanoseconds = np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000)
     table[:, 4:8] = seconds.astype('<i4').view(np.uint8).reshape(-1, 4)
     table[:, 8:12] = nanoseconds.astype('<u4').view(np.uint8).reshape(-1, 4)
-    for places, values in zip(parse_layout(message).places, fields, strict=True):
-        if places is not None:
+    definition = standard_of(JOINT_STATE)
+    assert definition is not None
+    found, _ = Fields(definition, [path_of(field) for field in FIELDS]).walk(message)
+    for field, values in zip(FIELDS, fields, strict=True):
+        if values is not None:
             raw = np.ascontiguousarray(values, dtype='<f8').view(np.uint8).reshape(stamp.size, -1)
-            table[:, places[0] : places[0] + raw.shape[1]] = raw
+            table[:, found[field].at : found[field].at + raw.shape[1]] = raw
     return [row.tobytes() for row in table]

@@ -4,7 +4,6 @@
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,141 +11,39 @@ import scipy
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import cdr
-from ros2_ident.recording.cdr import Block, Cursor, Layout, Parse, parse_layout, typestore
-from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
+from ros2_ident.recording.cdr import Block
+from ros2_ident.recording.definition import Definition, definition_of, standard
 from ros2_ident.recording.limits import limit, require_memory
+from ros2_ident.recording.maps import (
+    JOINT_STATE,
+    map_of,
+    nameless,
+    parser,
+    roles_of,
+    TRAJECTORY,
+)
 from ros2_ident.recording.storage import Budget, Damage, inflate, ZSTD
 from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, LATEST_STAMP
 
-# The messages of ros2_control that state what joints do, beside sensor_msgs/JointState, of
-# control_msgs (noetic-devel, humble, jazzy) and trajectory_msgs. The releases differ only after
-# what is read here, so that no definition of the bag is needed.
-CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
-DYNAMIC_STATE = 'control_msgs/msg/DynamicJointState'
-ARRAY = 'std_msgs/msg/Float64MultiArray'
-TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 
-# Roles that each kind of message can have; the first kinds are taken first where one is missing.
-ROLES_OF: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        JOINT_STATE: ('state', 'effort', 'command'),
-        DYNAMIC_STATE: ('state', 'effort'),
-        CONTROLLER_STATE: ('state', 'effort', 'command'),
-        TRAJECTORY: ('command',),
-        ARRAY: ('command', 'effort', 'state'),
-    }
-)
-
-
-def parser(kind: str, role: str, names: Sequence[str] = ()) -> Parse:
-    """Return what finds a role's values in messages of a kind.
-
-    Args:
-        kind: One of `ROLES_OF`, but for trajectories, which are no samples.
-        names: What the numbers of an array are: joints, or `joint/velocity` as ros2_control has
-            it. By itself a joint is its position, in an array of efforts its effort.
-    """
-    if kind == CONTROLLER_STATE:
-        return lambda data: _controller_state(data, role)
-    if kind == DYNAMIC_STATE:
-        return _dynamic_state
-    if kind == ARRAY:
-        usual = 'effort' if role == 'effort' else 'position'
-        parts = [name.rpartition('/') for name in names]
-        named = [(x[0], x[2]) if x[0] and x[2] in FIELDS else (''.join(x), usual) for x in parts]
-        return lambda data: _array(data, named)
-    return parse_layout
-
-
-def offers(kind: str, data: bytes) -> tuple[str, ...]:
+def offers(kind: str, data: bytes, definition: Definition | None) -> tuple[str, ...]:
     """Return the roles for which a message holds values without being told anything.
 
     Args:
-        kind: One of `ROLES_OF`.
+        kind: One of `maps.kinds`.
     """
     if kind == TRAJECTORY:
-        return ROLES_OF[kind]
+        return roles_of(kind)
     found = []
-    for role in ROLES_OF.get(kind, ()):
+    for role in roles_of(kind):
         try:
-            layout = parser(kind, role)(data)
+            layout = parser(kind, role, definition=definition)(data)
         except (ValueError, IdentError):
             return ()
-        position, _, effort = layout.places
-        wanted = effort if role == 'effort' else position
-        if layout.names and wanted is not None and (wanted >= 0).any():
+        wanted = {'effort'} if role == 'effort' else {'position', 'velocity'}
+        if layout.names and wanted & {FIELDS[x.field] for x in layout.picks}:
             found.append(role)
     return tuple(found)
-
-
-def _read_point(cursor: Cursor) -> tuple[IntArray | None, ...]:
-    """Pass over a JointTrajectoryPoint; return places of its fields, the effort last."""
-    fields = tuple(cursor.doubles() for _ in range(4))
-    cursor.skip(8, 4)  # time_from_start
-    return fields
-
-
-def _controller_state(data: bytes, role: str) -> Layout:
-    """Find a role in a controller's state: set-point, measured values, error, output.
-
-    The set-point was called `desired` and the measured values `actual`; there was no output then,
-    and the message ended after the error.
-    """
-    cursor = Cursor(data)
-    cursor.header()
-    names = cursor.names()
-    points = [_read_point(cursor) for _ in range(3)]
-    if len(data) - cursor.at > 8:
-        points.append(_read_point(cursor))
-    which = {'command': 0, 'state': 1, 'effort': 3}[role]
-    position, velocity, _, effort = points[which] if which < len(points) else (None,) * 4
-    if role == 'effort':
-        position = velocity = None
-    return Layout(names, (position, velocity, effort), cursor.fixed, cursor.big)
-
-
-def _dynamic_state(data: bytes) -> Layout:
-    """Find what each joint's interfaces hold; other hardware than joints is left out."""
-    cursor = Cursor(data)
-    cursor.header()
-    joints = cursor.names()
-    if cursor.count() != len(joints):
-        raise ValueError('not as many interfaces as joints')
-    rows: list[list[int]] = []
-    names: list[str] = []
-    for joint in joints:
-        interfaces, values = cursor.names(), cursor.doubles()
-        where = {} if values is None else dict(zip(interfaces, values.tolist(), strict=True))
-        if any(x in where for x in FIELDS):
-            names.append(joint)
-            rows.append([where.get(x, -1) for x in FIELDS])
-    cursor.end()
-    return _layout(names, np.reshape(rows, (-1, len(FIELDS))).astype(np.int64), cursor)
-
-
-def _array(data: bytes, named: Sequence[tuple[str, str]]) -> Layout:
-    """Find the numbers of an array, which has neither names nor a stamp."""
-    cursor = Cursor(data)
-    for _ in range(cursor.count()):  # the dimensions
-        cursor.text(free=True)
-        cursor.skip(8, 4)
-    cursor.skip(4, 4)
-    values = cursor.doubles()
-    cursor.end()
-    found = [] if values is None else values.tolist()
-    if len(found) != len(named):
-        raise ValueError(f'{len(named)} names but an array of {len(found)} values')
-    joints = list(dict.fromkeys(joint for joint, _ in named))
-    table = np.full((len(joints), len(FIELDS)), -1)
-    for (joint, kind), place in zip(named, found, strict=True):
-        table[joints.index(joint), FIELDS.index(kind)] = place
-    return replace(_layout(joints, table, cursor), stamp=None)
-
-
-def _layout(joints: Sequence[str], places: IntArray, cursor: Cursor) -> Layout:
-    """Return a layout by the places (D, 3) of fields, -1 where there is none."""
-    position, velocity, effort = (x if (x >= 0).any() else None for x in places.T)
-    return Layout(tuple(joints), (position, velocity, effort), cursor.fixed, cursor.big)
 
 
 # A trajectory is a few points; joint_trajectory_controller runs through them by a polynomial
@@ -177,18 +74,20 @@ class Trajectory:
     knots: FloatArray
 
 
-def parse_trajectory(data: bytes, arrival: int) -> Trajectory:
+def parse_trajectory(data: bytes, arrival: int, gaps: bool = True) -> Trajectory:
     """Read one serialised JointTrajectory.
 
     Args:
-        data: The message with its four bytes of encapsulation.
+        data: The message; of ROS 2 with its four bytes of encapsulation.
         arrival: When it came, ns.
+        gaps: Whether it is of ROS 2, as `Definition` has it.
 
     Raises:
         ValueError: The bytes are no JointTrajectory, or it can not be followed.
     """
     try:
-        sent: Any = typestore().deserialize_cdr(data, TRAJECTORY)
+        whole = data if gaps else bytes(standard().ros1_to_cdr(data, TRAJECTORY))
+        sent: Any = standard().deserialize_cdr(whole, TRAJECTORY)
     except Exception as exc:  # generated code lets whatever damaged bytes cause through
         raise ValueError('no JointTrajectory') from exc
     names, stamp = tuple(sent.joint_names), sent.header.stamp
@@ -270,15 +169,21 @@ def _run_through(
 
 # Bytes of messages that are decoded at once; fewer would take longer.
 _HELD = 1 << 22
+# Fewer messages show no rate of a clock; no clock is off by more, which a restart of a counter is.
+_FEWEST, _SLOW = 20, 0.01
 # Messages of a topic that is not read, which show what could be read there.
 _SHOWN = 10
 
-# What a message of a kind has to be.
-WHY = {
-    cdr.JOINT_STATE: 'arrays have to be empty or as long as the names',
-    ARRAY: 'it has to hold a number for each of the joint names given',
-}
-OTHERWISE = 'a value for each joint, and times that increase'
+
+def why(kind: str, role: str) -> str:
+    """Return what a message of a kind has to be."""
+    if kind == TRAJECTORY:
+        return 'a value for each joint, and times that increase'
+    if nameless(kind, role):
+        return 'it has to hold a number for each of the joint names given'
+    return 'arrays have to be empty or as long as the names'
+
+
 # Takes messages of a topic: log times, ns, and serialised bytes.
 Sink = Callable[[Sequence[int], Sequence[bytes]], None]
 
@@ -289,21 +194,27 @@ class Messages:
     A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
 
     Args:
-        parse: Finds the values in a message; those of a JointState by default.
+        parse: Finds the values in a message.
+        counter: Whether stamps count from any instant: a line through them and the log times
+            makes times of them when all have come.
+        padded: Whether joints at the end that never show a value but 0 are none.
 
     Attributes:
         count: Messages that came.
         lost: Those that are no valid ones of their type.
         blocks: What is decoded, with log times as stamps of those that have none.
         unstamped: Whether there are such.
+        said: What else is to be said of them.
     """
 
-    def __init__(self, parse: cdr.Parse = cdr.parse_layout) -> None:
+    def __init__(self, parse: cdr.Parse, *, counter: bool = False, padded: bool = False) -> None:
         self.count = 0
         self.lost = 0
         self.blocks: deque[cdr.Block] = deque()
         self.unstamped = False
-        self._parse = parse
+        self.said: list[str] = []
+        self._parse, self._counter, self._padded = parse, counter, padded
+        self._clocks: list[IntArray] = []
         self._times: list[int] = []
         self._data: list[bytes] = []
         self._held = 0
@@ -348,7 +259,9 @@ class Messages:
         clock = np.array(times, dtype=np.int64)
         for block in found:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
-            if not block.stamp.any():
+            if self._counter:
+                self._clocks.append(clock[block.rows])
+            elif not block.stamp.any():
                 block, self.unstamped = replace(block, stamp=clock[block.rows]), True
             self.blocks.append(block)
         # the builder needs them twice while it puts them together
@@ -366,20 +279,67 @@ class Messages:
     def finish(self) -> None:
         """Decode the remaining messages into blocks."""
         self.decode()
+        if self._counter and self.blocks:
+            self._set_clock()
+        if self._padded and self.blocks:
+            self._trim()
+
+    def _set_clock(self) -> None:
+        """Make times of what was counted: the line that fits the log times best.
+
+        Both clocks run evenly, and a message comes as late as another in the mean.
+        """
+        count = np.concatenate([x.stamp for x in self.blocks])
+        clock = np.concatenate(self._clocks)
+        self._clocks = []
+        x, y = (v - v[0] for v in (count, clock))
+        off, mean = x - x.mean(), float(y.mean())
+        rate = float(off @ y) / max(float(off @ off), 1e-300)
+        if count.size < _FEWEST or not abs(rate - 1.0) < _SLOW:
+            said = 'its counter does not run with the clock, the time of recording is used'
+            self.said.append(f'{said}, some milliseconds late')
+            stamp = clock
+        else:
+            shift = clock[0] + round(mean - rate * float(x.mean()))
+            stamp = shift + x + np.round((rate - 1.0) * x).astype(np.int64)
+            scatter = 1e-6 * float(np.std(clock - stamp))
+            said = f'its counter is the time, set by the time of recording ({scatter:.3g} ms of'
+            self.said.append(f'{said} scatter)')
+        ends = np.cumsum([x.stamp.size for x in self.blocks])[:-1]
+        parts = zip(self.blocks, np.split(stamp, ends), strict=True)
+        self.blocks = deque([replace(x, stamp=own) for x, own in parts])
+
+    def _trim(self) -> None:
+        """Leave out the joints at the end that have no value other than 0."""
+        used = 0
+        for block in self.blocks:
+            for values in block.fields:
+                if values is not None:
+                    shows = np.flatnonzero((np.nan_to_num(values) != 0.0).any(axis=0))
+                    used = max(used, int(shows[-1]) + 1 if shows.size else 0)
+        self.blocks = deque(
+            replace(
+                x,
+                names=x.names[:used],
+                fields=tuple(None if y is None else y[:, :used] for y in x.fields),
+            )
+            for x in self.blocks
+        )
 
 
 class Trajectories(Messages):
     """The trajectories sent on a topic; their blocks are the set-point that follows them."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, gaps: bool = True) -> None:
+        super().__init__(parser(JOINT_STATE, 'command'))
         self.sent: list[tuple[int, Trajectory]] = []
+        self._gaps = gaps
 
     def decode(self) -> None:
         """Decode what has come since the last time."""
         for when, data in zip(*self._fresh(), strict=True):
             try:
-                self.sent.append((when, parse_trajectory(data, when)))
+                self.sent.append((when, parse_trajectory(data, when, self._gaps)))
             except ValueError:
                 self.lost += 1
 
@@ -390,9 +350,19 @@ class Trajectories(Messages):
         self.sent = []
 
 
-def messages_of(kind: str, role: str, names: Sequence[str]) -> Messages:
-    """Return what decodes a role's messages of a kind; see `parser`."""
-    return Trajectories() if kind == TRAJECTORY else Messages(parser(kind, role, names))
+def messages_of(
+    kind: str,
+    role: str,
+    names: Sequence[str],
+    drives: Sequence[str] = (),
+    definition: Definition | None = None,
+) -> Messages:
+    """Return what decodes a role's messages of a kind; see `maps.parser`."""
+    if (about := map_of(kind)) is None:
+        return Trajectories(definition is None or definition.gaps)
+    parse = parser(kind, role, names, drives, definition)
+    padded = about.padded and not names
+    return Messages(parse, counter=about.counter, padded=padded)
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
@@ -410,7 +380,8 @@ class Content:
 
     Attributes:
         wanted: Roles of each topic to read.
-        names: What the numbers of arrays are; see `parser`.
+        names: Joints of messages that name none; see `maps.parser`.
+        drives: Joints of the machine.
         messages: By topic and role, of those wanted that can be read.
         types: Message type of every topic of the bag.
         counts: Messages of every topic of the bag.
@@ -419,26 +390,34 @@ class Content:
 
     wanted: Mapping[str, tuple[str, ...]]
     names: tuple[str, ...] = ()
+    drives: tuple[str, ...] = ()
     messages: dict[tuple[str, str], Messages] = field(default_factory=dict)
     types: dict[str, str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     _first: dict[str, list[bytes]] = field(default_factory=dict)
+    _texts: dict[str, tuple[str, str]] = field(default_factory=dict)
 
-    def open(self, topic: str, kind: str) -> Sink | None:
+    def open(self, topic: str, kind: str, form: str, text: str) -> Sink | None:
         """Note a topic and its type; return where its messages go, None where they are unwanted.
+
+        Args:
+            form: Of the definition, as `definition_of` takes it.
+            text: The definition of the type, empty where the file has none.
 
         Raises:
             Damage: There are more topics than any machine has.
         """
+        if form == 'ros1msg' and '/msg/' not in kind:
+            kind = kind.replace('/', '/msg/')
         if topic not in self.types:
             if len(self.types) >= 100 * limit('joints'):
                 raise Damage('it names more topics than are allowed')
-            self.types[topic] = kind
+            self.types[topic], self._texts[topic] = kind, (form, text)
         self.counts.setdefault(topic, 0)
-        if kind not in ROLES_OF:
+        roles = [role for role in self.wanted.get(topic, ()) if role in roles_of(kind)]
+        if not roles_of(kind):
             return None
-        roles = [role for role in self.wanted.get(topic, ()) if role in ROLES_OF[kind]]
         if not roles:
             first = self._first.setdefault(topic, [])
 
@@ -449,7 +428,9 @@ class Content:
             return show
         self.types[topic] = kind
         for role in roles:
-            self.messages.setdefault((topic, role), messages_of(kind, role, self.names))
+            if (topic, role) not in self.messages:
+                about = kind, role, self.names, self.drives, self.definition(topic)
+                self.messages[topic, role] = messages_of(*about)
         sinks = [self.messages[topic, role].take for role in roles]
 
         def fan(times: Sequence[int], data: Sequence[bytes]) -> None:
@@ -458,9 +439,13 @@ class Content:
 
         return fan
 
+    def definition(self, topic: str) -> Definition | None:
+        """Return a topic's message definition, None where the file has none that can be read."""
+        return definition_of(self.types[topic], *self._texts[topic])
+
     def offered(self) -> Iterator[tuple[str, str, tuple[str, ...]]]:
         """Yield topic, type and possible roles of what could be read and is not wanted."""
         for topic, first in sorted(self._first.items()):
-            kind = self.types[topic]
-            found = {x for data in first for x in offers(kind, data)}
-            yield topic, kind, tuple(x for x in ROLES_OF[kind] if x in found)
+            kind, known = self.types[topic], self.definition(topic)
+            found = {x for data in first for x in offers(kind, data, known)}
+            yield topic, kind, tuple(x for x in roles_of(kind) if x in found)

@@ -9,8 +9,8 @@ have no checksums, a sound db3 and an indexed ROS 1 bag are read.
 
 from collections import Counter, defaultdict
 import contextlib
-from contextlib import closing
-from functools import cache, partial
+from contextlib import closing, suppress
+from functools import partial
 from io import BytesIO
 import mmap
 from pathlib import Path
@@ -29,10 +29,8 @@ from mcap.records import Channel, Chunk, Footer, Schema, Statistics
 from mcap.summary import Summary
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import decompressors, Header, read_bytes, read_uint32, RecordType
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
-from rosbags.typesys.store import Typestore
 
-from ros2_ident.recording.content import Content, CONTROLLER_STATE, Sink
+from ros2_ident.recording.content import Content, Sink
 from ros2_ident.recording.limits import limit, printable
 from ros2_ident.recording.storage import Budget, Damage, inflate, Losses, MAGIC, SUFFIXES
 
@@ -258,10 +256,12 @@ class _Walk:
         for about in (self.defined, self.summary or Summary()):
             if (channel := about.channels.get(number)) is not None:
                 schemas = (self.summary or about).schemas | about.schemas
-                kind = schemas[channel.schema_id].name if channel.schema_id in schemas else ''
-                if channel.message_encoding not in ('cdr', ''):
-                    kind = f'{kind} ({channel.message_encoding})'
-                self.ways[number] = channel.topic, self.content.open(channel.topic, kind)
+                schema = schemas.get(channel.schema_id) or Schema(0, b'', '', '')
+                kind, text = schema.name, schema.data.decode('utf-8', 'replace')
+                if channel.message_encoding not in ('cdr', 'ros1', ''):
+                    kind, text = f'{kind} ({channel.message_encoding})', ''
+                target = self.content.open(channel.topic, kind, schema.encoding, text)
+                self.ways[number] = channel.topic, target
                 return self.ways[number]
         return None
 
@@ -283,14 +283,6 @@ class _Walk:
         return self.losses
 
 
-# The fields of ROS 1's joint_trajectory_controller, which rosbags does not know.
-_CONTROLLER_STATE = """
-std_msgs/Header header
-string[] joint_names
-trajectory_msgs/JointTrajectoryPoint desired
-trajectory_msgs/JointTrajectoryPoint actual
-trajectory_msgs/JointTrajectoryPoint error
-"""
 _METHODS = {unpack: '' if name == 'none' else name for name, unpack in decompressors.items()}
 
 
@@ -325,8 +317,10 @@ class _Chunks(Reader):
         """Fill a bag's content, and count what is lost."""
         budget = Budget(losses.size)
         topics = {x.id: x.topic for x in self.connections}
-        kinds = {x.id: x.msgtype for x in self.connections}
-        targets = {x.id: content.open(x.topic, x.msgtype) for x in self.connections}
+        targets = {
+            x.id: content.open(x.topic, x.msgtype, 'ros1msg', x.msgdef.data)
+            for x in self.connections
+        }
         found, stated = Counter[str](), Counter[int]()
         for info in self.chunk_infos:
             stated.update(info.connection_counts)
@@ -346,7 +340,7 @@ class _Chunks(Reader):
                         number = header.get_uint32('conn')
                         found[topics[number]] += 1
                         if (target := targets[number]) is not None:
-                            target([header.get_time('time')], [_cdr(kinds[number], data)])
+                            target([header.get_time('time')], [data])
             except Damage as exc:
                 losses.blocks += 1
                 losses.say(str(exc))
@@ -356,24 +350,6 @@ class _Chunks(Reader):
             content.counts[topic] = found[topic]
         losses.whole = found.total()
         losses.messages = max(0, stated.total() - losses.whole)
-
-
-def _cdr(kind: str, data: bytes) -> bytes:
-    """Return the CDR of a serialised message of ROS 1, whose header has a number more.
-
-    Empty where it is no such message.
-    """
-    try:
-        return bytes(_store().ros1_to_cdr(data, kind))
-    except Exception:  # generated code lets whatever damaged bytes cause through
-        return b''
-
-
-@cache
-def _store() -> Typestore:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(_CONTROLLER_STATE, CONTROLLER_STATE))
-    return store
 
 
 _SOUND_STEPS, _STEPS_PER_BYTE, _EVERY = 2_000_000, 20, 10_000
@@ -417,10 +393,14 @@ def _guard(base: sqlite3.Connection, size: int) -> None:
 
 def _read(base: sqlite3.Connection, content: Content, losses: Losses) -> None:
     ways: dict[int, tuple[str, Sink | None]] = {}
+    texts: dict[str, tuple[str, str]] = {}
+    with suppress(sqlite3.Error):  # bags of Humble and before have no definitions
+        query = 'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
+        texts = {kind: (str(form), str(text)) for kind, form, text in base.execute(query)}
     query = 'SELECT id, name, type, serialization_format FROM topics ORDER BY id'
     for number, name, kind, form in base.execute(query):
-        kind = kind if form in ('cdr', '') else f'{kind} ({form})'
-        ways[number] = name, content.open(name, kind)
+        whole = kind if form in ('cdr', '') else f'{kind} ({form})'
+        ways[number] = name, content.open(name, whole, *texts.get(kind, ('', '')))
     counts = base.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id')
     found: Counter[int] = Counter(dict(counts))
     losses.unknown = sum(count for number, count in found.items() if number not in ways)

@@ -35,7 +35,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import Growing, remove_directory, replacing_directory
 from ros2_ident.recording import cdr
 from ros2_ident.recording.bag import Topics
-from ros2_ident.recording.content import JOINT_STATE
+from ros2_ident.recording.definition import standard
 from ros2_ident.recording.limits import size_text
 from ros2_ident.recording.storage import MAGIC, NAME, read_metadata
 from ros2_ident.recording.streams import FIELDS, IntArray, Recording, Stream
@@ -109,7 +109,7 @@ def write_bag(
     topics = []
     for name, x in by_topic.items():
         messages = cdr.encode(x.stamp, x.names, [x.values(field) for field in FIELDS])
-        topics.append(Topic(name, JOINT_STATE, x.stamp, messages, latched=False))
+        topics.append(Topic(name, cdr.JOINT_STATE, x.stamp, messages, latched=False))
     with replacing_directory(path, replace=bool(mark)) as new:
         new.mkdir()
         _write(new, [*topics, *others], noted)
@@ -118,7 +118,7 @@ def write_bag(
 
 def _write(folder: Path, topics: Sequence[Topic], noted: Mapping[str, str]) -> None:
     """Write all messages in the order of their log times."""
-    store, file = cdr.typestore(), f'{folder.name}.mcap'
+    store, file = standard(), f'{folder.name}.mcap'
     kinds = list(dict.fromkeys(topic.kind for topic in topics))
     texts = [store.generate_msgdef(kind, ros_version=2)[0].encode() for kind in kinds]
     schemas = [Schema(n, texts[n - 1], 'ros2msg', kind) for n, kind in enumerate(kinds, 1)]
@@ -320,7 +320,7 @@ class Spool:
             self._channels[topic] = len(self._channels) + 1
             number, definition = self._channels[topic], ''
             with contextlib.suppress(TypesysError, KeyError):  # a type that only its package knows
-                definition, _ = cdr.typestore().generate_msgdef(kind)
+                definition, _ = standard().generate_msgdef(kind)
             records.append(Schema(number, definition.encode(), 'ros2msg', kind))
             records.append(Channel(number, topic, 'cdr', {}, number))
         number = self._channels[topic]

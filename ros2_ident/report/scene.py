@@ -17,7 +17,7 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.kind import Figure
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Stream
-from ros2_ident.recording.cdr import typestore
+from ros2_ident.recording.definition import standard
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.recording.streams import FloatArray, IntArray
 
@@ -28,7 +28,7 @@ RATE, REPEAT = 20.0, 20
 TOP = 95.0
 _CUBES, _STRIP, _LINES, _TEXT = 6, 4, 5, 9
 Msg = Any
-_STORE = typestore()
+_STORE = standard()
 
 Colour = tuple[float, float, float, float]
 GREY: Colour = (0.45, 0.45, 0.45, 1.0)

@@ -32,18 +32,13 @@ from sensor_msgs.msg import JointState
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import cdr, LIVE, Recording, RecordingBuilder
 from ros2_ident.recording.content import (
-    ARRAY,
-    JOINT_STATE,
     messages_of,
-    OTHERWISE,
-    parser,
-    ROLES_OF,
     set_points,
     Trajectories,
-    TRAJECTORY,
     Trajectory,
-    WHY,
+    why,
 )
+from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, nameless, parser, roles_of
 from ros2_ident.recording.write import Spool
 
 TOPICS = {'state': 'joint_states', 'effort': 'effort', 'command': 'joint_command'}
@@ -121,15 +116,15 @@ class Capture:
             if inbox.heard:
                 continue
             topic = self._subscriptions[role].topic_name
-            kinds = {x.topic_type for x in self._node.get_publishers_info_by_topic(topic)}
-            kind = next((x for x in ROLES_OF if x in kinds and role in ROLES_OF[x]), inbox.kind)
+            sent = {x.topic_type for x in self._node.get_publishers_info_by_topic(topic)}
+            kind = next((x for x in kinds() if x in sent and role in roles_of(x)), inbox.kind)
             if kind != inbox.kind:
                 self._adapt(role, topic, kind)
 
     def _adapt(self, role: str, topic: str, kind: str) -> None:
         inbox = self._inbox[role]
         package, _, name = kind.partition('/msg/')
-        if kind == ARRAY and not self.names:
+        if nameless(kind, role) and not self.names:
             inbox.problem = (
                 f'{topic} is an array without names, set joint_names to the joints in its order'
             )
@@ -245,7 +240,8 @@ class Capture:
         Its stamp is then hardly later than the last one, however long the silence was.
         """
         inbox = self._inbox[role]
-        if inbox.meter.last is None or inbox.kind in (ARRAY, TRAJECTORY):
+        about = map_of(inbox.kind)
+        if inbox.meter.last is None or about is None or not about.stamp or about.counter:
             return False
         try:
             (block,) = cdr.decode([data], parser(inbox.kind, role, self.names))
@@ -299,24 +295,24 @@ class Capture:
             data, sent = data[:room], sent[:room]
         self._write(role, data, sent)
         messages = messages_of(inbox.kind, role, self.names)
-        why = WHY.get(inbox.kind, OTHERWISE)
+        reason = why(inbox.kind, role)
         try:
             messages.take(sent, data)
             messages.decode()
             for block in messages.blocks:
                 self._add(role, block)
         except IdentError as error:
-            messages.lost, why = len(data), error.message
+            messages.lost, reason = len(data), error.message
         if messages.unstamped:
             said = 'header stamps are 0, the time of publishing is used; stamp the messages'
-            if inbox.kind == ARRAY:
-                said = 'arrays have no stamps, the time of publishing is used'
+            if (about := map_of(inbox.kind)) is not None and not about.stamp:
+                said = f'{inbox.kind} has no stamp, the time of publishing is used'
             self._builder.warn(f'{self.topics[role]}: {said}')
         if isinstance(messages, Trajectories):
             inbox.trajectories += [x for _, x in messages.sent]
             inbox.meter.received += len(messages.sent)
         if messages.lost and not inbox.meter.malformed:
-            what = f'messages are left out because they are no proper {inbox.kind} ({why})'
+            what = f'messages are left out because they are no proper {inbox.kind} ({reason})'
             self._warn(role, f'{what}; repair the publisher')
         inbox.meter.malformed += messages.lost
 

@@ -6,16 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reader_cases import make_recording
-from ros2_control_bags import as_ros2_control_records, Maker
+from ros2_control_bags import ARRAY, as_ros2_control_records, Maker
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, render, Topics
-from ros2_ident.recording.content import (
-    ARRAY,
-    parse_trajectory,
-    set_points,
-    TRAJECTORY,
-)
+from ros2_ident.recording.content import parse_trajectory, set_points
+from ros2_ident.recording.maps import TRAJECTORY
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
@@ -98,7 +94,7 @@ def test_an_array_is_read_by_the_names_given(tmp_path):
     (read,) = read_bag(path, Topics(command=topic, names=names))
     same(read.command, recording.command, 'position', 'velocity')
     np.testing.assert_array_equal(read.command.stamp, recording.command.stamp)
-    assert any('arrays have no stamps' in x for x in read.warnings)
+    assert any('Float64MultiArray has no stamp' in x for x in read.warnings)
     for names, code, said in (
         ((), ErrorCode.INVALID_GOAL, 'is an array without names; name the joints'),
         (('drive_1',), ErrorCode.BAD_VALUES, 'a number for each of the joint names given'),

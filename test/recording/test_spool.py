@@ -11,8 +11,7 @@ from reader_cases import make_recording
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import read_bag
-from ros2_ident.recording.cdr import encode
-from ros2_ident.recording.content import JOINT_STATE
+from ros2_ident.recording.cdr import encode, JOINT_STATE
 from ros2_ident.recording.streams import FIELDS
 from ros2_ident.recording.write import Spool
 

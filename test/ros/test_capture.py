@@ -204,7 +204,7 @@ def test_an_array_is_heard_by_the_names_given(speaker) -> None:
     assert recording.command.names == ('a', 'b')
     np.testing.assert_array_equal(recording.command.column('position', 'a'), [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(recording.command.column('velocity', 'b'), [2.0] * 3)
-    assert any('arrays have no stamps' in x for x in recording.warnings)
+    assert any('has no stamp, the time of publishing' in x for x in recording.warnings)
 
 
 def test_what_cannot_be_heard_says_what_to_do(speaker) -> None:

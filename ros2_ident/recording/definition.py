@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Message definitions, and where the fields that they name lie in a serialised message.
+
+Serialised as ROS 2 does (CDR, version 1: each number on a multiple of its size) or ROS 1 (without
+gaps). Definitions are parsed by `rosbags`: ROS 1 and 2 `.msg`, and OMG IDL as ROS 2 writes it.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+import re
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
+from rosbags.typesys.store import Typestore
+
+from ros2_ident.errors import ErrorCode
+from ros2_ident.recording.limits import limit, variable_of
+from ros2_ident.recording.streams import IntArray
+
+# Format of each number in numpy.
+_FORMATS = {'bool': 'u1', 'byte': 'u1', 'char': 'u1', 'float32': 'f4', 'float64': 'f8'}
+_FORMATS |= {f'{sign}int{8 * size}': f'{sign[:1] or "i"}{size}' for sign in ('', 'u')
+             for size in (1, 2, 4, 8)}  # fmt: skip
+_HEADER = 4  # bytes of encapsulation before the first byte that alignment counts from
+# CDR may be filled up to its alignment; more at the end is another message.
+_PADDING = 8
+# A definition is some kilobytes of text; types in it are nested a few deep.
+_LARGEST, _DEEPEST = 1 << 18, 32
+# Steps of walking over a message for each of its bytes, beyond which its definition is a trap.
+_STEPS = 8
+# What stands between the files that a definition in IDL consists of.
+_IDL = re.compile(r'^={80}\s+IDL: \S+\s*$', re.MULTILINE)
+_PATH = re.compile(r'([A-Za-z]\w*)(?:\[(?:(-?\d+)|(-?\d*):(-?\d*)|(\w+)=(\w+))\])?(?:\.|$)')
+
+# A path to fields: each name with an index, a slice, or the name of the field beside it that holds
+# the entry's key, and that key.
+Path = tuple[tuple[str, None | int | slice | tuple[str, str]], ...]
+
+
+def path_of(text: str) -> Path:
+    """Return the path that a text states, as `a.b[3].c`, `a[0:7].c` or `a.values[keys=effort]`.
+
+    Raises:
+        ValueError: It is no path.
+    """
+    steps: list[Any] = []
+    at = 0
+    while at < len(text) or not steps:
+        if (found := _PATH.match(text, at)) is None:
+            raise ValueError(f'{text!r} is no path of fields')
+        name, number, low, high, key, value = found.groups()
+        if number is not None:
+            steps.append((name, int(number)))
+        elif low is not None:
+            steps.append((name, slice(*(int(x) if x else None for x in (low, high)))))
+        else:
+            steps.append((name, (key, value) if key else None))
+        at = found.end()
+    return tuple(steps)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Where numbers lie in a message: so many of a format from a byte on; -1 for nowhere."""
+
+    at: int
+    count: int
+    format: str
+
+    @property
+    def places(self) -> IntArray:
+        """Return the byte of each."""
+        return self.at + int(self.format[1:]) * np.arange(self.count)
+
+
+@dataclass(frozen=True)
+class Definition:
+    """Fields of a message type, and of all that it is made of.
+
+    Attributes:
+        kind: The type, as `sensor_msgs/msg/JointState`.
+        types: Name and description of each field, by type, as `rosbags` has them.
+        whole: Whether it is known to the end.
+        gaps: Whether numbers are aligned (ROS 2), or follow each other without a gap (ROS 1).
+    """
+
+    kind: str
+    types: Mapping[str, Sequence[tuple[str, Any]]]
+    whole: bool = True
+    gaps: bool = True
+
+    def has(self, path: Path) -> bool:
+        """Say whether it has the fields of a path."""
+        kind = self.kind
+        for name, _ in path:
+            about = dict(self.types.get(kind, ())).get(name)
+            if about is None:
+                return False
+            while about[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                about = about[1][0]
+            kind = about[1] if about[0] == Nodetype.NAME else ''
+        return True
+
+    def numbers(self, most: int) -> list[str]:
+        """Return paths of at most so many fields of real numbers, for a user to choose from."""
+        found: list[str] = []
+
+        def look(kind: str, before: str, depth: int) -> None:
+            for name, about in self.types.get(kind, ()):
+                several = about[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+                inner = about[1][0] if several else about
+                path = before + name + '[:]' * several
+                if len(found) < most and depth < _DEEPEST and inner[0] == Nodetype.NAME:
+                    look(inner[1], path + '.', depth + 1)
+                elif len(found) < most and inner[1][0] in ('float32', 'float64'):
+                    found.append(path)
+
+        look(self.kind, '', 0)
+        return found
+
+
+def definition_of(kind: str, form: str, text: str) -> Definition | None:
+    """Return what a definition in a file says, None where it says nothing that can be read.
+
+    Args:
+        kind: The message type.
+        form: `ros2msg`, `ros2idl` or `ros1msg`.
+        text: With the types it is made of, each after a line of `=`.
+    """
+    if not 0 < len(text) <= _LARGEST or form not in ('ros2msg', 'ros2idl', 'ros1msg'):
+        return None
+    try:
+        if form == 'ros2idl':
+            own = {k: v for x in _IDL.split(text) if x for k, v in get_types_from_idl(x).items()}
+        else:
+            own = get_types_from_msg(text, kind)
+    except Exception:  # the parser lets whatever damaged texts cause through
+        return None
+    types = {**_standard_fields(), **{name: fields for name, (_, fields) in own.items()}}
+    return Definition(kind, types, gaps=form != 'ros1msg') if kind in own else None
+
+
+@cache
+def standard() -> Typestore:
+    """Return the messages of ROS 2 Jazzy itself."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@cache
+def _standard_fields() -> Mapping[str, Sequence[tuple[str, Any]]]:
+    return {kind: fields for kind, (_, fields) in standard().fielddefs.items()}
+
+
+def standard_of(kind: str) -> Definition | None:
+    """Return a message of ROS 2 Jazzy itself, None where there is none of that name."""
+    types = _standard_fields()
+    return Definition(kind, types) if kind in types else None
+
+
+class Cursor:
+    """Walks over one serialised message and notes which of its bytes make its layout.
+
+    Args:
+        data: The message; of ROS 2 with its four bytes of encapsulation.
+        gaps: Whether numbers are aligned, as `Definition` has it.
+
+    Attributes:
+        at: Place of the next byte.
+        big: Whether numbers are big-endian.
+        fixed: Mask (L,) of the bytes that lengths and names are made of.
+
+    Raises:
+        ValueError: The bytes are no message, here and in every step.
+        IdentError: BAD_VALUES where joints are more, or their names longer, than is allowed.
+    """
+
+    def __init__(self, data: bytes, gaps: bool = True) -> None:
+        head = _HEADER if gaps else 0
+        if gaps and (len(data) < head or data[0] != 0 or data[1] not in (0, 1)):
+            raise ValueError('no CDR message')
+        self.big = gaps and data[1] == 0
+        self.fixed = np.zeros(len(data), dtype=np.bool_)
+        self.fixed[: head // 2] = True
+        self.at = head
+        self._data, self._gaps, self._left = data, gaps, 10_000 + _STEPS * len(data)
+
+    def skip(self, size: int, align: int) -> int:
+        """Pass over a value of some bytes; return its place."""
+        begin = self.at + (-(self.at - _HEADER) % align if self._gaps else 0)
+        if begin + size > len(self._data):
+            raise ValueError('message ends early')
+        self.at = begin + size
+        return begin
+
+    def count(self) -> int:
+        """Return a length."""
+        begin = self.skip(4, 4)
+        self.fixed[begin : self.at] = True
+        return int.from_bytes(self._data[begin : self.at], 'big' if self.big else 'little')
+
+    def text(self, *, free: bool) -> str:
+        """Return a string; a free one may differ from message to message, and is not returned."""
+        size = self.count()
+        if self.at + size > len(self._data):
+            raise ValueError('message ends early')
+        if not free and size > limit('name') + 1:
+            text = f'a joint has a name of {size - 1} bytes, more than the {limit("name")} allowed'
+            remedy = f'shorten it, or raise {variable_of("name")}'
+            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
+        begin = self.skip(size, 1)
+        self.fixed[begin : self.at] = not free
+        return '' if free else self._data[begin : self.at].rstrip(b'\0').decode()
+
+    def several(
+        self, about: Any, number: int, definition: Definition, kept: Any, deep: int
+    ) -> Any:
+        """Pass over some values of one kind; return what is kept of them."""
+        node, name = about
+        free = kept is None
+        if node == Nodetype.BASE and name[0] in _FORMATS:
+            form = _FORMATS[name[0]]
+            size = int(form[1:])
+            place = self.skip(size * number, size) if number else self.at
+            return Numbers(place, number, form)
+        if number > len(self._data):
+            raise ValueError('more values than bytes')
+        if not free and node == Nodetype.BASE and number > limit('joints'):
+            text = f'a message names {number} joints, more than the {limit("joints")} allowed'
+            remedy = f'record the drives only, or raise {variable_of("joints")}'
+            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
+        found = []
+        for _ in range(number):
+            found.append(self.one(about, definition, kept, deep))
+        return found
+
+    def one(self, about: Any, definition: Definition, kept: Any, deep: int = 0) -> Any:
+        """Pass over one value; return its place, or of a message its fields' by name.
+
+        Args:
+            kept: Names of the fields that are looked for, nested; None for none.
+        """
+        node, inner = about
+        self._left -= 1
+        if self._left < 0 or deep > _DEEPEST:
+            raise ValueError('a definition nested without end')
+        if node == Nodetype.ARRAY:
+            return self.several(inner[0], inner[1], definition, kept, deep + 1)
+        if node == Nodetype.SEQUENCE:
+            return self.several(inner[0], self.count(), definition, kept, deep + 1)
+        if node == Nodetype.BASE and inner[0] == 'string':
+            return self.text(free=kept is None)
+        if node == Nodetype.BASE:
+            if inner[0] not in _FORMATS:
+                raise ValueError(f'{inner[0]} is not read')
+            return self.several(about, 1, definition, kept, deep)
+        if inner not in definition.types:
+            raise ValueError(f'{inner} is not defined')
+        kept = kept or {}
+        found = {}
+        for name, field in definition.types[inner]:
+            value = self.one(field, definition, kept.get(name), deep + 1)
+            if name in kept:
+                found[name] = value
+        if not definition.types[inner] and definition.gaps:
+            self.skip(1, 1)  # an empty message has a member nevertheless
+        return found
+
+    def end(self) -> None:
+        """Refuse what goes on after its end."""
+        if len(self._data) - self.at > _PADDING:
+            raise ValueError('message goes on after its end')
+
+
+class Fields:
+    """Finds fields in messages of a type.
+
+    Args:
+        definition: Of the type.
+        paths: Of the fields.
+    """
+
+    def __init__(self, definition: Definition, paths: Iterable[Path]) -> None:
+        self._definition = definition
+        self._kept: dict[str, Any] = {}
+        for path in paths:
+            level = self._kept
+            for name, index in path:
+                if isinstance(index, tuple):
+                    level.setdefault(index[0], {})
+                level = level.setdefault(name, {})
+
+    def walk(self, data: bytes) -> tuple[Mapping[str, Any], Cursor]:
+        """Return the places of the fields in one message, nested, and what walked over it.
+
+        Raises:
+            ValueError: The bytes are no such message.
+            IdentError: As `Cursor`.
+        """
+        cursor = Cursor(data, self._definition.gaps)
+        about = Nodetype.NAME, self._definition.kind
+        found = cursor.one(about, self._definition, self._kept)
+        if self._definition.whole:
+            cursor.end()
+        return found, cursor
+
+
+def found_at(tree: Mapping[str, Any], path: Path) -> list[Any]:
+    """Return what lies at a path: strings, or `Numbers`.
+
+    Raises:
+        ValueError: There is no such entry.
+    """
+    nodes: list[Any] = [tree]
+    for name, index in path:
+        below: list[Any] = []
+        for node in nodes:
+            value = node[name]
+            if isinstance(index, tuple):
+                keys = node[index[0]]
+                if len(keys) != (value.count if isinstance(value, Numbers) else len(value)):
+                    raise ValueError(f'not as many {name} as {index[0]}')
+                if index[1] not in keys:
+                    below.append(Numbers(-1, 1, 'f8'))
+                    continue
+                below += _entries(value, keys.index(index[1]))
+            else:
+                below += _entries(value, index)
+        nodes = below
+    return nodes
+
+
+def _entries(value: Any, index: int | slice | None) -> list[Any]:
+    """Return the entries of a value that an index or slice chooses."""
+    if index is None:
+        return value if isinstance(value, list) else [value]
+    try:
+        if not isinstance(value, Numbers):
+            return value[index] if isinstance(index, slice) else [value[index]]
+        chosen = range(value.count)[index]
+    except IndexError as exc:
+        raise ValueError('not as many entries as asked for') from exc
+    chosen = chosen if isinstance(chosen, range) else range(chosen, chosen + 1)
+    size = int(value.format[1:])
+    return [Numbers(value.at + size * chosen.start, len(chosen), value.format)]

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fields of messages that hold what joints do: a file of `maps/` for each message type.
+
+A role of a map states the paths of its fields; `names` is the path of the joints' names, where the
+messages have any, and `stamp` that of the time.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+import math
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
+from ros2_ident.recording.cdr import Layout, Parse, Pick
+from ros2_ident.recording.definition import (
+    Definition,
+    definition_of,
+    Fields,
+    found_at,
+    Numbers,
+    Path,
+    path_of,
+    standard_of,
+)
+from ros2_ident.recording.streams import FIELDS, IntArray, ROLES
+
+_FOLDER = File(__file__).with_name('maps')
+_LOADER: type[yaml.SafeLoader] = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+# Decimal digits from a unit of time to ns.
+DIGITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
+# Trajectories are no samples: `trajectory` follows them.
+TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where values of a field stand in a message.
+
+    Attributes:
+        paths: The first that a message's definition has counts.
+        scale: Factor to rad, m or the unit of the effort.
+        absent: What stands for no value.
+    """
+
+    paths: tuple[Path, ...]
+    scale: float = 1.0
+    absent: float = math.nan
+
+
+@dataclass(frozen=True)
+class MessageMap:
+    """Meaning of a message's fields.
+
+    Attributes:
+        kind: The message type.
+        roles: Fields of each role; `values` of numbers that are called `joint/velocity`.
+        names: Path of the joints' names, of each role; none where the message has no names.
+        stamp: Paths of the parts of the time, each with the ns of its unit.
+        counter: Whether the time counts from any instant.
+        padded: Whether entries at the end may belong to no joint.
+        note: What a user has to know of it.
+        joints: Names of its first entries, where the messages have none.
+        definition: As far as it is read, for files that have none.
+    """
+
+    kind: str
+    roles: Mapping[str, Mapping[str, Source]]
+    names: Mapping[str, Path]
+    stamp: tuple[tuple[Path, int], ...]
+    counter: bool
+    padded: bool
+    note: str
+    joints: tuple[str, ...]
+    definition: Definition | None
+
+
+def kinds() -> list[str]:
+    """Return the types that there is a map of; the first are taken first where a role is open."""
+    found = [x.stem.replace('.', '/msg/') for x in _FOLDER.glob('*.yaml')]
+    return sorted([*found, TRAJECTORY])
+
+
+@cache
+def map_of(kind: str) -> MessageMap | None:
+    """Return the map of a message type that comes with the package."""
+    package, _, name = kind.partition('/msg/')
+    file = _FOLDER / f'{package}.{name}.yaml'
+    if not kind.isprintable() or '/' in package + name or not file.is_file():
+        return None
+    data = yaml.load(file.read_text(encoding='utf-8'), _LOADER)  # noqa: S506 - safe
+    roles = {role: data[role] for role in ROLES if role in data}
+    roles = {role: roles[x] if isinstance(x, str) else x for role, x in roles.items()}
+    names = {role: path_of(x.get('names') or data.get('names')) for role, x in roles.items()
+             if x.get('names') or data.get('names')}  # fmt: skip
+    fields = {
+        role: {field: _source(x) for field, x in own.items() if field != 'names'}
+        for role, own in roles.items()
+    }
+    stamp = data.get('stamp', {})
+    parts = tuple((path_of(path), 10 ** DIGITS[unit]) for path, unit in stamp.items())
+    text = data.get('definition', '')
+    known = definition_of(kind, 'ros2msg', text) if text else standard_of(kind)
+    assert known is not None
+    definition = Definition(kind, known.types, whole=not text)
+    counter, padded = (bool(data.get(x)) for x in ('counter', 'padded'))
+    joints = tuple(data.get('joints', '').split())
+    note = data.get('note', '')
+    return MessageMap(kind, fields, names, parts, counter, padded, note, joints, definition)
+
+
+def _source(given: Any) -> Source:
+    """Return a field's source: a path, paths, or a mapping that states more of it."""
+    about = dict(given) if isinstance(given, Mapping) else {'path': given}
+    paths = about.pop('path')
+    paths = [paths] if isinstance(paths, str) else paths
+    return Source(tuple(map(path_of, paths)), **{k: float(x) for k, x in about.items()})
+
+
+@cache
+def roles_of(kind: str) -> tuple[str, ...]:
+    """Return the roles that a type of message can have; none for others."""
+    if kind == TRAJECTORY:
+        return ('command',)
+    found = map_of(kind)
+    return () if found is None else tuple(found.roles)
+
+
+def nameless(kind: str, role: str) -> bool:
+    """Say whether messages of a type hold nothing but numbers, which only a user can name."""
+    found = map_of(kind)
+    return found is not None and 'values' in found.roles[role] and role not in found.names
+
+
+def parser(
+    kind: str,
+    role: str,
+    names: Sequence[str] = (),
+    drives: Sequence[str] = (),
+    definition: Definition | None = None,
+) -> Parse:
+    """Return what finds a role's values in messages of a type that has a map.
+
+    Args:
+        kind: One of `kinds`, but for trajectories.
+        names: Joints in the order of a message that has no names; of bare numbers
+            `joint/velocity` as ros2_control has it. By itself a joint there is its position, in a
+            message of efforts its effort.
+        drives: Joints of the machine, whose order is taken where nothing else names them.
+        definition: Of the messages, where the file has one; that of the map otherwise.
+    """
+    about = map_of(kind)
+    assert about is not None
+    known = definition or about.definition
+    assert known is not None
+    sources = {
+        field: (path, source)
+        for field, source in about.roles[role].items()
+        if (path := next((x for x in source.paths if known.has(x)), None)) is not None
+    }
+    titles = about.names.get(role)
+    wanted = [*(path for path, _ in sources.values()), *(path for path, _ in about.stamp)]
+    fields = Fields(known, [*wanted, *([titles] if titles else [])])
+    usual = 'effort' if role == 'effort' else 'position'
+
+    def parse(data: bytes) -> Layout:
+        tree, cursor = fields.walk(data)
+        joints = _texts(found_at(tree, titles)) if titles else tuple(names)
+        picks: list[Pick] = []
+        for field, (path, source) in sources.items():
+            places, form = _numbers(found_at(tree, path))
+            if field == 'values':
+                joints, parted = _parted(joints, usual, places, titles is not None)
+            else:
+                joints = joints if titles or joints else _named(about, drives, places.size)
+                places = places[: len(joints)] if about.padded else places
+                parted = {field: places} if places.size else {}
+            for name, where in parted.items():
+                if where.size != len(joints):
+                    said = f'{len(joints)} names but an array of {where.size} values'
+                    raise ValueError(said)
+                number, every = FIELDS.index(name), np.arange(where.size)
+                picks.append(Pick(number, every, where, form, source.scale, source.absent))
+        parts = ((found_at(tree, path)[0], factor) for path, factor in about.stamp)
+        stamp = tuple((x.at, x.format, factor) for x, factor in parts)
+        return _present(Layout(joints, tuple(picks), cursor.fixed, cursor.big, stamp))
+
+    return parse
+
+
+def _texts(found: Sequence[Any]) -> tuple[str, ...]:
+    if not all(isinstance(x, str) for x in found):
+        raise ValueError('names that are no texts')
+    return tuple(found)
+
+
+def _numbers(found: Sequence[Any]) -> tuple[IntArray, str]:
+    """Return the places (N,) of numbers, -1 where there is none, and their format."""
+    if not all(isinstance(x, Numbers) for x in found):
+        raise ValueError('values that are no numbers')
+    forms = {x.format for x in found if x.at >= 0} or {'f8'}
+    if len(forms) > 1:
+        raise ValueError('values of several formats')
+    places = [x.places if x.at >= 0 else np.full(1, -1) for x in found]
+    return np.concatenate(places or [np.empty(0, np.int64)]), forms.pop()
+
+
+def _named(about: MessageMap, drives: Sequence[str], count: int) -> tuple[str, ...]:
+    """Return names for the entries of a message that has none."""
+    if drives and not about.joints and (len(drives) == count or about.padded):
+        return tuple(drives[:count])
+    several = enumerate(range(count), 1)
+    return tuple(about.joints[k] if k < len(about.joints) else f'joint_{n}' for n, k in several)
+
+
+def _parted(
+    names: Sequence[str], usual: str, places: IntArray, stated: bool
+) -> tuple[tuple[str, ...], dict[str, IntArray]]:
+    """Return joints, and the places of each field, of numbers called `joint/velocity`.
+
+    Args:
+        usual: The field of a number that is called by its joint alone.
+        stated: Whether the message itself names them: other hardware than joints, too.
+    """
+    if len(names) != places.size:
+        raise ValueError(f'{len(names)} names but an array of {places.size} values')
+    parts = [name.rpartition('/') for name in names]
+    named = [(x[0], x[2]) if x[0] and x[2] in FIELDS else (''.join(x), usual) for x in parts]
+    kept = [k for k, x in enumerate(parts) if not stated or (x[0] and x[2] in FIELDS)]
+    joints = list(dict.fromkeys(named[k][0] for k in kept))
+    found: dict[str, IntArray] = {}
+    for k in kept:
+        joint, field = named[k]
+        found.setdefault(field, np.full(len(joints), -1))[joints.index(joint)] = places[k]
+    return tuple(joints), found
+
+
+def _present(layout: Layout) -> Layout:
+    """Return a layout without joints that have no value in any field: other hardware."""
+    lacking = [pick.places < 0 for pick in layout.picks]
+    if not lacking or not np.any(lacking):
+        return layout
+    kept = np.flatnonzero(~np.all(lacking, axis=0))
+    picks = (
+        replace(x, columns=np.arange(kept.size), places=x.places[kept])
+        for x in layout.picks
+        if (x.places >= 0).any()
+    )
+    return replace(layout, names=tuple(layout.names[k] for k in kept), picks=tuple(picks))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of any message type, written by `rosbags` from the published definitions."""
+
+from pathlib import Path
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+
+DEFINITIONS = Path(__file__).with_name('recording') / 'definitions.txt'
+STORAGE = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+
+
+def published():
+    """Return the text of each published definition by its type."""
+    found = {}
+    for part in DEFINITIONS.read_text().split('\n== ')[1:]:
+        head, _, text = part.partition('\n')
+        found[head.split()[0]] = text.strip() + '\n'
+    return found
+
+
+class Messages:
+    """Makes messages of the published types.
+
+    Args:
+        version: Of ROS, 1 or 2.
+    """
+
+    def __init__(self, version=2):
+        self.version = version
+        self.store = get_typestore(Stores.ROS2_JAZZY if version == 2 else Stores.ROS1_NOETIC)
+        known = {}
+        for kind, text in published().items():
+            known |= get_types_from_msg(text, kind)
+        self.store.register({k: v for k, v in known.items() if k not in self.store.fielddefs})
+
+    def blank(self, kind):
+        """Return a message of a type with 0 everywhere."""
+        fields = {name: self._value(about) for name, about in self.store.fielddefs[kind][1]}
+        return self.store.types[kind](**fields)
+
+    def _value(self, about):
+        node, inner = about
+        if node == Nodetype.NAME:
+            return self.blank(inner)
+        if node == Nodetype.BASE:
+            return '' if inner[0] == 'string' else False if inner[0] == 'bool' else 0
+        count = inner[1] if node == Nodetype.ARRAY else 0
+        if inner[0][0] == Nodetype.NAME or inner[0][1][0] == 'string':
+            return [self._value(inner[0]) for _ in range(count)]
+        return np.zeros(
+            count, dtype={'byte': 'u1', 'char': 'u1'}.get(inner[0][1][0], inner[0][1][0])
+        )
+
+    def stamp(self, message, when):
+        """Set the stamp of a header, ns."""
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(when, 10**9)
+
+    def write(self, path, messages, storage='mcap', packed=False):
+        """Write `[(time, topic, type, message)]` as a bag, in the order of time."""
+        if self.version == 1:
+            writer = Writer1(path)
+        else:
+            writer = Writer(path, version=9, storage_plugin=STORAGE[storage])
+            if packed:
+                writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        serialise = self.store.serialize_cdr if self.version == 2 else self.store.serialize_ros1
+        with writer:
+            topics = {}
+            for when, topic, kind, message in sorted(messages, key=lambda x: x[0]):
+                if topic not in topics:
+                    topics[topic] = writer.add_connection(topic, kind, typestore=self.store)
+                writer.write(topics[topic], when, bytes(serialise(message, kind)))
+        return path

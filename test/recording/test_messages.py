@@ -1,0 +1,393 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robots' own messages: read by their definition and the map of their type, without an option."""
+
+import sqlite3
+
+from mcap.writer import Writer as McapWriter
+from message_makers import Messages
+import numpy as np
+import pytest
+
+from ros2_ident.errors import IdentError
+from ros2_ident.recording import check, read_bag, render, Topics
+from ros2_ident.recording.cdr import encode
+from ros2_ident.recording.maps import kinds, map_of, roles_of
+from ros2_ident.recording.streams import FIELDS
+
+START = 1_700_000_000_000_000_000
+STEP = 2_000_000
+SAMPLES = 100
+LEGS = [
+    f'{leg}_{part}_joint' for leg in ('FR', 'FL', 'RR', 'RL') for part in ('hip', 'thigh', 'calf')
+]
+SIX = [f'joint_{n}' for n in range(1, 7)]
+SEVEN = [*SIX, 'joint_7']
+UR = [
+    f'{x}_joint'
+    for x in ('shoulder_pan', 'shoulder_lift', 'elbow', 'wrist_1', 'wrist_2', 'wrist_3')
+]
+
+
+def truth(joints):
+    """Return position, velocity, effort and set-point (T, D), exact in single precision."""
+    time = 0.002 * np.arange(SAMPLES)[:, None]
+    phase = 5.0 * time + np.arange(joints)
+    rows = np.sin(phase), 5.0 * np.cos(phase), 3.0 * np.cos(phase + 0.3), np.sin(phase + 0.1)
+    return [x.astype(np.float32).astype(np.float64) for x in rows]
+
+
+def unitree(maker, package, joints):
+    q, dq, tau, goal = truth(joints)
+    for k in range(SAMPLES):
+        when = START + k * STEP
+        state, command = (maker.blank(f'{package}/msg/{x}') for x in ('LowState', 'LowCmd'))
+        state.tick = 70_000 + 2 * k
+        for j in range(joints):
+            motor, goal_ = state.motor_state[j], command.motor_cmd[j]
+            motor.q, motor.dq, motor.tau_est = q[k, j], dq[k, j], tau[k, j]
+            goal_.q, goal_.dq, goal_.kp, goal_.kd = goal[k, j], 16000.0, 60.0, 5.0
+        for motor in command.motor_cmd[joints:]:
+            motor.q, motor.dq = 2.146e9, 16000.0
+        yield when, '/lowstate', f'{package}/msg/LowState', state
+        yield when, '/lowcmd', f'{package}/msg/LowCmd', command
+
+
+def franka_2(maker):
+    q, dq, tau, goal = truth(7)
+    kind = 'franka_msgs/msg/FrankaRobotState'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        maker.stamp(message, START + k * STEP)
+        message.header.frame_id = 'base'
+        for own, place in ((message.measured_joint_state, q), (message.desired_joint_state, goal)):
+            own.name = [f'fr3_joint{n}' for n in range(1, 8)]
+            own.position, own.velocity, own.effort = place[k], dq[k], tau[k]
+        yield START + k * STEP, '/franka_robot_state_broadcaster/robot_state', kind, message
+
+
+def franka_1(maker):
+    q, dq, tau, goal = truth(7)
+    kind = 'franka_msgs/msg/FrankaState'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        maker.stamp(message, START + k * STEP)
+        message.header.seq, message.header.frame_id = k, 'base'
+        message.q, message.dq, message.tau_J, message.q_d = q[k], dq[k], tau[k], goal[k]
+        yield START + k * STEP, '/franka_state_controller/franka_states', kind, message
+
+
+def lbr(maker):
+    q, _, tau, goal = truth(7)
+    kind = 'lbr_fri_idl/msg/LBRState'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        message.time_stamp_sec, message.time_stamp_nano_sec = divmod(START + k * STEP, 10**9)
+        message.measured_joint_position, message.measured_torque = q[k], tau[k]
+        message.commanded_joint_position = goal[k]
+        yield START + k * STEP, '/lbr/state', kind, message
+
+
+def odrive(maker):
+    q, dq, tau, goal = truth(1)
+    for k in range(SAMPLES):
+        status = maker.blank('odrive_node/msg/ControllerStatus')
+        status.pos_estimate, status.vel_estimate = q[k, 0], dq[k, 0]
+        status.torque_estimate = tau[k, 0]
+        order = maker.blank('odrive_node/msg/ControlMessage')
+        order.input_pos = goal[k, 0]
+        yield START + k * STEP, '/controller_status', 'odrive_node/msg/ControllerStatus', status
+        yield START + k * STEP, '/control_message', 'odrive_node/msg/ControlMessage', order
+
+
+def ur(maker):
+    q, dq, tau, goal = truth(6)
+    kind = 'ur_msgs/msg/RobotStateRTMsg'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        message.time = 321.5 + 0.002 * k
+        message.q_actual, message.qd_actual, message.i_actual = q[k], dq[k], tau[k]
+        message.q_target = goal[k]
+        yield START + k * STEP, '/ur_rt', kind, message
+
+
+def xarm(maker):
+    q = truth(6)[0]
+    kind = 'xarm_msgs/msg/RobotMsg'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        maker.stamp(message, START + k * STEP)
+        message.angle = q[k].astype(np.float32)
+        yield START + k * STEP, '/xarm/robot_states', kind, message
+
+
+def dynamixel(maker):
+    kind = 'dynamixel_workbench_msgs/msg/DynamixelStateList'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        for n, name in enumerate(('pan', 'tilt')):
+            motor = maker.blank('dynamixel_workbench_msgs/msg/DynamixelState')
+            motor.name, motor.present_position = name, 2048 + 10 * k + n
+            message.dynamixel_state.append(motor)
+        yield START + k * STEP, '/dynamixel_state', kind, message
+
+
+def pid(maker):
+    q, dq, tau, goal = truth(2)
+    kind = 'control_msgs/msg/MultiDOFStateStamped'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        maker.stamp(message, START + k * STEP)
+        for j, name in enumerate(('a', 'b')):
+            one = maker.blank('control_msgs/msg/SingleDOFState')
+            one.name, one.reference, one.output = name, goal[k, j], tau[k, j]
+            one.feedback, one.feedback_dot = q[k, j], dq[k, j]
+            message.dof_states.append(one)
+        yield START + k * STEP, '/pid_controller/controller_state', kind, message
+
+
+def multi_dof(maker):
+    q, dq, _, goal = truth(2)
+    for k in range(SAMPLES):
+        state = maker.blank('sensor_msgs/msg/JointState')
+        maker.stamp(state, START + k * STEP)
+        state.name, state.position, state.velocity = ['a', 'b'], q[k], dq[k]
+        order = maker.blank('control_msgs/msg/MultiDOFCommand')
+        order.dof_names, order.values = ['b', 'a'], goal[k, ::-1].copy()
+        yield START + k * STEP, '/joint_states', 'sensor_msgs/msg/JointState', state
+        yield START + k * STEP, '/pid/reference', 'control_msgs/msg/MultiDOFCommand', order
+
+
+def interfaces(maker):
+    q, dq, tau, goal = truth(2)
+    kind = 'control_msgs/msg/DynamicInterfaceValues'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        maker.stamp(message, START + k * STEP)
+        names = [f'{x}/{y}' for y in FIELDS for x in 'ab']
+        message.states.interface_names = [*names, 'gpio/vacuum']
+        message.states.values = np.concatenate([q[k], dq[k], tau[k], [7.0]])
+        message.commands.interface_names = ['a/position', 'b/position']
+        message.commands.values = goal[k]
+        yield START + k * STEP, '/controller_manager/values', kind, message
+
+
+def one_joint(maker):
+    q, dq, tau, goal = truth(1)
+    kind = 'control_msgs/msg/JointControllerState'
+    for k in range(SAMPLES):
+        message = maker.blank(kind)
+        maker.stamp(message, START + k * STEP)
+        message.set_point, message.command = goal[k, 0], tau[k, 0]
+        message.process_value, message.process_value_dot = q[k, 0], dq[k, 0]
+        yield START + k * STEP, '/arm_controller/state', kind, message
+
+
+TURN = 2.0 * np.pi
+# Messages, joints, factor to rad, and whether there are velocity, effort and set-point.
+CASES = {
+    'unitree_go': (lambda x: unitree(x, 'unitree_go', 12), LEGS, 1.0, 'vec'),
+    'unitree_hg': (
+        lambda x: unitree(x, 'unitree_hg', 29),
+        [f'joint_{n}' for n in range(1, 30)],
+        1.0,
+        'vec',
+    ),
+    'franka_ros2': (franka_2, [f'fr3_joint{n}' for n in range(1, 8)], 1.0, 'vec'),
+    'lbr': (lbr, SEVEN, 1.0, 'ec'),
+    'odrive': (odrive, SIX[:1], TURN, 'vec'),
+    'ur': (ur, UR, 1.0, 'vec'),
+    'xarm': (xarm, SIX, 1.0, ''),
+    'pid_controller': (pid, ['a', 'b'], 1.0, 'vec'),
+    'multi_dof_command': (multi_dof, ['a', 'b'], 1.0, 'vc'),
+    'interface_values': (interfaces, ['a', 'b'], 1.0, 'vec'),
+    'joint_controller_state': (one_joint, SIX[:1], 1.0, 'vec'),
+}
+
+
+def compare(read, joints, factor, holds):
+    q, dq, tau, goal = truth(len(joints))
+    assert read.state.names == tuple(joints)
+    np.testing.assert_allclose(read.state.position, factor * q, rtol=1e-15)
+    if 'v' in holds:
+        np.testing.assert_allclose(read.state.velocity, factor * dq, rtol=1e-15)
+    if 'e' in holds:
+        effort = read.state.effort if read.effort is None else read.effort.effort
+        np.testing.assert_array_equal(effort, tau)
+    if 'c' in holds:
+        found = np.stack([read.command.column('position', x) for x in joints], axis=1)
+        np.testing.assert_allclose(found, factor * goal, rtol=1e-15)
+        assert set(read.command.names) == set(joints)
+    assert (read.command is not None) == ('c' in holds)
+    for stream in read.streams.values():
+        np.testing.assert_allclose(np.diff(stream.stamp), STEP, atol=2)
+        assert abs(int(stream.stamp[0]) - START) < 10
+
+
+@pytest.fixture(scope='module')
+def maker():
+    return Messages()
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_a_robot_s_messages_need_no_option(maker, tmp_path, case):
+    make, joints, factor, holds = CASES[case]
+    (read,) = read_bag(maker.write(tmp_path / 'log', make(maker)))
+    compare(read, joints, factor, holds)
+    assert not any('is not read' in x for x in read.notes)
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_a_bag_without_definitions_is_read_by_that_of_the_map(maker, tmp_path, case):
+    make, joints, factor, holds = CASES[case]
+    path = maker.write(tmp_path / 'log', make(maker), storage='sqlite3')
+    with sqlite3.connect(path / 'log.db3') as base:  # as Humble and before
+        base.execute('DROP TABLE IF EXISTS message_definitions')
+    base.close()
+    (read,) = read_bag(path)
+    compare(read, joints, factor, holds)
+
+
+def test_a_ros_1_bag_is_read_by_its_definitions(tmp_path):
+    maker = Messages(version=1)
+    (read,) = read_bag(maker.write(tmp_path / 'log.bag', franka_1(maker)))
+    compare(read, [f'panda_joint{n}' for n in range(1, 8)], 1.0, 'vec')
+
+
+def test_counts_are_scaled_by_what_the_map_states(maker, tmp_path):
+    (read,) = read_bag(maker.write(tmp_path / 'log', dynamixel(maker)))
+    assert read.state.names == ('pan', 'tilt')
+    np.testing.assert_allclose(read.state.position[0], np.array([2048, 2049]) * TURN / 4096)
+    assert any('counts are taken as those of an XM430' in x for x in read.warnings)
+
+
+def test_a_counter_keeps_even_time_where_messages_come_late(maker, tmp_path):
+    late = np.random.default_rng(1).integers(0, 3_000_000, 2 * SAMPLES)
+    slow = 1.0001  # the recorder's clock against the robot's
+    messages = [
+        (START + round(slow * (when - START)) + int(x), *rest)
+        for (when, *rest), x in zip(unitree(maker, 'unitree_go', 12), late, strict=True)
+    ]
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    steps = np.diff(read.state.stamp)
+    assert np.ptp(steps) < 3  # ns
+    assert abs(steps.mean() / STEP - slow) < 2e-3
+    assert any('its counter is the time, set by' in x for x in read.warnings)
+
+
+def test_a_counter_that_starts_again_is_no_time(maker, tmp_path):
+    messages = [*unitree(maker, 'unitree_go', 12)]
+    for n, (_, topic, _, message) in enumerate(messages):
+        if topic == '/lowstate' and n > SAMPLES:
+            message.tick -= 70_000
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    assert (np.diff(read.state.stamp) == STEP).all()
+    assert any('its counter does not run with the clock' in x for x in read.warnings)
+
+
+def test_a_set_point_that_is_there_is_not_asked_for(maker, tmp_path):
+    messages = [*multi_dof(maker)]
+    messages += [(t, f'{x}_2', *rest) for t, x, *rest in messages if x == '/pid/reference']
+    lines = render(check(read_bag(maker.write(tmp_path / 'log', messages))))
+    (said,) = (x for x in lines if 'there is no command stream' in x)
+    assert said.endswith('read the set-point, for which there is a topic')
+
+
+def test_a_definition_in_idl_is_read(tmp_path):
+    line = '=' * 80
+    text = f"""{line}
+IDL: sensor_msgs/msg/JointState
+#include "std_msgs/msg/Header.idl"
+module sensor_msgs {{
+  module msg {{
+    @verbatim (language="comment", text="What joints do")
+    struct JointState {{
+      std_msgs::msg::Header header;
+      sequence<string> name;
+      sequence<double> position;
+      sequence<double> velocity;
+      sequence<double> effort;
+    }};
+  }};
+}};
+{line}
+IDL: std_msgs/msg/Header
+#include "builtin_interfaces/msg/Time.idl"
+module std_msgs {{
+  module msg {{
+    struct Header {{
+      builtin_interfaces::msg::Time stamp;
+      string frame_id;
+    }};
+  }};
+}};
+{line}
+IDL: builtin_interfaces/msg/Time
+module builtin_interfaces {{
+  module msg {{
+    struct Time {{
+      int32 sec;
+      uint32 nanosec;
+    }};
+  }};
+}};
+"""
+    q, dq, _, _ = truth(2)
+    with (tmp_path / 'log.mcap').open('wb') as file:
+        writer = McapWriter(file)
+        writer.start(profile='ros2')
+        schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2idl', text.encode())
+        channel = writer.register_channel('/joint_states', 'cdr', schema)
+        stamps = START + STEP * np.arange(SAMPLES)
+        for when, data in zip(stamps.tolist(), encode(stamps, 'ab', [q, dq, None]), strict=True):
+            writer.add_message(channel, when, data, when)
+        writer.finish()
+    (read,) = read_bag(tmp_path / 'log.mcap')
+    compare(read, ['a', 'b'], 1.0, 'v')
+
+
+def test_names_come_from_the_command_line_or_the_machine(maker, tmp_path):
+    path = maker.write(tmp_path / 'log', lbr(maker))
+    names = tuple('abcdefg')
+    (read,) = read_bag(path, Topics(names=names))
+    assert read.state.names == read.command.names == names
+    (read,) = read_bag(path, drives=names)
+    assert read.state.names == names
+    assert any(
+        'joints are called a, b, c, d and 3 more in their order' in x for x in read.warnings
+    )
+    (read,) = read_bag(path, drives=names[:3])  # of another machine
+    assert read.state.names == tuple(SEVEN)
+    with pytest.raises(IdentError, match='arrays have to be empty or as long as the names'):
+        read_bag(path, Topics(names=names[:3]))
+
+
+def test_check_lists_every_topic(maker, tmp_path):
+    messages = [*multi_dof(maker), *one_joint(maker)]
+    for k in range(3):
+        pose = maker.blank('geometry_msgs/msg/PoseStamped')
+        messages.append((START + k, '/pose', 'geometry_msgs/msg/PoseStamped', pose))
+        messages.append(
+            (START + k, '/said', 'std_msgs/msg/String', maker.blank('std_msgs/msg/String'))
+        )
+    lines = render(check(read_bag(maker.write(tmp_path / 'log', messages))))
+    for said in (
+        'command: no /joint_command, /arm_controller/state is taken '
+        '(control_msgs/msg/JointControllerState)',
+        '/pid/reference (control_msgs/msg/MultiDOFCommand) is not read; to read it: '
+        '--command-topic /pid/reference',
+        '/pose (geometry_msgs/msg/PoseStamped) is not read, there is no map of its type; it holds '
+        'pose.position.x, pose.position.y, pose.position.z, pose.orientation.x and 1 more',
+        'not read: /said (std_msgs/msg/String)',
+    ):
+        assert f'ok    {said}' in lines
+
+
+def test_every_map_can_be_read_and_states_its_source():
+    assert len(kinds()) > 20
+    for kind in kinds():
+        if (about := map_of(kind)) is None:
+            continue
+        assert about.kind == kind and roles_of(kind)
+        for own in about.roles.values():
+            for source in own.values():
+                assert any(about.definition.has(path) for path in source.paths), (kind, source)
