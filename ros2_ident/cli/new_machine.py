@@ -71,7 +71,8 @@ def _log(args: argparse.Namespace) -> 'Recording':
         IdentError: MISSING_STREAM where there is none.
     """
     from ros2_ident.recording import read_bag
-    from ros2_ident.recording.table import MAP_SUFFIX, SUFFIXES
+    from ros2_ident.recording.columns import MAP_SUFFIX
+    from ros2_ident.recording.table import SUFFIXES
 
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)

@@ -18,8 +18,9 @@ import re
 import shlex
 
 from ros2_ident.errors import ErrorCode
+from ros2_ident.recording.columns import MAP_SUFFIX, QUANTITIES, refuse
 from ros2_ident.recording.limits import listed, printable, short
-from ros2_ident.recording.table import MAP_SUFFIX, QUANTITIES, refuse, text_of
+from ros2_ident.recording.table import text_of
 
 # Words of names: English and German, textbooks' symbols, common drivers. Where another word names
 # a quantity, a faint one does not (`current_position`, `load.position`).

@@ -14,8 +14,9 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, scale_effort, table
+from ros2_ident.recording.columns import load_columns
 from ros2_ident.recording.headers import header_of
-from ros2_ident.recording.table import load_columns, read_table
+from ros2_ident.recording.table import read_table
 
 
 def read(tmp_path, text, more='', joints='a: {position: q}', time='t', unit='s'):
