@@ -10,6 +10,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.builder import RecordingBuilder
+from ros2_ident.recording.columns import load_topics, summed, TopicMap
 from ros2_ident.recording.content import Content, Messages, why
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.limits import listed, printable
@@ -32,8 +33,9 @@ class Topics:
         state: Measured positions and velocities, and efforts where the drive reports them here.
         effort: Measured efforts on a topic of their own.
         command: The controller's set-point.
-        columns: Column map of a table (CSV), which has no topics; where empty, the file
-            `NAME.columns.yaml` beside `NAME.csv`. Of a LeRobot folder its robot's calibration.
+        columns: Column map of a table (CSV) or of the fields of a bag's topics; of a table, where
+            empty, the file `NAME.columns.yaml` beside `NAME.csv`. Of a LeRobot folder its robot's
+            calibration.
         names: Joints in the order of messages that name none; of a Float64MultiArray also
             `joint/velocity`.
         so_far: Whether the log is of a node that may not have heard every topic yet.
@@ -106,7 +108,7 @@ def read_bag(
             roles = [role for role in ROLES if topics.topic(role)]
             unit = topics.position_unit
             return read_lerobot(path, roles, unit, topics.columns, travel)
-        return _read(path, topics, tuple(drives))
+        return (_read_mapped if topics.columns else _read)(path, topics, tuple(drives))
     except OSError as exc:
         text = f'cannot be read ({exc.strerror or exc}); give the path of a log'
         raise ErrorCode.NO_DATA.error(f'{printable(str(path))}: {text}') from exc
@@ -154,6 +156,31 @@ def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording
         builder.warn(sentence)
     for (topic, role), messages in content.messages.items():
         _feed(builder, role, topic, content, messages)
+    return builder.build()
+
+
+def _read_mapped(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording]:
+    """Read the fields of a bag's topics that a column map names; see `read_bag`."""
+    files, warnings = storage_files(path)
+    layouts = load_topics(topics.columns)
+    content = _scanned(files, topics, drives, layouts)
+    held = listed(f'{x} ({kind})' for x, kind in sorted(content.types.items()))
+    for topic in layouts:
+        if not content.counts.get(topic):
+            text = f'{path}: holds no message of {topic}, only {held}; correct the column map'
+            raise ErrorCode.MISSING_STREAM.error(text)
+    builder = RecordingBuilder(str(path), digest([*files, Path(topics.columns)]))
+    for sentence in content.warnings or warnings:
+        builder.warn(sentence)
+    for (topic, _), messages in content.messages.items():
+        _warn_of(builder, topic, content.types[topic], messages.why, messages)
+        blocks = [*messages.blocks]
+        messages.blocks.clear()
+        stamp = np.concatenate([x.stamp for x in blocks])
+        values = np.concatenate([x.fields[0] for x in blocks if x.fields[0] is not None])
+        columns = layouts[topic].columns
+        rows = [x.scale * row for x, row in zip(columns, values.T, strict=True)]
+        builder.add_columns(stamp, summed(topics.columns, columns, stamp, rows))
     return builder.build()
 
 
@@ -234,13 +261,18 @@ def _is_open(topics: Topics, role: str, content: Content) -> bool:
     return not any(x is not None and np.isfinite(x).any() for x in efforts)
 
 
-def _scanned(files: list[Path], topics: Topics, drives: tuple[str, ...]) -> Content:
+def _scanned(
+    files: list[Path],
+    topics: Topics,
+    drives: tuple[str, ...],
+    mapped: Mapping[str, TopicMap] | None = None,
+) -> Content:
     """Return the messages of all files, one after the other, and in warnings what is lost.
 
     Raises:
         IdentError: DAMAGED_BAG where no file yields a message and one is damaged.
     """
-    content = Content(topics.roles(), topics.names, drives)
+    content = Content(topics.roles(), topics.names, drives, mapped or {})
     refused: list[IdentError] = []
     found = 0
     with unpacked(files) as plain:
@@ -296,8 +328,9 @@ def _check_topics(
         unfit = [role for role in several if role not in roles_of(kind)]
         if unfit:
             holds = f'which holds no {unfit[0]}'
-            allowed = holds if roles_of(kind) else f'expected {JOINT_STATE}'
+            allowed = holds if roles_of(kind) else 'of which there is no map'
             text = f'{topic} is of type {printable(kind)}, {allowed}; give another as {unfit[0]}'
+            text += '' if roles_of(kind) else ', or --columns with the fields that it is in'
             raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
         about = map_of(kind)
         same = about is None or len({str(about.roles[x]) for x in several}) < len(several)
@@ -325,21 +358,9 @@ def _feed(
 ) -> None:
     """Bring the messages of a topic into the builder; they are gone afterwards."""
     kind = content.types[topic]
-    if messages.lost and not messages.blocks:
-        text = f'no message of {topic} is a valid {kind} ({why(kind, role)})'
-        raise ErrorCode.BAD_VALUES.error(f'{builder.source}: {text}; repair the publisher')
-    if messages.lost:
-        lost = f'{messages.lost} of {messages.count} messages'
-        builder.warn(f'{topic}: {lost} are no valid {kind.rpartition("/")[2]} and are left out')
-    about = map_of(kind)
-    if messages.unstamped:
-        said = 'all header stamps are 0, the time of recording is used; stamp the messages'
-        if about is not None and not about.stamp:
-            named = kind.rpartition('/')[2]
-            said = f'{named} has no stamp, the time of recording is used, some milliseconds late'
-        builder.warn(f'{topic}: {said}')
-    for said in [*messages.said, *([about.note] if about and about.note else [])]:
-        builder.warn(f'{topic}: {said}')
+    _warn_of(builder, topic, kind, why(kind, role), messages)
+    if (about := map_of(kind)) is not None and about.note:
+        builder.warn(f'{topic}: {about.note}')
     if about is not None and role not in about.names and not content.names and messages.blocks:
         said = 'its messages have no names: joints are called'
         named = listed(messages.blocks[0].names, 4)
@@ -347,3 +368,27 @@ def _feed(
     while messages.blocks:
         block = messages.blocks.popleft()
         builder.add_block(role, block.stamp, block.names, *block.fields)
+
+
+def _warn_of(
+    builder: RecordingBuilder, topic: str, kind: str, reason: str, messages: Messages
+) -> None:
+    """Say what is lost of a topic, and what its times are.
+
+    Raises:
+        IdentError: BAD_VALUES where no message is valid, with the reason.
+    """
+    if messages.lost and not messages.blocks:
+        text = f'no message of {topic} is a valid {kind} ({reason})'
+        raise ErrorCode.BAD_VALUES.error(f'{builder.source}: {text}; repair the publisher')
+    if messages.lost:
+        lost = f'{messages.lost} of {messages.count} messages'
+        builder.warn(f'{topic}: {lost} are no valid {kind.rpartition("/")[2]} and are left out')
+    if messages.unstamped:
+        said = 'all header stamps are 0, the time of recording is used; stamp the messages'
+        if messages.clock == 'none':
+            named = kind.rpartition('/')[2]
+            said = f'{named} has no stamp, the time of recording is used, some milliseconds late'
+        builder.warn(f'{topic}: {said}')
+    for said in messages.said:
+        builder.warn(f'{topic}: {said}')

@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import read_yaml
+from ros2_ident.recording.definition import path_of
 from ros2_ident.recording.limits import printable, short, unfit
 from ros2_ident.recording.maps import DIGITS
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_motion
@@ -42,6 +43,8 @@ class Column:
         cell: Name of the column, or its number from 1.
         scale: Factor from the column to m, m/s or the unit of the effort.
         unsigned: Whether it is an effort's size, with the sign of the velocity.
+        entry: Which number of the cell it is, where a path names several.
+        of: How many they are.
     """
 
     joint: str
@@ -49,6 +52,8 @@ class Column:
     cell: Cell
     scale: float = 1.0
     unsigned: bool = False
+    entry: int = 0
+    of: int = 1
 
 
 _AS = 'write it as in docs/logs.md'
@@ -100,13 +105,7 @@ def load_columns(path: str | Path) -> ColumnMap:
     Raises:
         IdentError: INVALID_GOAL where the file cannot be read or makes no sense.
     """
-    try:
-        data = read_yaml(path, _LARGEST_MAP)
-    except ValueError as error:
-        raise refuse(path, f'{printable(str(error))}; give the path of a column map') from None
-    if not isinstance(data, Mapping) or not isinstance(data.get('joints'), Mapping):
-        raise refuse(path, 'needs `time` and `joints`; docs/logs.md has an example')
-    _known(path, 'the map', data, OPTIONS)
+    data = _read_map(path, OPTIONS)
     given = {key: data.get(key, usual) for key, (usual, _) in _OPTIONS.items()}
     for key, value in given.items():
         if not _OPTIONS[key][1](value) or (key == 'decimal' and value == given['delimiter']):
@@ -117,23 +116,110 @@ def load_columns(path: str | Path) -> ColumnMap:
     if not isinstance(time, Mapping) or set(time) != {'column', 'unit'} or unit not in DIGITS:
         raise refuse(path, f'time is {short(time)}; {_AS}, its unit s, ms, us or ns')
     at, digits = cell('time', time['column']), DIGITS[unit]
-    columns = []
-    for joint, quantities in data['joints'].items():
-        if why := unfit(joint):
-            raise refuse(path, f'names a joint {short(joint)}, {why}')
-        name = str(joint)
+    columns = _joints(path, data, cell)
+    rows = tuple((cell('where', x), str(y).strip()) for x, y in where.items())
+    return ColumnMap(at, digits, columns, where=rows, **given)
+
+
+def _read_map(path: str | Path, known: tuple[str, ...]) -> Mapping[str, Any]:
+    """Return what a map states, which has joints."""
+    try:
+        data = read_yaml(path, _LARGEST_MAP)
+    except ValueError as error:
+        raise refuse(path, f'{printable(str(error))}; give the path of a column map') from None
+    if not isinstance(data, Mapping) or not isinstance(data.get('joints'), Mapping):
+        raise refuse(path, 'needs `time` and `joints`; docs/logs.md has an example')
+    _known(path, 'the map', data, known)
+    return data
+
+
+def _joints(
+    path: object, data: Mapping[str, Any], cell: Callable[[str, Any], Cell], several: bool = False
+) -> tuple[Column, ...]:
+    """Return the quantities of a map's joints.
+
+    Args:
+        several: Whether `a, b` are two joints, of which a path names all numbers.
+    """
+    columns: list[Column] = []
+    named: list[str] = []
+    for key, quantities in data['joints'].items():
+        names = [x.strip() for x in key.split(',')] if several and isinstance(key, str) else [key]
+        for joint in names:
+            if why := unfit(joint):
+                raise refuse(path, f'names a joint {short(joint)}, {why}')
+        named += map(str, names)
         if not isinstance(quantities, Mapping) or not quantities:
-            raise refuse(path, f'{name} has no column; write as `position: NAME`')
-        _known(path, name, quantities, tuple(QUANTITIES))
+            raise refuse(path, f'{key} has no column; write as `position: NAME`')
+        _known(path, str(key), quantities, tuple(QUANTITIES))
         for quantity, entry in quantities.items():
             for part in entry if isinstance(entry, list) and entry else [entry]:
-                columns.append(_column(path, str(joint), quantity, part, cell))
-    if len({str(x) for x in data['joints']}) < len(data['joints']):
+                column = _column(path, str(key), quantity, part, cell)
+                columns += [
+                    replace(column, joint=str(joint), entry=n, of=len(names))
+                    for n, joint in enumerate(names)
+                ]
+    if len(set(named)) < len(named):
         raise refuse(path, 'names a joint twice; give each joint its own name')
     if not columns:
         raise refuse(path, 'joints is empty; name at least one joint and its columns')
-    rows = tuple((cell('where', x), str(y).strip()) for x, y in where.items())
-    return ColumnMap(at, digits, tuple(columns), where=rows, **given)
+    return tuple(columns)
+
+
+@dataclass(frozen=True)
+class TopicMap:
+    """Meaning of the fields of one topic.
+
+    Attributes:
+        columns: Quantities of joints, their cells paths of fields.
+        time: Path of the time, None for a header's stamp or, where there is none, the arrival.
+        digits: Decimal digits from the unit of a time that is a number to ns.
+    """
+
+    columns: tuple[Column, ...]
+    time: str | None = None
+    digits: int = 0
+
+
+def load_topics(path: str | Path) -> dict[str, TopicMap]:
+    """Read a column map of a bag.
+
+    Args:
+        path: A YAML file as in docs/logs.md.
+
+    Returns:
+        The meaning of each topic that it names.
+
+    Raises:
+        IdentError: INVALID_GOAL where the file cannot be read or makes no sense.
+    """
+    data = _read_map(path, ('time', 'joints'))
+    found: dict[str, list[Column]] = {}
+    for column in _joints(path, data, partial(_field, path), several=True):
+        topic, _, field = str(column.cell).partition(' ')
+        found.setdefault(topic, []).append(replace(column, cell=field))
+    times: dict[str, tuple[str, int]] = {}
+    given = data.get('time') or []
+    for time in given if isinstance(given, list) else [given]:
+        unit = time.get('unit', 'ns') if isinstance(time, Mapping) else ''
+        if unit not in DIGITS or set(time) - {'unit'} != {'column'}:
+            raise refuse(path, f'time is {short(time)}; {_AS}, its unit s, ms, us or ns')
+        topic, _, field = str(_field(path, 'time', time['column'])).partition(' ')
+        times[topic] = field, DIGITS[unit]
+    for topic in times.keys() - found.keys():
+        raise refuse(path, f'time names {short(topic)}, of which no joint has a field')
+    return {x: TopicMap(tuple(own), *times.get(x, ())) for x, own in found.items()}
+
+
+def _field(path: object, what: str, cell: Any) -> Cell:
+    """Return a topic and the path of fields of its messages, a space between."""
+    topic, _, field = cell.partition(' ') if isinstance(cell, str) else ('', '', '')
+    try:
+        path_of(field.strip())
+    except ValueError:
+        form = 'write a topic and its field, as `/lowstate motor_state[3].q`'
+        raise refuse(path, f'{what} names {short(cell)}; {form}') from None
+    return f'/{topic.lstrip("/")} {field.strip()}'
 
 
 def refuse(path: object, text: str) -> IdentError:

@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 import scipy
 
-from ros2_ident.errors import IdentError
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
 from ros2_ident.recording.cdr import Block
-from ros2_ident.recording.definition import Definition, definition_of, standard
-from ros2_ident.recording.limits import limit, require_memory
+from ros2_ident.recording.columns import TopicMap
+from ros2_ident.recording.definition import Definition, definition_of, standard, standard_of
+from ros2_ident.recording.limits import limit, listed, printable, require_memory
 from ros2_ident.recording.maps import (
+    Clock,
+    fields_parser,
     JOINT_STATE,
     map_of,
     nameless,
@@ -195,25 +198,28 @@ class Messages:
 
     Args:
         parse: Finds the values in a message.
-        counter: Whether stamps count from any instant: a line through them and the log times
-            makes times of them when all have come.
+        clock: Of the stamps; of a counter, which counts from any instant, a line through it and
+            the log times makes times when all have come.
         padded: Whether joints at the end that never show a value but 0 are none.
 
     Attributes:
         count: Messages that came.
         lost: Those that are no valid ones of their type.
+        why: What is wrong with the last of these.
         blocks: What is decoded, with log times as stamps of those that have none.
         unstamped: Whether there are such.
+        clock: As given.
         said: What else is to be said of them.
     """
 
-    def __init__(self, parse: cdr.Parse, *, counter: bool = False, padded: bool = False) -> None:
+    def __init__(self, parse: cdr.Parse, *, clock: Clock = 'stamp', padded: bool = False) -> None:
         self.count = 0
         self.lost = 0
         self.blocks: deque[cdr.Block] = deque()
+        self.why = ''
         self.unstamped = False
         self.said: list[str] = []
-        self._parse, self._counter, self._padded = parse, counter, padded
+        self.clock, self._parse, self._padded = clock, parse, padded
         self._clocks: list[IntArray] = []
         self._times: list[int] = []
         self._data: list[bytes] = []
@@ -259,7 +265,7 @@ class Messages:
         clock = np.array(times, dtype=np.int64)
         for block in found:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
-            if self._counter:
+            if self.clock == 'counter':
                 self._clocks.append(clock[block.rows])
             elif not block.stamp.any():
                 block, self.unstamped = replace(block, stamp=clock[block.rows]), True
@@ -271,7 +277,8 @@ class Messages:
         """Say whether a message decodes by itself."""
         try:
             (block,) = cdr.decode([message], self._parse)
-        except (ValueError, IndexError):
+        except (ValueError, IndexError) as exc:
+            self.why = str(exc)
             return False
         names = block.names
         return bool(names) and len(set(names)) == len(names) and abs(log_time) < LATEST_STAMP
@@ -279,7 +286,7 @@ class Messages:
     def finish(self) -> None:
         """Decode the remaining messages into blocks."""
         self.decode()
-        if self._counter and self.blocks:
+        if self.clock == 'counter' and self.blocks:
             self._set_clock()
         if self._padded and self.blocks:
             self._trim()
@@ -310,18 +317,23 @@ class Messages:
         self.blocks = deque([replace(x, stamp=own) for x, own in parts])
 
     def _trim(self) -> None:
-        """Leave out the joints at the end that have no value other than 0."""
-        used = 0
+        """Leave out the joints at the end that show nothing but 0, and fields without a value."""
+        used, there = 0, set()
         for block in self.blocks:
-            for values in block.fields:
+            for n, values in enumerate(block.fields):
                 if values is not None:
                     shows = np.flatnonzero((np.nan_to_num(values) != 0.0).any(axis=0))
                     used = max(used, int(shows[-1]) + 1 if shows.size else 0)
+                    if n not in there and np.isfinite(values[:, :used]).any():
+                        there.add(n)
         self.blocks = deque(
             replace(
                 x,
                 names=x.names[:used],
-                fields=tuple(None if y is None else y[:, :used] for y in x.fields),
+                fields=tuple(
+                    None if y is None or n not in there else y[:, :used]
+                    for n, y in enumerate(x.fields)
+                ),
             )
             for x in self.blocks
         )
@@ -362,7 +374,7 @@ def messages_of(
         return Trajectories(definition is None or definition.gaps)
     parse = parser(kind, role, names, drives, definition)
     padded = about.padded and not names
-    return Messages(parse, counter=about.counter, padded=padded)
+    return Messages(parse, clock=about.clock, padded=padded)
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
@@ -382,6 +394,7 @@ class Content:
         wanted: Roles of each topic to read.
         names: Joints of messages that name none; see `maps.parser`.
         drives: Joints of the machine.
+        mapped: Topics that a column map names, which are read instead.
         messages: By topic and role, of those wanted that can be read.
         types: Message type of every topic of the bag.
         counts: Messages of every topic of the bag.
@@ -391,6 +404,7 @@ class Content:
     wanted: Mapping[str, tuple[str, ...]]
     names: tuple[str, ...] = ()
     drives: tuple[str, ...] = ()
+    mapped: Mapping[str, TopicMap] = field(default_factory=dict)
     messages: dict[tuple[str, str], Messages] = field(default_factory=dict)
     types: dict[str, str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
@@ -415,6 +429,8 @@ class Content:
                 raise Damage('it names more topics than are allowed')
             self.types[topic], self._texts[topic] = kind, (form, text)
         self.counts.setdefault(topic, 0)
+        if self.mapped:
+            return self._mapped(topic, kind) if topic in self.mapped else None
         roles = [role for role in self.wanted.get(topic, ()) if role in roles_of(kind)]
         if not roles_of(kind):
             return None
@@ -438,6 +454,29 @@ class Content:
                 sink(times, data)
 
         return fan
+
+    def _mapped(self, topic: str, kind: str) -> Sink:
+        """Return where the messages of a topic go that a column map names.
+
+        Raises:
+            IdentError: MISSING_STREAM where they have no such field, or no definition.
+        """
+        if (topic, '') not in self.messages:
+            about, known = self.mapped[topic], self.definition(topic) or standard_of(kind)
+            own = map_of(kind)
+            known = known or (own.definition if own else None)
+            if known is None:
+                text = f'{topic}: the file holds no definition of {printable(kind)}; record it '
+                raise ErrorCode.MISSING_STREAM.error(f'{text}as MCAP, which keeps definitions')
+            paths = [(str(x.cell), x.entry, x.of) for x in about.columns]
+            try:
+                parse, clock = fields_parser(paths, about.time, about.digits, known)
+            except LookupError as exc:
+                text = f'{topic}: {printable(kind)} has no field {printable(str(exc.args[0]))}'
+                text += f', its numbers are {listed(known.numbers(40), 30)}'
+                raise ErrorCode.MISSING_STREAM.error(f'{text}; correct the column map') from None
+            self.messages[topic, ''] = Messages(parse, clock=clock)
+        return self.messages[topic, ''].take
 
     def definition(self, topic: str) -> Definition | None:
         """Return a topic's message definition, None where the file has none that can be read."""

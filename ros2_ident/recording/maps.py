@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 import math
 from pathlib import Path as File
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -31,6 +31,8 @@ from ros2_ident.recording.streams import FIELDS, IntArray, ROLES
 
 _FOLDER = File(__file__).with_name('maps')
 _LOADER: type[yaml.SafeLoader] = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+# The time of messages: ROS time, counted from any instant, or none.
+Clock = Literal['stamp', 'counter', 'none']
 # Decimal digits from a unit of time to ns.
 DIGITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
 # Trajectories are no samples: `trajectory` follows them.
@@ -61,7 +63,7 @@ class MessageMap:
         roles: Fields of each role; `values` of numbers that are called `joint/velocity`.
         names: Path of the joints' names, of each role; none where the message has no names.
         stamp: Paths of the parts of the time, each with the ns of its unit.
-        counter: Whether the time counts from any instant.
+        clock: Of the stamps.
         padded: Whether entries at the end may belong to no joint.
         note: What a user has to know of it.
         joints: Names of its first entries, where the messages have none.
@@ -72,7 +74,7 @@ class MessageMap:
     roles: Mapping[str, Mapping[str, Source]]
     names: Mapping[str, Path]
     stamp: tuple[tuple[Path, int], ...]
-    counter: bool
+    clock: Clock
     padded: bool
     note: str
     joints: tuple[str, ...]
@@ -107,10 +109,12 @@ def map_of(kind: str) -> MessageMap | None:
     known = definition_of(kind, 'ros2msg', text) if text else standard_of(kind)
     assert known is not None
     definition = Definition(kind, known.types, whole=not text)
-    counter, padded = (bool(data.get(x)) for x in ('counter', 'padded'))
+    clock: Clock = 'counter' if data.get('counter') else 'stamp' if parts else 'none'
     joints = tuple(data.get('joints', '').split())
     note = data.get('note', '')
-    return MessageMap(kind, fields, names, parts, counter, padded, note, joints, definition)
+    return MessageMap(
+        kind, fields, names, parts, clock, bool(data.get('padded')), note, joints, definition
+    )
 
 
 def _source(given: Any) -> Source:
@@ -190,6 +194,52 @@ def parser(
         return _present(Layout(joints, tuple(picks), cursor.fixed, cursor.big, stamp))
 
     return parse
+
+
+def fields_parser(
+    paths: Sequence[tuple[str, int, int]], time: str | None, digits: int, definition: Definition
+) -> tuple[Parse, Clock]:
+    """Return what finds numbers in messages of a type, and what their time is.
+
+    Args:
+        paths: Path of each number, which of those there it is, and how many there are.
+        time: Path of the time; None for the stamp of a header, or no time.
+        digits: Decimal digits from the unit of a time that is a number to ns.
+
+    Raises:
+        LookupError: The definition lacks a path, which the error is of.
+    """
+    parts = [path_of(f'header.stamp.{x}') for x in ('sec', 'nanosec')] if time is None else []
+    whole = [path_of(f'{time}.{x}') for x in ('sec', 'nanosec')] if time is not None else parts
+    stamped = all(map(definition.has, whole))
+    places = [path_of(path) for path, *_ in paths]
+    for text, path in zip([time or '', *(x for x, *_ in paths)], [None, *places], strict=True):
+        if text and not definition.has(path or path_of(text)):
+            raise LookupError(text)
+    counter = time is not None and not stamped
+    clock = list(zip(whole, (10**9, 1), strict=True)) if stamped else []
+    if counter and time is not None:
+        clock = [(path_of(time), 10**digits)]
+    fields = Fields(definition, [*places, *(path for path, _ in clock)])
+
+    def parse(data: bytes) -> Layout:
+        tree, cursor = fields.walk(data)
+        by_form: dict[str, list[tuple[int, int]]] = {}
+        for number, (path, (text, entry, of)) in enumerate(zip(places, paths, strict=True)):
+            where, form = _numbers(found_at(tree, path))
+            if where.size != of:
+                raise ValueError(f'{text} is {where.size} numbers for {of} joints')
+            by_form.setdefault(form, []).append((number, int(where[entry])))
+        picks = [
+            Pick(0, np.array([x for x, _ in own]), np.array([x for _, x in own]), form)
+            for form, own in by_form.items()
+        ]
+        stamp = ((found_at(tree, path)[0], factor) for path, factor in clock)
+        parts = tuple((x.at, x.format, factor) for x, factor in stamp)
+        names = tuple(map(str, range(len(paths))))
+        return Layout(names, tuple(picks), cursor.fixed, cursor.big, parts)
+
+    return parse, 'counter' if counter else 'stamp' if clock else 'none'
 
 
 def _texts(found: Sequence[Any]) -> tuple[str, ...]:

@@ -241,7 +241,7 @@ class Capture:
         """
         inbox = self._inbox[role]
         about = map_of(inbox.kind)
-        if inbox.meter.last is None or about is None or not about.stamp or about.counter:
+        if inbox.meter.last is None or about is None or about.clock != 'stamp':
             return False
         try:
             (block,) = cdr.decode([data], parser(inbox.kind, role, self.names))
@@ -305,7 +305,7 @@ class Capture:
             messages.lost, reason = len(data), error.message
         if messages.unstamped:
             said = 'header stamps are 0, the time of publishing is used; stamp the messages'
-            if (about := map_of(inbox.kind)) is not None and not about.stamp:
+            if messages.clock == 'none':
                 said = f'{inbox.kind} has no stamp, the time of publishing is used'
             self._builder.warn(f'{self.topics[role]}: {said}')
         if isinstance(messages, Trajectories):

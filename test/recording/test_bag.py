@@ -214,7 +214,9 @@ def test_bags_without_what_is_needed(tmp_path):
         connection = writer.add_connection('/joint_states', kind, typestore=STORE)
         data = STORE.serialize_cdr(STORE.types[kind]('x'), kind)
         writer.write(connection, START, bytes(data))
-    said = '/joint_states is of type std_msgs/msg/String, expected sensor_msgs/msg/JointState'
+    said = (
+        '/joint_states is of type std_msgs/msg/String, of which there is no map; give another as '
+    )
     fails(tmp_path / 'other', 'MISSING_STREAM', said)
     said = r'holds no message of /effort, only /joint_states \(std_msgs/msg/String\); name the'
     fails(tmp_path / 'other', 'MISSING_STREAM', said, Topics('', '/effort', 'none'))

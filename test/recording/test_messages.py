@@ -234,6 +234,7 @@ def test_a_robot_s_messages_need_no_option(maker, tmp_path, case):
     (read,) = read_bag(maker.write(tmp_path / 'log', make(maker)))
     compare(read, joints, factor, holds)
     assert not any('is not read' in x for x in read.notes)
+    assert not any('is NaN' in x for x in render(check([read])))
 
 
 @pytest.mark.parametrize('case', CASES)
@@ -391,3 +392,74 @@ def test_every_map_can_be_read_and_states_its_source():
         for own in about.roles.values():
             for source in own.values():
                 assert any(about.definition.has(path) for path in source.paths), (kind, source)
+
+
+# ---------------------------------------------------------------------- by a map of one's own
+
+
+def read_by(path, room, text):
+    (room / 'map.yaml').write_text(text)
+    return read_bag(path, Topics(columns=str(room / 'map.yaml')))
+
+
+def test_a_column_map_names_fields_of_topics(maker, tmp_path):
+    path = maker.write(tmp_path / 'log', unitree(maker, 'unitree_go', 12))
+    text = """
+time: {column: /lowstate tick, unit: ms}
+joints:
+  hip, thigh, calf:
+    position: '/lowstate motor_state[3:6].q'
+    effort: {column: '/lowstate motor_state[3:6].tau_est', scale: -2.0}
+    command_position: '/lowcmd motor_cmd[3:6].q'
+  other:
+    position: /lowstate motor_state[0].q
+    effort:
+    - /lowstate motor_state[0].tau_est
+    - {column: '/lowstate motor_state[1].tau_est', scale: 3}
+"""
+    (read,) = read_by(path, tmp_path, text)
+    q, _, tau, goal = truth(12)
+    assert read.state.names == ('hip', 'thigh', 'calf', 'other')
+    np.testing.assert_array_equal(read.state.position, q[:, [3, 4, 5, 0]])
+    np.testing.assert_array_equal(read.effort.effort[:, :3], -2.0 * tau[:, 3:6])
+    np.testing.assert_array_equal(read.effort.effort[:, 3], tau[:, 0] + 3.0 * tau[:, 1])
+    np.testing.assert_array_equal(read.command.position, goal[:, 3:6])
+    np.testing.assert_allclose(read.state.stamp, START + STEP * np.arange(SAMPLES), atol=2)
+    assert any('LowCmd has no stamp, the time of recording is used' in x for x in read.warnings)
+
+
+def test_a_map_and_the_map_of_the_type_give_the_same(tmp_path):
+    maker = Messages(version=1)
+    path = maker.write(tmp_path / 'log.bag', franka_1(maker))
+    names = ', '.join(f'panda_joint{n}' for n in range(1, 8))
+    topic = '/franka_state_controller/franka_states'
+    fields = f'position: {topic} q, effort: {topic} tau_J, command_position: {topic} q_d'
+    (mapped,) = read_by(path, tmp_path, f'joints: {{"{names}": {{{fields}}}}}')
+    (own,) = read_bag(path)
+    np.testing.assert_array_equal(mapped.state.position, own.state.position)
+    np.testing.assert_array_equal(mapped.effort.effort, own.state.effort)
+    np.testing.assert_array_equal(mapped.command.position, own.command.position)
+    assert (mapped.state.stamp == own.state.stamp).all()
+
+
+@pytest.mark.parametrize(
+    'text, said',
+    [
+        ('joints: {a: {position: motor_state}}', 'write a topic and its field, as'),
+        ('joints: {a: {position: /x q}}', r'holds no message of /x, only /lowcmd \(unitree_go'),
+        (
+            'joints: {a: {position: /lowstate q}}',
+            r'has no field q, its numbers are imu_state.*; cor',
+        ),
+        ('joints: {a: {position: "/lowstate motor_state[:].q"}}', 'is 20 numbers for 1 joints'),
+        ('joints: {a: {position: "/lowstate motor_state[20].q"}}', 'no message of /lowstate is a'),
+        ('joints: {"a, a": {position: "/lowstate motor_state[:2].q"}}', 'names a joint twice'),
+        ('time: {column: /x tick}\njoints: {a: {position: /lowstate tick}}', "time names '/x'"),
+        ('time: {column: /lowstate t}\njoints: {a: {position: /lowstate tick}}', 'no field t'),
+        ('time: 3\njoints: {a: {position: /lowstate tick}}', 'time is 3; write it as in docs'),
+    ],
+)
+def test_a_map_that_does_not_fit_says_what_is_there(maker, tmp_path, text, said):
+    path = maker.write(tmp_path / 'log', [*unitree(maker, 'unitree_go', 12)][:20])
+    with pytest.raises(IdentError, match=said):
+        read_by(path, tmp_path, text)

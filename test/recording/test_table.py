@@ -14,7 +14,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, scale_effort, table
-from ros2_ident.recording.columns import load_columns
+from ros2_ident.recording.columns import load_columns, load_topics
 from ros2_ident.recording.headers import header_of
 from ros2_ident.recording.table import read_table
 
@@ -182,8 +182,14 @@ def test_tables_that_make_no_sense(tmp_path, code, text, table):
 
 
 def test_the_map_in_the_documentation_is_one(tmp_path):
-    page = (ROOT / 'docs/logs.md').read_text()
-    (tmp_path / 'map.yaml').write_text(page.split('```yaml')[1].split('```')[0])
+    fields, table = (
+        x.split('```')[0] for x in (ROOT / 'docs/logs.md').read_text().split('```yaml')[1:3]
+    )
+    (tmp_path / 'fields.yaml').write_text(fields)
+    topics = load_topics(tmp_path / 'fields.yaml')
+    assert {x: len(y.columns) for x, y in topics.items()} == {'/arm_state': 5, '/arm_goal': 1}
+    assert (topics['/arm_state'].time, topics['/arm_state'].digits) == ('tick', 6)
+    (tmp_path / 'map.yaml').write_text(table)
     found = load_columns(tmp_path / 'map.yaml')
     assert (found.time, found.digits, len(found.columns)) == ('time', 6, 10)
     assert (found.delimiter, found.decimal, found.skip, found.header) == (',', '.', 0, True)
