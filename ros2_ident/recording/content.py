@@ -11,7 +11,7 @@ import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
-from ros2_ident.recording.cdr import Block
+from ros2_ident.recording.cdr import Block, ByteTable
 from ros2_ident.recording.columns import TopicMap
 from ros2_ident.recording.definition import Definition, definition_of, standard, standard_of
 from ros2_ident.recording.limits import limit, listed, printable, require_memory
@@ -188,7 +188,7 @@ def why(kind: str, role: str) -> str:
 
 
 # Takes messages of a topic: log times, ns, and serialised bytes.
-Sink = Callable[[Sequence[int], Sequence[bytes]], None]
+Sink = Callable[[Sequence[int], Sequence[bytes] | ByteTable], None]
 
 
 class Messages:
@@ -226,9 +226,16 @@ class Messages:
         self._held = 0
         self._bytes = 0
 
-    def take(self, times: Sequence[int], data: Sequence[bytes]) -> None:
+    def take(self, times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
         """Take messages: log times [ns] and serialised bytes."""
         self.count += len(data)
+        if isinstance(data, np.ndarray):
+            self.decode()
+            if data[0].tobytes().startswith(ZSTD):  # compressed one by one, by chance alike
+                data = [x.tobytes() for x in data]
+            else:
+                self._decode(times, data)
+                return
         self._held += sum(map(len, data))
         self._times += times
         self._data += data
@@ -251,14 +258,17 @@ class Messages:
             IdentError: BAD_VALUES where the values take more memory than allowed.
         """
         times, data = self._fresh()
-        if not data:
-            return
+        if data:
+            self._decode(times, data)
+
+    def _decode(self, times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
         try:
             if max(times) >= LATEST_STAMP or min(times) <= -LATEST_STAMP:
                 raise ValueError
             found = cdr.decode(data, self._parse)
         except (ValueError, IndexError):
-            whole = [pair for pair in zip(times, data, strict=True) if self._is_whole(*pair)]
+            pairs = ((when, bytes(x)) for when, x in zip(times, data, strict=True))
+            whole = [pair for pair in pairs if self._is_whole(*pair)]
             self.lost += len(data) - len(whole)
             times = [x[0] for x in whole]
             found = cdr.decode([x[1] for x in whole], self._parse)
@@ -322,8 +332,9 @@ class Messages:
         for block in self.blocks:
             for n, values in enumerate(block.fields):
                 if values is not None:
-                    shows = np.flatnonzero((np.nan_to_num(values) != 0.0).any(axis=0))
-                    used = max(used, int(shows[-1]) + 1 if shows.size else 0)
+                    rest = values[:, used:]
+                    shows = np.flatnonzero(((rest != 0.0) & ~np.isnan(rest)).any(axis=0))
+                    used += int(shows[-1]) + 1 if shows.size else 0
                     if n not in there and np.isfinite(values[:, :used]).any():
                         there.add(n)
         self.blocks = deque(
@@ -347,11 +358,10 @@ class Trajectories(Messages):
         self.sent: list[tuple[int, Trajectory]] = []
         self._gaps = gaps
 
-    def decode(self) -> None:
-        """Decode what has come since the last time."""
-        for when, data in zip(*self._fresh(), strict=True):
+    def _decode(self, times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
+        for when, message in zip(times, map(bytes, data), strict=True):
             try:
-                self.sent.append((when, parse_trajectory(data, when, self._gaps)))
+                self.sent.append((when, parse_trajectory(message, when, self._gaps)))
             except ValueError:
                 self.lost += 1
 
@@ -437,9 +447,10 @@ class Content:
         if not roles:
             first = self._first.setdefault(topic, [])
 
-            def show(times: Sequence[int], data: Sequence[bytes]) -> None:
+            def show(times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
                 if len(first) < _SHOWN:
-                    first.extend(x for x in data[:_SHOWN] if not x.startswith(ZSTD))
+                    shown = map(bytes, data[:_SHOWN])
+                    first.extend(x for x in shown if not x.startswith(ZSTD))
 
             return show
         self.types[topic] = kind
@@ -449,7 +460,7 @@ class Content:
                 self.messages[topic, role] = messages_of(*about)
         sinks = [self.messages[topic, role].take for role in roles]
 
-        def fan(times: Sequence[int], data: Sequence[bytes]) -> None:
+        def fan(times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
             for sink in sinks:
                 sink(times, data)
 

@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
-from ros2_ident.recording.cdr import Layout, Parse, Pick
+from ros2_ident.recording.cdr import Layout, Parse, Pick, remembered
 from ros2_ident.recording.definition import (
     Definition,
     definition_of,
@@ -193,7 +193,7 @@ def parser(
         stamp = tuple((x.at, x.format, factor) for x, factor in parts)
         return _present(Layout(joints, tuple(picks), cursor.fixed, cursor.big, stamp))
 
-    return parse
+    return remembered(parse)
 
 
 def fields_parser(
@@ -239,7 +239,7 @@ def fields_parser(
         names = tuple(map(str, range(len(paths))))
         return Layout(names, tuple(picks), cursor.fixed, cursor.big, parts)
 
-    return parse, 'counter' if counter else 'stamp' if clock else 'none'
+    return remembered(parse), 'counter' if counter else 'stamp' if clock else 'none'
 
 
 def _texts(found: Sequence[Any]) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ have no checksums, a sound db3 and an indexed ROS 1 bag are read.
 """
 
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 import contextlib
 from contextlib import closing, suppress
 from functools import partial
@@ -27,9 +28,11 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Schema, Statistics
 from mcap.summary import Summary
+import numpy as np
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import decompressors, Header, read_bytes, read_uint32, RecordType
 
+from ros2_ident.recording.cdr import ByteTable
 from ros2_ident.recording.content import Content, Sink
 from ros2_ident.recording.limits import limit, printable
 from ros2_ident.recording.storage import Budget, Damage, inflate, Losses, MAGIC, SUFFIXES
@@ -41,6 +44,8 @@ _KNOWN = _STANDARD.union(range(0x80, 0x100))  # those from 0x80 on are private
 _MESSAGE = struct.Struct('<HIQQ')
 _CHUNK_START = rb'\x06.{36}(?:\x00{4}|\x04\x00{3}zstd|\x03\x00{3}lz4)'
 _END_START = b'\x0f\x04' + bytes(7)
+# Messages that are compared before all that may be of one size.
+_TRIED = 16
 _DAMAGED = (EndOfFile, OverflowError, struct.error, ValueError)
 
 
@@ -75,6 +80,17 @@ def _parsed(kind: Any, record: bytes) -> Any:
     return kind.read(ReadDataStream(BytesIO(record)))
 
 
+def _run(raw: bytes, at: int, step: int) -> int:
+    """Return how many messages from a place on have one channel and size."""
+    for most in (_TRIED, (len(raw) - at) // step):
+        count = min(most, (len(raw) - at) // step)
+        heads = np.ndarray((count, HEAD.size + 2), np.uint8, raw, at, (step, 1))
+        other = (heads != heads[0]).any(axis=1)
+        if other.any():
+            return int(other.argmax())
+    return count
+
+
 def _note(about: Summary, opcode: int, record: bytes) -> bool:
     """Keep a schema, a channel or the counts of messages; False where the record is damaged."""
     try:
@@ -100,6 +116,7 @@ class _Walk:
         # Topic of a channel, and where its messages go.
         self.ways: dict[int, tuple[str, Sink | None]] = {}
         self.found: Counter[str] = Counter()
+        self.before = -1, 0  # channel and size of the last message
         self.starts = [_CHUNK_START, re.escape(_END_START)]
 
     # ------------------------------------------------------------------ the records of the file
@@ -209,6 +226,17 @@ class _Walk:
                 break
             if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
                 number, _, log_time, _ = unpack_message(raw, begin)
+                if (number, length) == self.before and (
+                    run := _run(raw, at, HEAD.size + length)
+                ) > 1:
+                    self._give(number, *found.pop(number, ([], [])))
+                    place, step = begin + _MESSAGE.size, HEAD.size + length
+                    table = np.ndarray((run, end - place), np.uint8, raw, place, (step, 1))
+                    times = np.ndarray((run,), '<u8', raw, begin + 6, (step,)).tolist()
+                    self._give(number, times, table)
+                    at += run * step
+                    continue
+                self.before = number, length
                 times, data = found[number]
                 times.append(log_time)
                 data.append(raw[begin + _MESSAGE.size : end])
@@ -218,14 +246,18 @@ class _Walk:
                 break
             at = end
         for number, (times, data) in found.items():
-            if (way := self.ways.get(number) or self._way(number)) is None:
-                self.losses.unknown += len(data)
-                continue
-            topic, target = way
-            self.found[topic] += len(data)
-            if target is not None:
-                target(times, data)
+            self._give(number, times, data)
         return at
+
+    def _give(self, number: int, times: list[int], data: Sequence[bytes] | ByteTable) -> None:
+        """Give messages of a channel to where they go."""
+        if (way := self.ways.get(number) or self._way(number)) is None:
+            self.losses.unknown += len(data)
+            return
+        topic, target = way
+        self.found[topic] += len(data)
+        if target is not None and len(data):
+            target(times, data)
 
     # ------------------------------------------------------------------ topics and their counts
 

@@ -293,6 +293,36 @@ def test_a_set_point_that_is_there_is_not_asked_for(maker, tmp_path):
     assert said.endswith('read the set-point, for which there is a topic')
 
 
+@pytest.mark.parametrize('order', ['one after the other', 'in turns', 'some', 'sizes'])
+def test_messages_of_one_size_in_a_row_are_read_as_any_others(maker, tmp_path, order):
+    q, dq, tau, _ = truth(3)
+    stamps = START + STEP * np.arange(SAMPLES)
+    names = ['a', 'b', 'c']
+    first, second = (encode(stamps, names, [sign * q, dq, tau]) for sign in (1.0, -1.0))
+    if order == 'sizes':  # a name that is longer for a while
+        first[30:60] = encode(stamps[30:60], ['a', 'b', 'longer'], [q[30:60], None, None])
+    rows = [(t, n, x) for n, own in enumerate((first, second))
+            for t, x in zip(stamps.tolist(), own, strict=True)]  # fmt: skip
+    if order != 'one after the other':
+        rows.sort(key=lambda x: (x[0] // (7 * STEP if order == 'some' else STEP), x[1]))
+    with (tmp_path / 'log.mcap').open('wb') as file:
+        writer = McapWriter(file)
+        writer.start(profile='ros2')
+        text, _ = maker.store.generate_msgdef('sensor_msgs/msg/JointState')
+        schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2msg', text.encode())
+        topics = [writer.register_channel(x, 'cdr', schema) for x in ('/one', '/two')]
+        for when, number, data in rows:
+            writer.add_message(topics[number], when, data, when)
+        writer.finish()
+    (read,) = read_bag(tmp_path / 'log.mcap', Topics(state='/one', effort='', command='/two'))
+    np.testing.assert_array_equal(read.state.position[:, :2], q[:, :2])
+    np.testing.assert_array_equal(read.command.position, -q)
+    assert (read.state.stamp == stamps).all() and (read.command.stamp == stamps).all()
+    if order == 'sizes':
+        assert read.state.names == ('a', 'b', 'c', 'longer')
+        np.testing.assert_array_equal(read.state.column('position', 'longer')[30:60], q[30:60, 2])
+
+
 def test_a_definition_in_idl_is_read(tmp_path):
     line = '=' * 80
     text = f"""{line}
