@@ -68,18 +68,25 @@ class _Track:
         return [any(joints and x[i] is not None for _, joints, x in self.blocks) for i in range(3)]
 
     def joined(self) -> tuple[IntArray, list[FloatArray | None]]:
-        """Return stamps (T,) and fields (T, D) of all, NaN where a message names no such joint."""
+        """Return stamps (T,) and fields (T, D) of all, NaN where a message names no such joint.
+
+        Messages are forgotten on the way, from the last on, whose memory an allocator can return:
+        hours of them twice would not fit.
+        """
         stamp = np.concatenate([x for x, *_ in self.blocks])
         shape = (stamp.size, len(self.joints))
-        fields = [np.full(shape, np.nan) if x else None for x in self.measured]
-        begin = 0
-        for own, joints, values in self.blocks:
-            rows = slice(begin, begin + len(own))
-            begin = rows.stop
+        fields = [np.empty(shape) if x else None for x in self.measured]
+        end = stamp.size
+        while self.blocks:
+            own, joints, values = self.blocks.pop()
+            rows = slice(end - len(own), end)
+            end = rows.start
             columns = [self.joints[name] for name in joints]
             for target, part in zip(fields, values, strict=True):
-                if target is not None and part is not None:
-                    target[rows, columns] = part
+                if target is not None:
+                    target[rows] = np.nan
+                    if part is not None:
+                        target[rows, columns] = part
         return stamp, fields
 
 
@@ -244,9 +251,8 @@ class RecordingBuilder:
         what = f'{self.source}: {role} with {len(names)} joints takes'
         require_memory(what, needed)
         stamp, fields = track.joined()
-        track.blocks.clear()  # hours of them twice would not fit
         for target in fields:
-            if target is not None and (bad := np.abs(target) > _ABSURD).any():
+            if target is not None and (bad := (target > _ABSURD) | (target < -_ABSURD)).any():
                 target[bad] = np.nan
                 said = f'{int(bad.sum())} infinite values are taken as not measured'
                 warnings.append(f'{role}: {said}')
