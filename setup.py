@@ -32,6 +32,7 @@ EXTRAS = {
     'dask': ['distributed'],
     'lerobot': ['pyarrow'],
     'mujoco': ['mujoco>=3.3'],
+    'tables': ['h5py', 'pyarrow'],
 }
 # What `ident example` copies: folders of this tree as packages without code, in the wheel only.
 EXAMPLES = {
@@ -83,6 +84,7 @@ def parts() -> dict[str, Any]:
             **EXTRAS,
             'test': [
                 'distributed',
+                'h5py',
                 'hypothesis',
                 'import-linter',
                 'pin',

@@ -9,6 +9,8 @@ import shlex
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording.arrays import read_arrays
+from ros2_ident.recording.arrays import SUFFIXES as ARRAYS
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import load_topics, summed, TopicMap
 from ros2_ident.recording.content import Content, Messages, why
@@ -104,6 +106,8 @@ def read_bag(
     try:
         if path.suffix.lower() in TABLES:
             return read_table(path, topics.columns)
+        if path.suffix.lower() in ARRAYS and not path.is_dir():
+            return read_arrays(path, topics.columns)
         if is_lerobot(path):
             roles = [role for role in ROLES if topics.topic(role)]
             unit = topics.position_unit
@@ -309,7 +313,8 @@ def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
         return damaged(path, 'is empty (0 bytes); copy or record the bag again')
     if kind not in SUFFIXES:
         text = f'{printable(kind) or "a file without a suffix"} is not a format read here; '
-        text += 'write a CSV with a column map, or give a bag: .mcap, .db3, .bag, or its directory'
+        text += 'give a bag, .mcap, .db3, .bag or its directory, or write a table with a column '
+        text += f'map: {", ".join((TABLES[0], *ARRAYS))}'
         return ErrorCode.INVALID_GOAL.error(f'{path}: {text}')
     name = shlex.quote(path.name)
     remedy = {

@@ -30,6 +30,8 @@ QUANTITIES = {
 }
 # A map is short; so is a row.
 _LARGEST_MAP, _MOST_COLUMNS = 1 << 20, 1 << 16
+# A step between rows outside of this is a wrong unit of the time, ns.
+_FINEST, _COARSEST = 1_000, 2_000_000_000
 Cell = str | int
 
 
@@ -83,6 +85,7 @@ class ColumnMap:
         header: Whether there is a line of names.
         skip_below: Lines between the names and the values.
         where: Cells, and what stands there in the rows that count.
+        rate: Rows per second where there is no time, Hz.
     """
 
     time: Cell
@@ -94,31 +97,38 @@ class ColumnMap:
     header: bool
     skip_below: int
     where: tuple[tuple[Cell, str], ...]
+    rate: float = 0.0
 
 
-def load_columns(path: str | Path) -> ColumnMap:
+def load_columns(path: str | Path, arrays: bool = False) -> ColumnMap:
     """Read a column map.
 
     Args:
         path: A YAML file as in docs/logs.md.
+        arrays: Whether it is of arrays: columns by name, of several `NAME[0]` or a slice.
 
     Raises:
         IdentError: INVALID_GOAL where the file cannot be read or makes no sense.
     """
-    data = _read_map(path, OPTIONS)
+    data = _read_map(path, ('time', 'joints', 'where') if arrays else OPTIONS)
     given = {key: data.get(key, usual) for key, (usual, _) in _OPTIONS.items()}
     for key, value in given.items():
         if not _OPTIONS[key][1](value) or (key == 'decimal' and value == given['delimiter']):
             raise refuse(path, f'{key} is {short(value)}; {_AS}')
     cell = partial(_cell, path, given['header'])
     time, where = data.get('time'), given.pop('where')
+    if arrays:
+        cell = partial(_name, path)
+    rate = time.get('rate') if arrays and isinstance(time, Mapping) and len(time) == 1 else None
+    if isinstance(rate, (int, float)) and 0 < rate < 1e6:
+        time = {'column': '', 'unit': 's'}
     unit = str(time.get('unit')) if isinstance(time, Mapping) else ''
     if not isinstance(time, Mapping) or set(time) != {'column', 'unit'} or unit not in DIGITS:
         raise refuse(path, f'time is {short(time)}; {_AS}, its unit s, ms, us or ns')
-    at, digits = cell('time', time['column']), DIGITS[unit]
-    columns = _joints(path, data, cell)
+    at = '' if rate else cell('time', time['column'])
+    columns = _joints(path, data, cell, several=arrays)
     rows = tuple((cell('where', x), str(y).strip()) for x, y in where.items())
-    return ColumnMap(at, digits, columns, where=rows, **given)
+    return ColumnMap(at, DIGITS[unit], columns, where=rows, rate=float(rate or 0), **given)
 
 
 def _read_map(path: str | Path, known: tuple[str, ...]) -> Mapping[str, Any]:
@@ -211,6 +221,13 @@ def load_topics(path: str | Path) -> dict[str, TopicMap]:
     return {x: TopicMap(tuple(own), *times.get(x, ())) for x, own in found.items()}
 
 
+def _name(path: object, what: str, cell: Any) -> Cell:
+    """Return the name of an array."""
+    if isinstance(cell, str) and cell.strip():
+        return cell.strip()
+    raise refuse(path, f'{what} names the column {short(cell)}; write the name of an array')
+
+
 def _field(path: object, what: str, cell: Any) -> Cell:
     """Return a topic and the path of fields of its messages, a space between."""
     topic, _, field = cell.partition(' ') if isinstance(cell, str) else ('', '', '')
@@ -290,3 +307,23 @@ def summed(
         role, field = QUANTITIES[quantity]
         found[role, joint, field] = sums[joint, quantity]
     return found
+
+
+def require_steps(path: Path, stamp: IntArray) -> None:
+    """Refuse times (T,) [ns] that the stated unit or too few digits make useless.
+
+    Raises:
+        IdentError: BAD_VALUES with the remedy.
+    """
+    steps = np.diff(stamp)
+    repeated = int((steps == 0).sum())
+    if repeated > 0.01 * stamp.size:
+        text = f'{repeated} of {stamp.size} rows have the time of the row before'
+        raise ErrorCode.BAD_VALUES.error(
+            f'{path}: {text}; write it with more digits, or correct its unit'
+        )
+    forward = steps[steps > 0]
+    period = float(np.median(forward)) if forward.size else _FINEST
+    if not _FINEST <= period <= _COARSEST:
+        text = f'the rows are {period * 1e-9:g} s apart; correct the unit of the time'
+        raise ErrorCode.BAD_VALUES.error(f'{path}: {text}')

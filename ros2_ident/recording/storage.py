@@ -170,8 +170,7 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
     if not files:
         text = 'holds no .mcap, .db3 or .bag file; give what `ros2 bag record` wrote'
         raise ErrorCode.NO_DATA.error(f'{path}: {text}')
-    # split recordings count up: bag_9 comes before bag_10
-    files.sort(key=lambda x: [int(p) if p.isdigit() else p for p in re.split(r'(\d+)', x.name)])
+    files.sort(key=lambda x: counted(x.name))
     stated = [path / x for x in read_metadata(path)[0]]
     said, there = '', (path / NAME).exists()
     if sorted(stated) != sorted(files) and (there or any(x.suffix != '.bag' for x in files)):
@@ -180,6 +179,11 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
         files = list(dict.fromkeys(stated))
     remedy = f'`ros2 bag reindex {shlex.quote(str(path))}` writes it anew'
     return files, [f'{path}: metadata.yaml {said}; {remedy}'] if said else []
+
+
+def counted(name: str) -> list[str | int]:
+    """Return the order of a name: bag_9 comes before bag_10."""
+    return [int(x) if x.isdigit() else x for x in re.split(r'(\d+)', name)]
 
 
 def digest(files: Iterable[Path]) -> str:

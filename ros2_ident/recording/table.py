@@ -23,6 +23,7 @@ from ros2_ident.recording.columns import (
     load_columns,
     MAP_SUFFIX,
     refuse,
+    require_steps,
     summed,
 )
 from ros2_ident.recording.limits import listed, printable, require_memory, short
@@ -34,8 +35,6 @@ SUFFIXES = ('.csv', '.tsv', '.txt')
 _BLOCK = 1 << 14
 _NO_TIME = 'write a number, or leave lines of units below the names out by `skip_below: 1`'
 _NO_VALUE = 'leave a cell empty where nothing was measured'
-# A step between rows outside of this is a wrong unit of the time, ns.
-_FINEST, _COARSEST = 1_000, 2_000_000_000
 
 
 def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
@@ -136,7 +135,7 @@ def _parse(
         where_ = ' with what `where` asks for' if layout.where else ''
         text = f'{path}: holds no row of values{where_}; record again'
         raise ErrorCode.NO_DATA.error(text)
-    _check_steps(path, stamp)
+    require_steps(path, stamp)
     return stamp, [np.concatenate(part) for part in parts], warnings
 
 
@@ -206,16 +205,3 @@ def _converted(
             text = f'line {number}{where} {short(row[at])} is no number; {remedy}'
             raise _bad(path, text) from None
     return out
-
-
-def _check_steps(path: Path, stamp: IntArray) -> None:
-    """Refuse times that the stated unit or too few digits make useless."""
-    steps = np.diff(stamp)
-    repeated = int((steps == 0).sum())
-    if repeated > 0.01 * stamp.size:
-        text = f'{repeated} of {stamp.size} rows have the time of the row before'
-        raise _bad(path, f'{text}; write it with more digits, or correct its unit')
-    forward = steps[steps > 0]
-    period = float(np.median(forward)) if forward.size else _FINEST
-    if not _FINEST <= period <= _COARSEST:
-        raise _bad(path, f'the rows are {period * 1e-9:g} s apart; correct the unit of the time')

@@ -186,7 +186,8 @@ def fails(path, code, text, topics=None):
 
 def test_errors_name_the_remedy(bag, tmp_path):
     (tmp_path / 'zero.mcap').write_bytes(b'')
-    (tmp_path / 'text.npz').write_text('a,b')
+    for name in ('text.npz', 'text.xyz'):
+        (tmp_path / name).write_text('a,b')
     (tmp_path / 'nothing').mkdir()
     lost = 'holds no message of /js, only'
     for path, code, text, *topics in (
@@ -199,7 +200,8 @@ def test_errors_name_the_remedy(bag, tmp_path):
         (bag, 'INVALID_GOAL', 'no topic is given', Topics('', '', '')),
         (bag, 'INVALID_GOAL', '/a is given as state and as effort', Topics('/a', 'a', '')),
         (tmp_path / 'zero.mcap', 'DAMAGED_BAG', r'is empty \(0 bytes\)'),
-        (tmp_path / 'text.npz', 'INVALID_GOAL', 'is not a format read here; write a CSV'),
+        (tmp_path / 'text.npz', 'DAMAGED_BAG', 'it is no archive of arrays, as numpy.savez'),
+        (tmp_path / 'text.xyz', 'INVALID_GOAL', 'is not a format read here; give a bag, .mcap'),
     ):  # fmt: skip
         fails(path, code, text, *topics)
     (read,) = read_bag(bag, Topics(command='none', effort='/js', so_far=True))

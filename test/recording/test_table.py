@@ -182,9 +182,11 @@ def test_tables_that_make_no_sense(tmp_path, code, text, table):
 
 
 def test_the_map_in_the_documentation_is_one(tmp_path):
-    fields, table = (
-        x.split('```')[0] for x in (ROOT / 'docs/logs.md').read_text().split('```yaml')[1:3]
+    fields, table, arrays = (
+        x.split('```')[0] for x in (ROOT / 'docs/logs.md').read_text().split('```yaml')[1:4]
     )
+    (tmp_path / 'arrays.yaml').write_text(arrays)
+    assert len(load_columns(tmp_path / 'arrays.yaml', arrays=True).columns) == 6
     (tmp_path / 'fields.yaml').write_text(fields)
     topics = load_topics(tmp_path / 'fields.yaml')
     assert {x: len(y.columns) for x, y in topics.items()} == {'/arm_state': 5, '/arm_goal': 1}

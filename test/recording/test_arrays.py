@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of arrays: the same recordings to the bit as from a CSV file of the same numbers."""
+
+import json
+
+import numpy as np
+import pytest
+from reader_cases import equal
+import scipy.io
+
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import read_bag, Topics
+
+h5py = pytest.importorskip('h5py', reason='h5py is not installed; `make setup` brings it')
+pyarrow = pytest.importorskip('pyarrow', reason='pyarrow is not installed; `make setup` brings it')
+from pyarrow import parquet  # noqa: E402
+
+ROWS = 400
+JOINTS = 'a, b'
+
+
+def samples():
+    """Return a time [s] since 1970, positions, velocities, efforts and set-points."""
+    rng = np.random.default_rng(3)
+    time = 1_700_000_000.0 + 0.004 * np.arange(ROWS)
+    q = np.sin(3.0 * (time - time[0])[:, None] + [0.0, 1.0]) + rng.normal(size=(ROWS, 2)) * 1e-5
+    tau = np.cos(3.0 * (time - time[0])[:, None]) + rng.normal(size=(ROWS, 2)) * 1e-2
+    return {'time': time, 'q': q, 'dq': np.gradient(q, 0.004, axis=0), 'tau': tau, 'goal': q + 0.1}
+
+
+def column_map(prefix='', time='{column: %stime, unit: s}', rest=''):
+    fields = {'position': 'q', 'velocity': 'dq', 'effort': 'tau', 'command_position': 'goal'}
+    lines = [f'    {x}: {json.dumps(prefix + y + "[0:2]")}' for x, y in fields.items()]
+    at = time % prefix if '%s' in time else time
+    return '\n'.join([f'time: {at}', rest, 'joints:', f'  {json.dumps(JOINTS)}:', *lines])
+
+
+def write_csv(folder, values):
+    names = ['time', *(f'{x}{n}' for x in ('q', 'dq', 'tau', 'goal') for n in (0, 1))]
+    columns = [values['time'], *(y for x in ('q', 'dq', 'tau', 'goal') for y in values[x].T)]
+    rows = [','.join(map(repr, map(float, row))) for row in zip(*columns, strict=True)]
+    (folder / 'csv').mkdir()
+    path = folder / 'csv' / 'log.csv'
+    path.write_text('\n'.join([','.join(names), *rows]) + '\n')
+    joints = {
+        name: {
+            'position': f'q{n}',
+            'velocity': f'dq{n}',
+            'effort': f'tau{n}',
+            'command_position': f'goal{n}',
+        }
+        for n, name in enumerate('ab')
+    }
+    text = json.dumps({'time': {'column': 'time', 'unit': 's'}, 'joints': joints})
+    (folder / 'csv' / 'log.columns.yaml').write_text(text)
+    return path
+
+
+def npz(path, values):
+    np.savez_compressed(path, **values)
+    return column_map()
+
+
+def mat(path, values):
+    scipy.io.savemat(path, {'log': {'run': values}})
+    return column_map('log.run.')
+
+
+def mat_7_3(path, values):
+    with h5py.File(path, 'w', userblock_size=512) as file:  # MATLAB's arrays are by column
+        for name, x in values.items():
+            file[f'log/{name}'] = x.T
+    with path.open('r+b') as stream:
+        stream.write(b'MATLAB 7.3 MAT-file, Platform: GLNXA64')
+    return column_map('log.')
+
+
+def hdf5(path, values):
+    with h5py.File(path, 'w') as file:
+        for name, x in values.items():
+            file[f'observations/{name}'] = x
+    return column_map('observations/')
+
+
+def write_parquet(path, values):
+    columns = {f'observation.{x}': y if y.ndim == 1 else list(y) for x, y in values.items()}
+    parquet.write_table(pyarrow.table(columns), path)
+    return column_map('observation.')
+
+
+def json_lines(path, values):
+    rows = [
+        {'at': {x: y[k].tolist() for x, y in values.items()}, 'said': 'x'} for k in range(ROWS)
+    ]
+    path.write_text('\n'.join(map(json.dumps, rows)) + '\n')
+    return column_map('at.')
+
+
+FORMATS = {
+    '.npz': npz,
+    '.mat': mat,
+    '.7.3.mat': mat_7_3,
+    '.hdf5': hdf5,
+    '.h5': hdf5,
+    '.parquet': write_parquet,
+    '.jsonl': json_lines,
+}
+
+
+@pytest.mark.parametrize('suffix', FORMATS)
+def test_a_file_of_arrays_is_read_as_a_csv_file_is(tmp_path, suffix):
+    values = samples()
+    (expected,) = read_bag(write_csv(tmp_path, values))
+    path = tmp_path / f'log{suffix}'
+    path.with_name(f'{path.stem}.columns.yaml').write_text(FORMATS[suffix](path, values))
+    (read,) = read_bag(path)
+    assert equal([read], [expected])
+    assert read.warnings == () and len(read.sha256) == 64
+
+
+def test_episodes_in_groups_are_recordings_and_a_rate_is_a_time(tmp_path):
+    values = samples()
+    with h5py.File(tmp_path / 'log.hdf5', 'w') as file:
+        for n in (2, 10, 1):
+            for name in ('q', 'dq', 'tau', 'goal'):
+                file[f'data/demo_{n}/{name}'] = n * values[name]
+    text = column_map('data/*/', '{rate: 250}')
+    (tmp_path / 'log.columns.yaml').write_text(text)
+    found = read_bag(tmp_path / 'log.hdf5')
+    assert [x.source.rpartition('/')[2] for x in found] == ['demo_1', 'demo_2', 'demo_10']
+    np.testing.assert_array_equal(found[2].state.position, 10.0 * values['q'])
+    assert (np.diff(found[0].state.stamp) == 4_000_000).all()
+
+
+def test_rows_are_chosen_by_what_stands_there(tmp_path):
+    values = samples()
+    np.savez(tmp_path / 'log.npz', **values, mode=np.arange(ROWS) // 100)
+    (tmp_path / 'log.columns.yaml').write_text(column_map(rest='where: {mode: 1}'))
+    (read,) = read_bag(tmp_path / 'log.npz')
+    np.testing.assert_array_equal(read.state.position, values['q'][100:200])
+
+
+@pytest.mark.parametrize(
+    ('code', 'said', 'text'),
+    [
+        (
+            'INVALID_GOAL',
+            'needs the column map .*logs.md; it holds time, q, dq',
+            None,
+        ),
+        ('MISSING_STREAM', "has no array 'x', its arrays are time, q, dq, tau", 'a: {effort: x}'),
+        ('BAD_VALUES', r'q is 2 columns for 1 joints; write as NAME\[0\]', 'a: {position: q}'),
+        ('BAD_VALUES', "'q' has 2 columns; correct q", "a: {position: 'q[2]'}"),
+        ('BAD_VALUES', "'cube' holds float64 of 3 axes", 'a: {position: cube}'),
+        ('BAD_VALUES', "'text' holds str.* of 1 axes", 'a: {position: text}'),
+        ('BAD_VALUES', 'short has 7 rows, the time 400', 'a: {position: short}'),
+        ('INVALID_GOAL', 'write the name of an array', 'a: {position: 3}'),
+        ('INVALID_GOAL', "the map has 'skip'; choose from time, joints, where", 'a: {}\nskip: 3'),
+    ],
+)
+def test_a_map_that_does_not_fit_says_what_is_there(tmp_path, code, said, text):
+    others = {'cube': np.zeros((2, 3, 4)), 'short': np.zeros(7), 'text': np.array(['x'])}
+    np.savez(tmp_path / 'log.npz', **samples(), **others)
+    if text is not None:
+        body = f'time: {{column: time, unit: s}}\njoints:\n  {text}\n'
+        (tmp_path / 'log.columns.yaml').write_text(body)
+    with pytest.raises(IdentError, match=said) as caught:
+        read_bag(tmp_path / 'log.npz')
+    assert caught.value.code == ErrorCode[code]
+
+
+@pytest.mark.parametrize('suffix', FORMATS)
+def test_a_file_cut_off_is_refused_in_a_sentence(tmp_path, suffix):
+    path = tmp_path / f'log{suffix}'
+    path.with_name(f'{path.stem}.columns.yaml').write_text(FORMATS[suffix](path, samples()))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    if suffix == '.jsonl':
+        (read,) = read_bag(path)
+        assert 'breaks off and is left out' in read.warnings[0]
+        return
+    with pytest.raises(IdentError) as caught:
+        read_bag(path)
+    assert caught.value.code in (ErrorCode.DAMAGED_BAG, ErrorCode.MISSING_STREAM)
+
+
+def test_data_in_other_files_are_none_of_this_one(tmp_path):
+    with h5py.File(tmp_path / 'other.hdf5', 'w') as file:
+        file['q'] = np.zeros(3)
+    with h5py.File(tmp_path / 'log.hdf5', 'w') as file:
+        file['q'] = h5py.ExternalLink('other.hdf5', '/q')
+        file['time'] = np.zeros(3)
+    (tmp_path / 'map.yaml').write_text(
+        'time: {column: time, unit: s}\njoints: {a: {position: q}}\n'
+    )
+    with pytest.raises(IdentError, match="has no array 'q', its arrays are time"):
+        read_bag(tmp_path / 'log.hdf5', Topics(columns=str(tmp_path / 'map.yaml')))
