@@ -54,9 +54,14 @@ def shared_files() -> list[tuple[str, list[str]]]:
 def parts() -> dict[str, Any]:
     """Return what the wheel and colcon's package differ in."""
     found = find_packages(include=[NAME, f'{NAME}.*'])
-    data = {f'{NAME}.report.page': ['*.css', '*.html', '*.js'], f'{NAME}.cli': ['*.yaml']}
-    data[f'{NAME}.machine'] = ['*.yaml']
-    data[f'{NAME}.recording'] = ['maps/*.yaml']
+    files = {
+        'report.page': ['*.css', '*.html', '*.js'],
+        'cli': ['*.yaml'],
+        'machine': ['*.yaml'],
+        'recording': ['maps/*.yaml'],
+        'export': ['loaders/*.txt'],
+    }
+    data = {f'{NAME}.{room}': names for room, names in files.items()}
     main = f'{NAME}.cli.main:main'
     if os.environ.get('ROS2_IDENT_WHEEL'):
         extras = {**EXTRAS, 'page': PAGE}

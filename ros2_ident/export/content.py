@@ -4,7 +4,7 @@
 Full inertials of an arm's links come from base parameters and from what was believed before.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from ros2_ident.export.estimate import Estimate
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt
-from ros2_ident.models.drives.joints import at_joints, Joint, joints_of
+from ros2_ident.models.drives.joints import at_joints, Joint, joints_of, PARTS
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.serial.cone import mended, nearest
 from ros2_ident.models.serial.model import Serial
@@ -66,16 +66,17 @@ class Content:
             if own[0] > 0.0:
                 yield body.name, *body.inertial(own)
 
-    def missed(self, *, armature: bool) -> dict[str, dict[str, Any]]:
+    def missed(self, holds: Collection[str]) -> dict[str, dict[str, Any]]:
         """Return RMS of measured less simulated effort of each joint of an arm.
 
         Args:
-            armature: Whether the target has a place for it.
+            holds: What the target has a place for, of `PARTS`.
 
         Returns:
             By joint its `unit`, N m or N; with links as the description has them and no friction;
             with what the target can say; with links that bodies can be; with all that was
-            identified. Nothing where there are no links.
+            identified; the whole effort, and `cost`, what each part asks of it that the target has
+            no place for. Nothing where there are no links.
         """
         if self.links is None or not isinstance(self.model, Serial):
             return {}
@@ -87,11 +88,17 @@ class Content:
         described = self.model.links_effort(np.zeros((len(asked), 10)))
         _, speed, accel = self.model.motion
         rows = [self.machine.drives.index(joint.name) for joint in self.joints]
-        exported = asked[rows] + [
-            joint.effort(speed[d], accel[d], armature=armature)
-            for joint, d in zip(self.joints, rows, strict=True)
-        ]
-        exported, described = (self.model.in_band(x) for x in (exported, described[rows]))
+
+        def effort(of: Collection[str]) -> Array:
+            each = [
+                j.effort(speed[d], accel[d], of) for j, d in zip(self.joints, rows, strict=True)
+            ]
+            return np.array(each)
+
+        exported, described = (
+            self.model.in_band(x) for x in (asked[rows] + effort(holds), described[rows])
+        )
+        lost = {name: self.model.in_band(effort([name])) for name in PARTS if name not in holds}
         return {
             joint.name: {
                 'unit': 'N m' if joint.travel == 'rad' else 'N',
@@ -99,6 +106,8 @@ class Content:
                 'missed_as_exported': _rms(whole[o] - exported[o]),
                 'missed_with_consistent_links': _rms(whole[o] - simulated[o]),
                 'missed_as_identified': _rms(whole[o] - fitted[o]),
+                'effort': _rms(fitted[o]),
+                'cost': {name: _rms(part[o]) for name, part in lost.items()},
             }
             for o, joint in enumerate(self.joints)
         }

@@ -1,27 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kinds of files: their texts, what each cannot say, and how much of the gap that leaves."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
+from importlib import resources
 import json
 import math
 from pathlib import Path
 import re
 from typing import Any
-import xml.etree.ElementTree as ET
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
+from ros2_ident.export.descriptions import drake, followers, is_urdf, massless, mjcf, urdf
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.machine.keys import written
-from ros2_ident.models.drives.joints import Gains, Joint
+from ros2_ident.models.drives.joints import Joint, PARTS
+from ros2_ident.models.mujoco.convert import can_convert
 from ros2_ident.words.figures import joined
 
 _ISAAC = (
-    '# Keyword arguments of isaaclab.actuators.ImplicitActuatorCfg. Efforts in N m or N, as\n'
-    '# Isaac Sim reads friction from version 5.0 on; what is missing is taken from the USD.\n'
+    '# Keyword arguments of isaaclab.actuators.ImplicitActuatorCfg of Isaac Lab 3. Efforts in\n'
+    '# N m or N; friction too, in PhysX: in OVPhysX it is a coefficient. What is missing or null\n'
+    '# is taken from the USD.\n'
 )
 _ROS2_CONTROL = (
     '# Gains of a joint_trajectory_controller that commands efforts, and limits of the joints.\n'
@@ -30,123 +34,27 @@ _ROS2_CONTROL = (
 )
 
 
-# ---------------------------------------------------------------------- texts
+def loader(text: str, content: Content, name: str) -> str:
+    """Return a module in Python that loads `robot.urdf` and adds what it has no place for.
 
-
-def urdf(text: str, content: Content) -> str:
-    """Return a URDF with identified inertials, damping and friction; everything else as it was.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE where a joint or link is not in it.
+    Args:
+        text: The URDF.
+        content: What was identified.
+        name: Of a file in `loaders/`.
     """
-    root, remedy = _parsed(text), 'give the one that the machine file names'
-    for name, mass, centre, inertia in content.inertials():
-        new = ET.Element('inertial')
-        ET.SubElement(new, 'origin', xyz=_numbers(centre), rpy='0 0 0')
-        ET.SubElement(new, 'mass', value=_number(mass))
-        upper = [(i, j) for i in range(3) for j in range(i, 3)]
-        values = {f'i{"xyz"[i]}{"xyz"[j]}': _number(inertia[i, j]) for i, j in upper}
-        ET.SubElement(new, 'inertia', values)
-        _put_inertial(_named(root.findall('link'), 'link', name, remedy), new)
-    for joint in content.joints:
-        element = _named(root.findall('joint'), 'joint', joint.name, remedy)
-        found = element.find('dynamics')
-        if found is None:
-            found = ET.SubElement(element, 'dynamics')
-        found.set('damping', _number(joint.viscous))
-        found.set('friction', _number(joint.coulomb))
-    return _written(root)
-
-
-def mjcf(text: str, content: Content) -> str:
-    """Return an MJCF with identified inertials, joint attributes and position actuators.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE where a joint or body is not in it.
-    """
-    root, remedy = _parsed(text), 'name it there as the bag does'
-    for compiler in root.findall('compiler'):
-        # What is written has to count, whatever shapes the bodies have.
-        if compiler.get('inertiafromgeom') == 'true':
-            compiler.set('inertiafromgeom', 'auto')
-    for name, mass, centre, inertia in content.inertials():
-        full = [inertia[place] for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-        new = ET.Element('inertial', pos=_numbers(centre), mass=_number(mass))
-        new.set('fullinertia', _numbers(full))
-        _put_inertial(_named(root.iter('body'), 'body', name, remedy), new)
-    for joint in content.joints:
-        element = _named(root.iter('joint'), 'joint', joint.name, remedy)
-        element.set('damping', _number(joint.viscous))
-        element.set('frictionloss', _number(joint.coulomb))
-        element.set('armature', _number(joint.armature))
-        if joint.gains is not None:
-            _actuator(root, joint, joint.gains)
-    return _written(root)
-
-
-def _actuator(root: ET.Element, joint: Joint, gains: Gains) -> None:
-    """Put a position actuator in the place of whatever drives a joint."""
-    actuators = root.find('actuator')
-    if actuators is None:
-        actuators = ET.SubElement(root, 'actuator')
-    name = joint.name
-    for old in [a for a in actuators if a.get('joint') == joint.name]:
-        name = old.get('name', name)
-        actuators.remove(old)
-    new = ET.SubElement(actuators, 'position', name=name, joint=joint.name)
-    new.set('kp', _number(gains.p))
-    new.set('kv', _number(gains.d))
-    if math.isfinite(joint.limit):
-        new.set('forcelimited', 'true')
-        new.set('forcerange', _numbers((-joint.limit, joint.limit)))
-
-
-def _parsed(text: str) -> ET.Element:
-    """Return the root of a description that is judged, its comments kept."""
-    return ET.fromstring(text, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
-
-
-def _written(root: ET.Element) -> str:
-    """Return the text of a description."""
-    ET.indent(root)
-    text = ET.tostring(root, encoding='unicode')
-    return f"<?xml version='1.0' encoding='utf-8'?>\n<!-- {mark('export')} -->\n{text}\n"
-
-
-def _number(value: float) -> str:
-    """Return a number's text with all of its digits."""
-    return repr(float(value))
-
-
-def _numbers(values: Iterable[float]) -> str:
-    """Return the text of several numbers, blanks between."""
-    return ' '.join(_number(value) for value in values)
-
-
-def _named(elements: Iterable[ET.Element], tag: str, name: str, remedy: str) -> ET.Element:
-    """Return the element of a name, among those of a tag.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE with the remedy where there is none.
-    """
-    for element in elements:
-        if element.get('name') == name:
-            return element
-    raise ErrorCode.BAD_MACHINE_FILE.error(f'the description has no {tag} {name}; {remedy}')
-
-
-def _put_inertial(body: ET.Element, new: ET.Element) -> None:
-    """Put an inertial into a body, in the place of the one it has."""
-    old = body.find('inertial')
-    if old is not None:
-        body.remove(old)
-    body.insert(0, new)
+    rows = {j.name: {part: float(getattr(j, part)) for part in PARTS} for j in content.joints}
+    joints = ''.join(f'    {joint!r}: {row},\n' for joint, row in rows.items())
+    template = resources.files(__package__).joinpath(f'loaders/{name}.txt').read_text('utf-8')
+    filled = template.replace(
+        'JOINTS = {}', f'# N m s/rad, N m, kg m^2; N s/m, N, kg\nJOINTS = {{\n{joints}}}'
+    ).replace('MASSLESS = []', f'MASSLESS = {[*massless(text)]}')
+    return f'# {mark("export")}\n{filled}'
 
 
 def isaac(_: str, content: Content) -> str:
     """Return the actuators of a robot as Isaac Lab has them."""
     fields: dict[str, Callable[[Joint], float | None]] = {
-        'effort_limit_sim': lambda j: j.limit if math.isfinite(j.limit) else None,
+        'joint_effort_limit': lambda j: j.limit if math.isfinite(j.limit) else None,
         'stiffness': lambda j: j.gains.p if j.gains else None,
         'damping': lambda j: j.gains.d if j.gains else None,
         'armature': lambda j: j.armature,
@@ -159,7 +67,8 @@ def isaac(_: str, content: Content) -> str:
     data: dict[str, Any] = {'joint_names_expr': [*exact.values()]}
     for name, of in fields.items():
         values = {exact[j.name]: float(v) for j in content.joints if (v := of(j)) is not None}
-        data |= {name: values} if values else {}
+        # Without a value the class wants a null there.
+        data |= {name: values} if values else dict.fromkeys({name} & {'stiffness', 'damping'})
     return f'# {mark("export")}\n{_ISAAC}' + written(data)
 
 
@@ -204,38 +113,72 @@ class Target:
         title: What it is called in sentences.
         file: Name of the file.
         write: Its text, of a description (empty where it needs none) and what is exported.
-        described: Whether it is a description with these values written into it.
-        armature: Whether it has a place for the inertia of motor and gear.
-        gains: Whether it has a place for a controller's gains, and which parts of it.
+        of: Descriptions that it is made of, `urdf` and `mjcf`; none where it needs none.
+        holds: What it has a place for: of `PARTS`, and `p`, `i`, `d` and `f` (the set-point's
+            speed) of a controller's gains.
+        massless: What it makes of a URDF's links without mass.
+        follows: What it makes of a URDF's joints that follow others.
+        beside: Other targets whose files it reads.
     """
 
     title: str
     file: str
     write: Callable[[str, Content], str]
-    described: bool
-    armature: bool
-    gains: frozenset[str]
+    of: frozenset[str]
+    holds: frozenset[str]
+    massless: str = ''
+    follows: str = ''
+    beside: tuple[str, ...] = ()
 
 
+def _loaded(title: str, name: str, massless: str, follows: str, *holds: str) -> Target:
+    """Return a simulator that a module in Python loads `robot.urdf` into."""
+    return Target(
+        title, f'load_{name}.py', partial(loader, name=name), _URDF,
+        frozenset({'viscous', 'coulomb', *holds}), massless, follows, ('urdf',),
+    )  # fmt: skip
+
+
+_URDF, _ANY = frozenset({'urdf'}), frozenset({'urdf', 'mjcf'})
 TARGETS = {
-    'urdf': Target('URDF', 'robot.urdf', urdf, True, False, frozenset()),
-    'mjcf': Target('MJCF', 'robot.xml', mjcf, True, True, frozenset('pd')),
-    'isaac': Target('Isaac Lab', 'isaac.yaml', isaac, False, True, frozenset('pd')),
-    'ros2_control': Target(
-        'ros2_control', 'ros2_control.yaml', ros2_control, False, False, frozenset('pidf')
+    'urdf': Target('URDF', 'robot.urdf', urdf, _URDF, frozenset({'viscous', 'coulomb'})),
+    'mjcf': Target(
+        'MuJoCo', 'robot.xml', mjcf, _ANY, frozenset({*PARTS, 'p', 'd'}),
+        'weigh 1e-9 kg', 'are coupled by a soft constraint',
     ),
-}
+    'drake': Target(
+        'Drake', 'drake.urdf', drake, _URDF, frozenset({'viscous', 'armature'}),
+        'weigh 0 kg', 'are coupled, in discrete time only',
+    ),
+    'pinocchio': _loaded('pinocchio', 'pinocchio', 'weigh 0 kg', 'move by themselves', 'armature'),
+    'pybullet': _loaded('PyBullet', 'pybullet', 'weigh 0 kg', 'move by themselves'),
+    'sapien': _loaded('SAPIEN', 'sapien', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature'),
+    'genesis': _loaded(
+        'Genesis', 'genesis', 'weigh almost nothing', 'are coupled', 'armature'
+    ),
+    'newton': _loaded('Newton', 'newton', 'weigh 0 kg', 'are coupled', 'armature'),
+    'isaac': Target(
+        'Isaac Lab', 'isaac.yaml', isaac, frozenset(), frozenset({*PARTS, 'p', 'd'})
+    ),
+    'ros2_control': Target(
+        'ros2_control', 'ros2_control.yaml', ros2_control, frozenset(), frozenset('pidf')
+    ),
+}  # fmt: skip
 SUMMARY = 'export.json'
 
 
 def fitting(content: Content, description: str) -> tuple[str, ...]:
-    """Return the targets that this machine and description can fill."""
-    own = 'urdf' if '<robot' in description else 'mjcf'
+    """Return the targets that this machine and description can fill, with what is installed."""
+    own = 'urdf' if is_urdf(description) else 'mjcf'
     gains = any(joint.gains for joint in content.joints)
+    able = {
+        'ros2_control': gains,
+        'mjcf': own == 'mjcf' or can_convert(),
+    }
     return tuple(
         name
         for name, target in TARGETS.items()
-        if (name == own and description if target.described else name != 'ros2_control' or gains)
+        if (own in target.of and description if target.of else True) and able.get(name, True)
     )
 
 
@@ -259,20 +202,23 @@ def write(
     wrong = next((name for name in names if name not in fitting(content, description)), None)
     if wrong is not None:
         why = (
-            f'there is no {TARGETS[wrong].title} to write into; give one with --into, or as '
-            'geometry.description of the machine file'
-            if TARGETS[wrong].described
+            'it needs MuJoCo; `pip install mujoco`'
+            if wrong == 'mjcf' and is_urdf(description)
+            else f'there is no {" or ".join(sorted(of)).upper()} to write into; give '
+            'one with --into, or as geometry.description of the machine file'
+            if (of := TARGETS[wrong].of)
             else 'the machine file knows no gains; add position_gain and velocity_gain to '
             'controller'
         )
         raise ErrorCode.INVALID_GOAL.error(f'nothing can be written for {wrong}: {why}')
+    names = tuple(dict.fromkeys(x for n in names for x in (*TARGETS[n].beside, n)))
     texts = {name: TARGETS[name].write(description, content) for name in names}
     paths = {name: Path(directory) / TARGETS[name].file for name in names}
     require_ours([*paths.values(), Path(directory) / SUMMARY])
     read = [x for x in paths.values() if x.is_file() and x.read_text('utf-8') == description]
     require_ours(read, read)
     folder = make_directory(directory)
-    told = {name: tuple(sentences(content, TARGETS[name])) for name in names}
+    told = {name: tuple(sentences(content, TARGETS[name], description)) for name in names}
     links = content.links
     whole = {
         'schema': 'ros2_ident.export',
@@ -283,7 +229,7 @@ def write(
             name: {
                 'file': TARGETS[name].file,
                 'left_out': told[name],
-                'joints': content.missed(armature=TARGETS[name].armature),
+                'joints': content.missed(TARGETS[name].holds),
             }
             for name in names
         },
@@ -293,13 +239,13 @@ def write(
     return {name: (files[name], told[name]) for name in names}
 
 
-def sentences(content: Content, target: Target) -> Iterator[str]:
+def sentences(content: Content, target: Target, description: str) -> Iterator[str]:
     """Yield what a target cannot say of this machine, and how much that leaves."""
-    lacking = list(_lacking(content, target))
-    rows = content.missed(armature=target.armature)
+    rows = content.missed(target.holds) if target.of else {}
+    lacking = list(_lacking(content, target, rows))
     if lacking:
         yield f'{target.title} has no place for {joined(lacking)}'
-    if rows and target.described:
+    if rows and not target.beside:
         kept = {joint: _kept(row) for joint, row in rows.items()}
         least = min(kept, key=lambda joint: kept[joint] if np.isfinite(kept[joint]) else 1.0)
         row = rows[least]
@@ -309,14 +255,19 @@ def sentences(content: Content, target: Target) -> Iterator[str]:
             f'described, {row["missed_as_exported"]:.3g} exported, '
             f'{row["missed_as_identified"]:.3g} identified'
         )
-    if content.logged:
-        names = joined(sorted({at.effect for at in content.logged}))
-        yield f'{names}: left out, as it describes the log, not the machine'
-    if content.effects and content.links is not None and target.described:
+    if content.logged and not target.beside:
+        logged = joined(sorted({at.effect for at in content.logged}))
+        yield f'{logged}: left out, as it describes the log, not the machine'
+    if content.effects and rows and not target.beside:
         yield (
             'friction of joints with effects is the best approximation of friction and effects '
             'together along this log'
         )
+    if target.massless and is_urdf(description):
+        if names := massless(description):
+            yield f'links without mass {target.massless}: {joined(names)}'
+        if names := followers(description):
+            yield f'joints that follow others {target.follows}: {joined(names)}'
 
 
 def _kept(row: Mapping[str, Any]) -> float:
@@ -326,24 +277,45 @@ def _kept(row: Mapping[str, Any]) -> float:
     return float(np.clip(after / before, 0.0, 1.0)) if before > 0.0 else float('nan')
 
 
-def _lacking(content: Content, target: Target) -> Iterator[str]:
-    """Yield what a target has no place for."""
+_PARTS = {
+    'armature': 'the inertia of motors and gears',
+    'coulomb': 'Coulomb friction',
+    'viscous': 'viscous friction',
+}
+
+
+def _lacking(
+    content: Content, target: Target, rows: Mapping[str, Mapping[str, Any]]
+) -> Iterator[str]:
+    """Yield what a target has no place for, with what it costs on the joint where most."""
     joints = content.identified
-    heavy = [j.name for j in joints if j.armature > 0.0]
-    if heavy and not target.armature and target.described:
-        yield f'the inertia of motors and gears ({joined(heavy)})'
+    for part in PARTS if target.of else ():
+        if part in target.holds or not any(getattr(j, part) > 0.0 for j in content.joints):
+            continue
+        if not rows:
+            yield _PARTS[part]
+            continue
+        most = max(rows, key=lambda name: rows[name]['cost'][part] / rows[name]['effort'])
+        row = rows[most]
+        yield (
+            f'{_PARTS[part]} ({row["cost"][part]:.3g} of {row["effort"]:.3g} {row["unit"]} RMS on '
+            f'{most}, the largest share)'
+        )
     shifted = [j for j in joints if j.offset != 0.0]
     if shifted:
-        most = max(shifted, key=lambda j: abs(j.offset))
-        unit = 'N m' if most.travel == 'rad' else 'N'
-        yield f'a constant in the effort ({most.name} {most.offset:.3g} {unit}, the largest)'
+        most_shifted = max(shifted, key=lambda j: abs(j.offset))
+        unit = 'N m' if most_shifted.travel == 'rad' else 'N'
+        yield (
+            f'a constant in the effort ({most_shifted.name} {most_shifted.offset:.3g} {unit}, the '
+            'largest)'
+        )
     for at in content.effects:
         yield f'{at.effect} of {at.where}' if at.where != 'all' else at.effect
-    if not target.gains:
+    if not target.holds & {*'pidf'}:
         return
     controlled = [j for j in joints if j.gains is not None]
-    if 'i' not in target.gains and any(j.gains and j.gains.i for j in controlled):
+    if 'i' not in target.holds and any(j.gains and j.gains.i for j in controlled):
         yield "the integral part of the controllers' law"
     ahead = [j for j in controlled if j.gains and j.gains.share * j.gains.d]
-    if 'f' not in target.gains and ahead:
+    if 'f' not in target.holds and ahead:
         yield "the set-point's speed in the controllers' law"

@@ -44,11 +44,12 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
     said = capsys.readouterr().out
     assert f'urdf: {out / "robot.urdf"}' in said
     assert 'masses of the description ± 30 %' in said
-    assert sorted(path.name for path in out.iterdir()) == [
-        'export.json',
-        'isaac.yaml',
-        'robot.urdf',
-    ]
+    names = {path.name for path in out.iterdir()}
+    loaders = {f'load_{x}.py' for x in ('genesis', 'newton', 'pinocchio', 'pybullet', 'sapien')}
+    assert names - {'robot.xml'} == loaders | {
+        'drake.urdf', 'export.json', 'isaac.yaml', 'robot.urdf',
+    }  # fmt: skip
+    assert 'Drake has no place for Coulomb friction (' in said
     model = pinocchio.buildModelFromUrdf(str(out / 'robot.urdf'))
     assert model.damping[model.joints[model.getJointId('elbow')].idx_v] == pytest.approx(
         11.0, rel=0.05
@@ -58,8 +59,8 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
 @pytest.mark.parametrize(
     ('words', 'remedy'),
     [
-        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, isaac, ros2_control'),
-        (['--to', 'mjcf'], '--into'),
+        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, drake, pinocchio'),
+        (['--to', 'ros2_control'], 'add position_gain'),
         (['--machine', 'nowhere.yaml'], 'the machine file nowhere.yaml is not there'),
         (['--into', 'nowhere.urdf'], 'nowhere.urdf: cannot be read'),
     ],

@@ -2,12 +2,14 @@
 """What was identified, in files that pinocchio, MuJoCo, Isaac Lab and ros2_control read."""
 
 from dataclasses import replace
+import importlib.util
 import json
 import math
 from pathlib import Path
 import re
 import sys
 from types import SimpleNamespace
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
@@ -157,9 +159,78 @@ def test_what_a_urdf_cannot_say_is_as_large_as_stated(tmp_path: Path) -> None:
     for d, name in enumerate(JOINTS):
         missed = np.sqrt(np.nanmean((found.measured[d] - exported[d]) ** 2))
         assert told[name]['missed_as_exported'] == pytest.approx(missed, rel=1e-6)
-    assert 'inertia of motors and gears (base, slide, elbow and wrist)' in words[0]
+    wrist = told['wrist']
+    lost = found.joints[JOINTS.index('wrist')].armature * found.model.motion[2][-1]
+    assert wrist['cost'] == {'armature': pytest.approx(np.sqrt(np.mean(lost**2)), rel=0.05)}
+    price = f'{wrist["cost"]["armature"]:.3g} of {wrist["effort"]:.3g} N m RMS on wrist'
+    assert f'inertia of motors and gears ({price}, the largest share)' in words[0]
     assert 'a constant in the effort (wrist 2 N m, the largest)' in words[0]
     assert 'of the improvement on each joint' in words[-1]
+
+
+def test_pinocchio_gets_friction_and_rotors_by_a_module(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES, **ROTOR))
+    files = write(tmp_path / 'out', ('pinocchio',), found, (tmp_path / 'arm.urdf').read_text())
+    assert list(files) == ['urdf', 'pinocchio'] and files['pinocchio'][1] == ()
+    spec = importlib.util.spec_from_file_location('loaded', files['pinocchio'][0])
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    model = loaded.load()
+    rows = [model.joints[model.getJointId(name)].idx_v for name in JOINTS]
+    np.testing.assert_allclose(model.armature[rows], [j.armature for j in found.joints])
+    q, v, a = pinocchio.neutral(model), *np.random.default_rng(2).uniform(-1, 1, (2, model.nv))
+    still = pinocchio.rnea(model, model.createData(), q, v, a)
+    off = loaded.torque(model, model.createData(), q, v, a) - still
+    asked = [j.effort(v[n : n + 1], a[n : n + 1], ('viscous', 'coulomb'))[0]
+             for j, n in zip(found.joints, rows, strict=True)]  # fmt: skip
+    np.testing.assert_allclose(off[rows], asked, atol=1e-12)
+
+
+def test_drake_gets_rotors_by_its_own_tags_and_no_friction(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES, **ROTOR))
+    text = (tmp_path / 'arm.urdf').read_text()
+    text = text.replace(
+        '</robot>', '<transmission name="mine"><joint name="elbow"/></transmission></robot>'
+    )
+    path, words = write(tmp_path, ('drake',), found, text)['drake']
+    root = ET.parse(path).getroot()
+    assert [x.find('joint').get('name') for x in root.findall('transmission')] == [*JOINTS]
+    tag = './/{http://drake.mit.edu}rotor_inertia'
+    rotors = [float(x.find(tag).get('value')) for x in root.findall('transmission')]
+    np.testing.assert_allclose(rotors, [j.armature for j in found.joints])
+    assert not root.findall('joint/dynamics[@friction]') and root.findall('joint/dynamics')
+    assert words[0].startswith('Drake has no place for Coulomb friction (')
+
+
+def test_effort_limits_go_into_a_urdf(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES))
+    limited = tuple(replace(j, limit=7.0 + n) for n, j in enumerate(found.joints))
+    text = TARGETS['urdf'].write(
+        (tmp_path / 'arm.urdf').read_text(), replace(found, joints=limited)
+    )
+    model = pinocchio.buildModelFromXML(text)
+    rows = [model.joints[model.getJointId(name)].idx_v for name in JOINTS]
+    assert model.effortLimit[rows].tolist() == [7.0, 8.0, 9.0, 10.0]
+    before = pinocchio.buildModelFromXML((tmp_path / 'arm.urdf').read_text())
+    assert model.lowerPositionLimit.tolist() == before.lowerPositionLimit.tolist()
+
+
+def test_links_without_mass_and_joints_that_follow_are_named(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES))
+    text = (
+        (tmp_path / 'arm.urdf')
+        .read_text()
+        .replace(
+            '</robot>',
+            '<link name="tip"/><joint name="grip" type="continuous"><parent link="tool"/>'
+            '<child link="tip"/><mimic joint="wrist"/></joint></robot>',
+        )
+    )
+    for name, (_, words) in write(tmp_path, ('pybullet', 'drake'), found, text).items():
+        if name != 'urdf':
+            assert f'links without mass {TARGETS[name].massless}: tip' in words
+            assert f'joints that follow others {TARGETS[name].follows}: grip' in words
+    assert "MASSLESS = ['tip']" in (tmp_path / 'load_pybullet.py').read_text()
 
 
 def test_the_rest_of_a_urdf_stays(tmp_path: Path) -> None:
@@ -183,9 +254,9 @@ def mujoco():
     return pytest.importorskip('mujoco', reason='MuJoCo is not installed; see CONTRIBUTING.md')
 
 
-def by_mujoco(mujoco, text: str, found: Content) -> np.ndarray:
+def by_mujoco(mujoco, text, found: Content) -> np.ndarray:
     """Return (D, K) what an MJCF asks along the log, by MuJoCo's inverse dynamics."""
-    model = mujoco.MjModel.from_xml_string(text)
+    model = mujoco.MjModel.from_xml_string(text) if isinstance(text, str) else text
     data = mujoco.MjData(model)
     place, speed, bend = found.model.motion
     joints = [model.joint(name) for name in found.machine.drives]
@@ -206,6 +277,35 @@ def test_an_mjcf_asks_what_was_identified(tmp_path: Path, mujoco) -> None:
     off = by_mujoco(mujoco, path.read_text(), found) - efforts(found)
     assert np.abs(off).max() < 1e-9
     assert [w for w in words if 'no place' in w] == []
+
+
+def test_a_urdf_becomes_an_mjcf_that_asks_what_was_identified(tmp_path: Path, mujoco) -> None:
+    found = content(described(tmp_path, **SMOOTH, **ROTOR))
+    text = (tmp_path / 'arm.urdf').read_text()
+    mesh = '<collision><geometry><mesh filename="none.stl"/></geometry></collision>'
+    text = text.replace('<link name="hand">', f'<link name="hand">{mesh}')
+    path, words = write(tmp_path, ('mjcf',), found, text)['mjcf']
+    model = mujoco.MjModel.from_xml_string(path.read_text())
+    machine = found.machine
+    turn = pinocchio.rpy.rpyToMatrix(machine.number('base_roll'), machine.number('base_pitch'), 0)
+    model.opt.gravity[:] = turn.T @ [0.0, 0.0, -machine.number('free_fall')]
+    asked, most = efforts(found), np.abs(efforts(found)).max()
+    # MuJoCo writes six digits
+    assert np.abs(by_mujoco(mujoco, model, found) - asked).max() < 1e-5 * most
+    assert [w for w in words if 'no place' in w] == []
+
+
+def test_friction_in_an_mjcf_holds(tmp_path: Path, mujoco) -> None:
+    found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
+    path, _ = write(tmp_path, ('mjcf',), found, MJCF)['mjcf']
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.gravity[:] = 0.0
+    data = mujoco.MjData(model)
+    wrist = model.joint('wrist')
+    data.qfrc_applied[wrist.dofadr[0]] = 0.5 * model.dof_frictionloss[wrist.dofadr[0]]
+    mujoco.mj_step(model, data, 500)
+    assert model.dof_frictionloss[wrist.dofadr[0]] > 1.0
+    assert abs(data.qpos[wrist.qposadr[0]]) < 1e-4
 
 
 def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco) -> None:
@@ -261,8 +361,8 @@ def test_effects_become_the_closest_friction_and_are_named(tmp_path: Path) -> No
     assert found.joints[elbow].coulomb > 1.05 * found.identified[elbow].coulomb
     assert found.joints[0].coulomb == pytest.approx(plain.joints[0].coulomb, rel=1e-6)
     # Closer than without.
-    row = found.missed(armature=False)['elbow']
-    without = replace(found, joints=found.identified).missed(armature=False)['elbow']
+    row = found.missed(TARGETS['urdf'].holds)['elbow']
+    without = replace(found, joints=found.identified).missed(TARGETS['urdf'].holds)['elbow']
     assert row['missed_as_exported'] < 0.8 * without['missed_as_exported']
     assert yaml.safe_load(path.with_name('export.json').read_text())['spread'] == 0.3
 
@@ -284,6 +384,12 @@ def test_isaac_and_ros2_control(tmp_path: Path) -> None:
     joint = found.joints[0]
     actuators = yaml.safe_load((tmp_path / 'isaac.yaml').read_text())
     assert actuators['dynamic_friction'] == {joint.name: pytest.approx(joint.coulomb)}
+    limit = {} if math.isinf(joint.limit) else {joint.name: joint.limit}
+    assert actuators.get('joint_effort_limit', {}) == limit
+    bare = replace(found, joints=(replace(joint, gains=None, limit=math.inf),))
+    told = yaml.safe_load(TARGETS['isaac'].write('', bare))
+    assert told['stiffness'] is None and told['damping'] is None
+    assert 'joint_effort_limit' not in told
     assert actuators['armature'] == {joint.name: pytest.approx(joint.armature)}
     control = yaml.safe_load((tmp_path / 'ros2_control.yaml').read_text())
     gains = control['joint_trajectory_controller']['ros__parameters']['gains'][joint.name]

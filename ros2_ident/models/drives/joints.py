@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A candidate's drives in a simulator's terms: friction, armature and gains at the joint."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 import math
 
@@ -11,6 +11,9 @@ import scipy
 from ros2_ident.arrays import Array
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.models.drives.model import DriveModel
+
+# What a joint has beside its links, by the names of `Joint`.
+PARTS = 'viscous', 'coulomb', 'armature'
 
 
 @dataclass(frozen=True)
@@ -54,17 +57,21 @@ class Joint:
     gains: Gains | None = None
     limit: float = math.inf
 
-    def effort(self, velocity: Array, acceleration: Array, *, armature: bool) -> Array:
-        """Return (K,) what friction takes, and armature where it counts, without the offset.
+    def effort(self, velocity: Array, acceleration: Array, of: Collection[str] = PARTS) -> Array:
+        """Return (K,) what friction and armature take, without the offset.
 
         Args:
             velocity: (K,).
             acceleration: (K,).
-            armature: Whether the armature counts.
+            of: What counts, of `PARTS`; other names count for nothing.
         """
-        inertia = self.armature if armature else 0.0
-        friction = self.coulomb * np.sign(velocity) + self.viscous * velocity
-        return np.asarray(friction + inertia * acceleration)
+        parts = {
+            'coulomb': self.coulomb * np.sign(velocity),
+            'viscous': self.viscous * velocity,
+            'armature': self.armature * acceleration,
+        }
+        felt = [part for name, part in parts.items() if name in of]
+        return np.asarray(sum(felt, np.zeros_like(velocity)))
 
     def closest(self, effort: Array, velocity: Array, acceleration: Array) -> 'Joint':
         """Return the joint whose friction and armature come closest to an effort, by squares.

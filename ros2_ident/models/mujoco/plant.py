@@ -39,7 +39,12 @@ _STEPS, _CLOSED = 30, 1e-10
 
 
 @functools.cache
-def _mujoco() -> Any:
+def loaded() -> Any:
+    """Return MuJoCo.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL where it is not installed.
+    """
     try:
         import mujoco
         import mujoco.rollout
@@ -61,6 +66,16 @@ def _judged(text: str, joints: list[str]) -> str:
         if joint.get('name') not in joints:
             joint.set('type', 'fixed')
     text = ET.tostring(root, encoding='unicode')
+    tried(text)
+    return text
+
+
+def tried(text: str) -> None:
+    """Judge a description by a process of its own that compiles it.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE where that dies, or MuJoCo warns of it.
+    """
     trial = subprocess.run(
         [sys.executable, '-P', str(Path(__file__).with_name('trial.py'))],
         input=text.encode(), capture_output=True,
@@ -73,7 +88,6 @@ def _judged(text: str, joints: list[str]) -> str:
         raise ErrorCode.BAD_MACHINE_FILE.error(
             f'geometry.description is nothing for MuJoCo ({said.splitlines()[0]}); correct it'
         )
-    return text
 
 
 class Place:
@@ -92,7 +106,7 @@ class Place:
     def __init__(
         self, model: Any, joint: str, actuator: str, sense: float, body: str = ''
     ) -> None:
-        mj = _mujoco()
+        mj = loaded()
         self.joint = _number(model, mj.mjtObj.mjOBJ_JOINT, joint, 'joint')
         one_axis = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
         if int(model.jnt_type[self.joint]) not in one_axis:
@@ -119,7 +133,7 @@ class Place:
 
 
 def _number(model: Any, kind: Any, name: str, word: str) -> int:
-    mj = _mujoco()
+    mj = loaded()
     found = mj.mj_name2id(model, kind, name)
     if found < 0:
         count = {'joint': model.njnt, 'actuator': model.nu, 'body': model.nbody}[word]
@@ -190,8 +204,8 @@ class _Own(threading.local):
     """Data and models of each thread."""
 
     def __init__(self, model: Any) -> None:
-        self.data = _mujoco().MjData(model)
-        self.roller = _mujoco().rollout.Rollout(nthread=0)
+        self.data = loaded().MjData(model)
+        self.roller = loaded().rollout.Rollout(nthread=0)
         self.models: list[Any] = []
 
 
@@ -211,7 +225,7 @@ class Plant:
     """
 
     def __init__(self, machine: Machine) -> None:
-        mj = _mujoco()
+        mj = loaded()
         joints = [machine.text('joint', name) or name for name in machine.drives]
         text = _judged(machine.described(None).text('description'), joints)
         self._bare = text.startswith('<robot')
@@ -266,7 +280,7 @@ class Plant:
     @staticmethod
     def _actuate(spec: Any, joints: list[str]) -> None:
         """Give the joints of a URDF actuators, whose gains are written later."""
-        mj = _mujoco()
+        mj = loaded()
         # Rounded inertias are often none that a body can have.
         spec.compiler.balanceinertia = True
         spec.option.integrator = mj.mjtIntegrator.mjINT_IMPLICITFAST
@@ -299,7 +313,7 @@ class Plant:
                 damping = model.dof_damping[at.dof] - model.actuator_biasprm[at.actuator, 2]
                 less = 0.5 * model.opt.timestep * damping
                 model.dof_armature[at.dof] = max(model.dof_armature[at.dof] - less, 0.0)
-        _mujoco().mj_setConst(model, self._own.data)
+        loaded().mj_setConst(model, self._own.data)
 
     def stated(self, name: str, drive: int) -> float:
         """Return what the description has in place of a parameter."""
@@ -333,13 +347,13 @@ class Plant:
 
     @functools.cached_property
     def _state(self) -> int:
-        mj = _mujoco()
+        mj = loaded()
         return int(mj.mj_stateSize(self.model, mj.mjtState.mjSTATE_FULLPHYSICS))
 
     def together(self, cycles: int) -> int:
         """Return how many candidates are rolled out in one call."""
         each = cycles * self.substeps * (self._state + self.model.nsensordata)
-        each += _mujoco().mj_sizeModel(self.model) // 8
+        each += loaded().mj_sizeModel(self.model) // 8
         return max(1, min(_TOGETHER, _NUMBERS // max(1, each)))
 
     def rollout(
@@ -362,7 +376,7 @@ class Plant:
             (S, D, K) positions, velocities and efforts by quantity, in the joints' own
             coordinates and at the instants of the set-points.
         """
-        mj = _mujoco()
+        mj = loaded()
         models = self._models(len(values))
         states = np.zeros((len(values), self._state))
         data = self._own.data
@@ -415,7 +429,7 @@ class Plant:
             velocity: (D, K).
             acceleration: (D, K).
         """
-        mj, model = _mujoco(), copy.copy(self.model)
+        mj, model = loaded(), copy.copy(self.model)
         data = mj.MjData(model)
         dofs = np.array([at.dof for at in self.places])
         for field in ('armature', 'damping', 'frictionloss'):
@@ -432,7 +446,7 @@ class Plant:
         self, models: list[Any], states: Array, control: Array, forces: Felt
     ) -> tuple[Array, Array]:
         """Return what a rollout returns, the last state alone, its forces renewed every step."""
-        mj = _mujoco()
+        mj = loaded()
         spec = int(mj.mjtState.mjSTATE_CTRL | mj.mjtState.mjSTATE_QFRC_APPLIED)
         count, (steps, nu) = len(models), control.shape[1:]
         told = np.empty((count, steps, self.model.nsensordata))
@@ -464,9 +478,9 @@ class Plant:
 def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
     """Return what is wrong with a description that does not compile with the sensors in it."""
     try:
-        model = _mujoco().MjModel.from_xml_string(text)
+        model = loaded().MjModel.from_xml_string(text)
         for joint in joints:
-            _number(model, _mujoco().mjtObj.mjOBJ_JOINT, joint, 'joint')
+            _number(model, loaded().mjtObj.mjOBJ_JOINT, joint, 'joint')
             if model.nu:
                 Place(model, joint, '', 1.0)
     except IdentError as found:

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identified values in the descriptions of robots: URDF, with Drake's tags, and MJCF."""
+
+from collections.abc import Iterable, Iterator
+import math
+import xml.etree.ElementTree as ET
+
+from ros2_ident.errors import ErrorCode
+from ros2_ident.export.content import Content
+from ros2_ident.files import mark
+from ros2_ident.models.drives.joints import Gains, Joint
+from ros2_ident.models.mujoco.convert import mjcf_of
+
+# A URDF's limit needs a speed; no joint is that fast, rad/s or m/s.
+_ENDLESS = 1e9
+_DRAKE = 'http://drake.mit.edu'
+# Friction of MuJoCo's joints gives way by load / inertia x time; the closer these are to 1, the
+# less. Its documentation allows up to 0.9999; width, middle and power are its own.
+_STIFF = '0.9999 0.9999 0.001 0.5 2'
+
+
+def is_urdf(text: str) -> bool:
+    """Whether a description is a URDF."""
+    return '<robot' in text
+
+
+def urdf(text: str, content: Content) -> str:
+    """Return a URDF with what was identified of links and joints; everything else as it was.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE where a joint or link is not in it.
+    """
+    return _written(_in_urdf(text, content))
+
+
+def drake(text: str, content: Content) -> str:
+    """Return a URDF with actuators whose rotors count, as Drake's parser reads them.
+
+    It has no place for Coulomb friction, of which it warns, so that none is written.
+
+    Raises:
+        IdentError: As `urdf`.
+    """
+    ET.register_namespace('drake', _DRAKE)
+    root = _in_urdf(text, content)
+    for joint, element in _joints(root.findall('joint'), content, _OTHER):
+        dynamics = element.find('dynamics')
+        if dynamics is not None:
+            dynamics.attrib.pop('friction')
+        for old in root.findall('transmission'):
+            driven = old.find('joint')
+            if driven is not None and driven.get('name') == joint.name:
+                root.remove(old)
+        new = ET.SubElement(root, 'transmission', name=f'{joint.name}_transmission')
+        ET.SubElement(new, 'type').text = 'transmission_interface/SimpleTransmission'
+        ET.SubElement(new, 'joint', name=joint.name)
+        actuator = ET.SubElement(new, 'actuator', name=joint.name)
+        ET.SubElement(actuator, f'{{{_DRAKE}}}rotor_inertia', value=_number(joint.armature))
+        ET.SubElement(actuator, f'{{{_DRAKE}}}gear_ratio', value='1')
+    return _written(root)
+
+
+_OTHER = 'give the one that the machine file names'
+
+
+def _in_urdf(text: str, content: Content) -> ET.Element:
+    root = _parsed(text)
+    for name, mass, centre, inertia in content.inertials():
+        new = ET.Element('inertial')
+        ET.SubElement(new, 'origin', xyz=_numbers(centre), rpy='0 0 0')
+        ET.SubElement(new, 'mass', value=_number(mass))
+        upper = [(i, j) for i in range(3) for j in range(i, 3)]
+        values = {f'i{"xyz"[i]}{"xyz"[j]}': _number(inertia[i, j]) for i, j in upper}
+        ET.SubElement(new, 'inertia', values)
+        _put_inertial(_named(root.findall('link'), 'link', name, _OTHER), new)
+    for joint, element in _joints(root.findall('joint'), content, _OTHER):
+        dynamics = _part(element, 'dynamics')
+        dynamics.set('damping', _number(joint.viscous))
+        dynamics.set('friction', _number(joint.coulomb))
+        if math.isfinite(joint.limit):
+            limit = _part(element, 'limit')
+            limit.set('effort', _number(joint.limit))
+            limit.set('velocity', limit.get('velocity', _number(_ENDLESS)))
+    return root
+
+
+def mjcf(text: str, content: Content) -> str:
+    """Return an MJCF with what was identified of bodies and joints, position actuators too.
+
+    Args:
+        text: An MJCF, or a URDF of which MuJoCo makes one.
+        content: What was identified.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE where a joint or body is not in it; as `mjcf_of`.
+    """
+    described = is_urdf(text)
+    root = _parsed(mjcf_of(urdf(text, content)) if described else text)
+    for compiler in root.findall('compiler'):
+        # What is written has to count, whatever shapes the bodies have.
+        if compiler.get('inertiafromgeom') == 'true':
+            compiler.set('inertiafromgeom', 'auto')
+    remedy = 'name it there as the bag does'
+    for name, mass, centre, inertia in () if described else content.inertials():
+        full = [inertia[place] for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        new = ET.Element('inertial', pos=_numbers(centre), mass=_number(mass))
+        new.set('fullinertia', _numbers(full))
+        _put_inertial(_named(root.iter('body'), 'body', name, remedy), new)
+    for joint, element in _joints(root.iter('joint'), content, remedy):
+        element.set('damping', _number(joint.viscous))
+        element.set('frictionloss', _number(joint.coulomb))
+        element.set('solimpfriction', _STIFF)
+        element.set('armature', _number(joint.armature))
+        if joint.gains is not None:
+            _actuator(root, joint, joint.gains)
+        elif math.isfinite(joint.limit):
+            element.set('actuatorfrclimited', 'true')
+            element.set('actuatorfrcrange', _numbers((-joint.limit, joint.limit)))
+    return _written(root)
+
+
+def _actuator(root: ET.Element, joint: Joint, gains: Gains) -> None:
+    """Put a position actuator in the place of whatever drives a joint."""
+    actuators = _part(root, 'actuator')
+    name = joint.name
+    for old in [a for a in actuators if a.get('joint') == joint.name]:
+        name = old.get('name', name)
+        actuators.remove(old)
+    new = ET.SubElement(actuators, 'position', name=name, joint=joint.name)
+    new.set('kp', _number(gains.p))
+    new.set('kv', _number(gains.d))
+    if math.isfinite(joint.limit):
+        new.set('forcelimited', 'true')
+        new.set('forcerange', _numbers((-joint.limit, joint.limit)))
+    # The default, Euler, takes kv of the step before: on a light joint that swings up.
+    option = _part(root, 'option')
+    if option.get('integrator', 'Euler') == 'Euler':
+        option.set('integrator', 'implicitfast')
+
+
+def _joints(
+    elements: Iterable[ET.Element], content: Content, remedy: str
+) -> Iterator[tuple[Joint, ET.Element]]:
+    """Yield the joints with their elements."""
+    found = list(elements)
+    for joint in content.joints:
+        yield joint, _named(found, 'joint', joint.name, remedy)
+
+
+def _part(element: ET.Element, tag: str) -> ET.Element:
+    """Return the first child of a tag, added where there is none."""
+    found = element.find(tag)
+    return ET.SubElement(element, tag) if found is None else found
+
+
+def _parsed(text: str) -> ET.Element:
+    """Return the root of a description that is judged, its comments kept."""
+    return ET.fromstring(text, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+
+
+def _written(root: ET.Element) -> str:
+    """Return the text of a description."""
+    ET.indent(root)
+    text = ET.tostring(root, encoding='unicode')
+    return f"<?xml version='1.0' encoding='utf-8'?>\n<!-- {mark('export')} -->\n{text}\n"
+
+
+def _number(value: float) -> str:
+    """Return a number's text with all of its digits."""
+    return repr(float(value))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    """Return the text of several numbers, blanks between."""
+    return ' '.join(_number(value) for value in values)
+
+
+def _named(elements: Iterable[ET.Element], tag: str, name: str, remedy: str) -> ET.Element:
+    """Return the element of a name, among those of a tag.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE with the remedy where there is none.
+    """
+    for element in elements:
+        if element.get('name') == name:
+            return element
+    raise ErrorCode.BAD_MACHINE_FILE.error(f'the description has no {tag} {name}; {remedy}')
+
+
+def _put_inertial(body: ET.Element, new: ET.Element) -> None:
+    """Put an inertial into a body, in the place of the one it has."""
+    old = body.find('inertial')
+    if old is not None:
+        body.remove(old)
+    body.insert(0, new)
+
+
+def massless(text: str) -> tuple[str, ...]:
+    """Return the links of a URDF that have no mass, but for the one that stands."""
+    root = _parsed(text)
+    masses = {
+        link.get('name', ''): float(mass.get('value', 0.0))
+        for link in root.findall('link')
+        if (mass := link.find('inertial/mass')) is not None
+    }
+    carried = [child.get('link', '') for child in root.findall('joint/child')]
+    return tuple(name for name in carried if not masses.get(name))
+
+
+def followers(text: str) -> tuple[str, ...]:
+    """Return the joints of a URDF that follow others."""
+    joints = _parsed(text).findall('joint')
+    return tuple(j.get('name', '') for j in joints if j.find('mimic') is not None)
