@@ -6,7 +6,8 @@
 # writes build/benchmarks.md, too.
 #
 # What changes less has to be named: search_belt, mujoco_blind (needs what peers installs, and half
-# an hour), practice (wants a folder of cases), report (wants result directories and Chromium).
+# an hour), simulators (installs several GB), practice (wants a folder of cases), report (wants
+# result directories and Chromium).
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
@@ -32,6 +33,7 @@ for name; do
     mujoco_blind)
       with_peers -m checks.blind --generator mujoco --cases 200 --seed 2026 --out build/mujoco_blind
       ;;
+    simulators) with_peers -m checks.simulators --out build/simulators ;;
     *) python "checks/benchmarks/$name.py" ;;
   esac || { echo "bench: $name failed." >&2; failed=1; }
   printf '```\n\n%d s\n' "$SECONDS"

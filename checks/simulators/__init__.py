@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What simulators make of exported machines, by running them."""

@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole check: exports, simulators asked, and the page on what they answered."""
+
+from collections.abc import Iterator, Sequence
+from datetime import date
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from checks.share import table
+from checks.simulators.cases import Case, cases, follower, MOTION
+from checks.simulators.peers import asked, PEERS, robots
+from ros2_ident.arrays import Array
+from ros2_ident.errors import IdentError
+from ros2_ident.export.targets import fitting, SUMMARY, TARGETS, write
+from ros2_ident.files import make_directory, mark, write_text
+from ros2_ident.models.drives.joints import PARTS
+
+# What has to be reached where a target can hold the values: shares of our own.
+TORQUE, TRAVEL = 0.01, 0.02
+
+
+def run(out: str | Path, names: Sequence[str], python: str) -> Path:
+    """Run the check.
+
+    Args:
+        out: Directory of it all.
+        names: Of `PEERS`.
+        python: The interpreter that environments are made of.
+
+    Returns:
+        The page.
+    """
+    folder = make_directory(out).resolve()
+    machines = cases(make_directory(folder / 'cases'), robots(folder / 'env/data', python))
+    folders, told = {}, dict[str, Any]()
+    pair = follower(folder / 'cases')
+    for case in (*machines, pair):
+        folders[case.name] = folder / 'exports' / case.name.replace(' ', '_').lower()
+        fit = fitting(case.content, case.description)
+        write(folders[case.name], fit, case.content, case.description)
+        told[case.name] = json.loads((folders[case.name] / SUMMARY).read_text('utf-8'))
+    answers, ours = {}, {}
+    for name in names:
+        holds = frozenset(TARGETS[PEERS[name].target].holds) & {*PARTS}
+        for case in machines:
+            for of in (holds, frozenset(PARTS)):
+                if (case.name, of) not in ours:
+                    ours[case.name, of] = _ours(case, of)
+        request = [_request(c, folders[c.name], ours[c.name, holds]) for c in machines]
+        request.append(_following(folders[pair.name]))
+        try:
+            answers[name] = asked(name, folder / 'env' / name, python, request)
+        except IdentError as error:
+            answers[name] = {'version': '', 'cells': {}, 'not_run': error.message}
+    rows = [row for name in names for row in _rows(name, answers[name], machines, ours)]
+    figures = {'schema': 'ros2_ident.simulators', 'rows': rows, 'exports': told}
+    write_text(folder / 'figures.json', json.dumps(figures, indent=1) + '\n')
+    return write_text(folder / 'simulators.md', page(rows, told['KR 300']))
+
+
+def _ours(case: Case, holds: frozenset[str]) -> dict[str, Array]:
+    """Return torques and motions by our own model, of the joints' parts those of `holds`."""
+    still, states = np.zeros_like(case.still), case.states.transpose(1, 0, 2)
+    return {
+        'torque': np.array([case.torque(state[0], state[1], state[2], holds) for state in states]),
+        'decay': case.motion(case.still, case.fast, gravity=False, of=holds),
+        'swing': case.motion(case.still, still, gravity=True, of=holds),
+    }
+
+
+def _request(case: Case, folder: Path, ours: dict[str, Array]) -> dict[str, Any]:
+    """Return what `runs/common.py` is asked; accelerations are judged where they should be."""
+    numbers = {'states': case.states, 'still': case.still, 'fast': case.fast}
+    numbers['torque'] = ours['torque']
+    return {
+        'name': case.name,
+        'folder': str(folder),
+        'seconds': MOTION,
+        'joints': case.joints,
+        **{name: values.tolist() for name, values in numbers.items()},
+    }
+
+
+def _following(folder: Path) -> dict[str, Any]:
+    """Return the question how a joint follows another one; see `FOLLOWER`."""
+    return {
+        'name': 'follower',
+        'folder': str(folder),
+        'seconds': MOTION,
+        'joints': ['lead', 'follow'],
+        'states': np.zeros((3, 0, 2)).tolist(),
+        'torque': [],
+        'still': [0.0, 0.1],
+        'fast': [1.0, -2.0],
+    }
+
+
+def _rows(
+    name: str, answer: dict[str, Any], machines: Sequence[Case], ours: dict[Any, dict[str, Array]]
+) -> Iterator[dict[str, Any]]:
+    """Yield what one simulator makes of each machine.
+
+    Of torques and motions two shares of ours: how far off they are, and how far off they would be
+    were there nothing but what the target has a place for.
+    """
+    holds = frozenset(TARGETS[PEERS[name].target].holds) & {*PARTS}
+    for case in machines:
+        row = {'simulator': name, 'version': answer['version'], 'machine': case.name}
+        if 'not_run' in answer:
+            yield row | {'not_run': answer['not_run']}
+            continue
+        row |= {'follows': answer['cells']['follower']['decay']}
+        for what, there in answer['cells'][case.name].items():
+            if not isinstance(there, list):
+                row |= {what: there}
+                continue
+            whole, held = (ours[case.name, frozenset(of)][what] for of in (PARTS, holds))
+            start = 0.0 if what == 'torque' else case.still
+            of = _sizes(whole - start, what)
+            off, beside = (_sizes(np.array(there) - x, what) / of for x in (whole, held))
+            row |= {what: float(off.max()), f'{what}_held': float(beside.max())}
+            if what == 'torque':
+                row |= {'joint': case.joints[int(np.argmax(off))]}
+        yield row
+
+
+def _sizes(values: Array, what: str) -> Array:
+    """Return (D,) root mean squares of torques (S, D), or (1,) the length of a way (D,)."""
+    rows = values if what == 'torque' else values[:, None]
+    return np.asarray(np.sqrt(np.mean(rows**2, axis=0)))
+
+
+HEAD = """<!-- {mark} -->
+# Simulators
+
+What [exported machines](arm.md#2-put-it-into-my-simulator) do in the simulators that install from
+PyPI: run on {date}, with the newest releases. Again:
+
+<!-- not run: takes minutes -->
+```bash
+make bench ARGS=simulators # into build/simulators/
+```
+
+Five machines: a pendulum, a gimbal whose frame has no mass, the bundled KR 300, and Panda and Z1
+of `example-robot-data`. Their links are a tenth heavier than described; each joint has viscous and
+Coulomb friction, and an armature, the inertia of its motor and gear.
+
+## What each has a place for
+
+The price is the RMS of what is left out, and of the whole torque, along a log of the KR 300 on the
+axis where their ratio is largest. `ident export` states it for a machine of one's own.
+
+"""
+LINKS = """
+## Links without mass, joints that follow others
+
+What simulators make of them in a URDF; `ident export` names those of a description.
+
+"""
+CELLS = """
+## How far off they are
+
+- Torque: the RMS error of what the joints need in ten states, by the RMS of that, on the worst
+  joint.
+- Decay and swing: how far off the joints are {seconds:g} s after a start at a speed without
+  gravity, and at rest with it, by how far they went.
+
+In brackets is the error against our own model without what the target has no place for. It is
+printed bold above {torque:.0%} for torques and {travel:.0%} for motions.
+
+"""
+
+
+def page(rows: Sequence[dict[str, Any]], told: dict[str, Any]) -> str:
+    """Return the page.
+
+    Args:
+        rows: Of all simulators and machines.
+        told: `export.json` of the machine that prices are of.
+    """
+    by = {row['simulator']: row for row in rows}
+    places = [_place(name, row, told['targets']) for name, row in by.items()]
+    odd = [
+        [PEERS[name].title, target.massless, target.follows, _followed(row.get('follows'))]
+        for name, row in by.items()
+        for target in (TARGETS[PEERS[name].target],)
+    ]
+    head = 'simulator', 'file', 'armature', 'viscous', 'Coulomb', 'price'
+    cells = 'simulator', 'machine', 'torque', 'on', 'decay', 'swing'
+    lines = [[PEERS[r['simulator']].title, r['machine'], *_cells(r)] for r in rows]
+    return (
+        HEAD.format(mark=mark('simulators'), date=date.today().isoformat())
+        + table(head, places)
+        + LINKS
+        + table(('simulator', 'links without mass', 'joints that follow others', 'run'), odd)
+        + CELLS.format(seconds=MOTION, torque=TORQUE, travel=TRAVEL)
+        + table(cells, lines)
+    )
+
+
+def _place(name: str, row: dict[str, Any], told: dict[str, Any]) -> list[str]:
+    """Return the row of a simulator in the table of what it has a place for."""
+    peer = PEERS[name]
+    target, joints = TARGETS[peer.target], told[peer.target]['joints']
+    prices = []
+    for part in PARTS:
+        if part not in target.holds:
+            share = {n: j['cost'][part] / j['effort'] for n, j in joints.items()}
+            most = max(share, key=lambda n: share[n])
+            figures = f'{joints[most]["cost"][part]:.3g} of {joints[most]["effort"]:.3g} N m'
+            prices.append(f'{part}: {figures} on {most}')
+    held = ['yes' if p in target.holds else 'no' for p in ('armature', 'viscous', 'coulomb')]
+    version = row['version'] or 'not run'
+    return [f'{peer.title} {version}', f'`{target.file}`', *held, '<br>'.join(prices)]
+
+
+def _followed(ends: Any) -> str:
+    """Return how far off a joint is that has to follow another one; see `FOLLOWER`."""
+    if not isinstance(ends, list):
+        return (ends or '').partition('. ')[0]
+    lead, follow = ends
+    return f'{abs(follow - 0.1 + 2.0 * lead):.2g} of {2.0 * abs(lead):.2g} rad off'
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    if 'not_run' in row:
+        return ['not run', '', '', '']
+    torque, *motion = (
+        _cell(row.get(what), row.get(f'{what}_held'), most)
+        for what, most in (('torque', TORQUE), ('decay', TRAVEL), ('swing', TRAVEL))
+    )
+    return [torque, row.get('joint', ''), *motion]
+
+
+def _cell(value: Any, held: float | None, most: float) -> str:
+    if held is None:
+        return value or ''
+    text = f'{100.0 * value:.2g} %' + ('' if value == held else f' ({100.0 * held:.2g} %)')
+    return text if held <= most else f'**{text}**'

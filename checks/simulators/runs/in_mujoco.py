@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MuJoCo: inverse dynamics, and motion in steps."""
+
+from common import answer, Simulation
+import mujoco
+import numpy as np
+
+
+class Run(Simulation):
+    """The MJCF."""
+
+    def __init__(self, folder, joints, gravity):
+        self.model = mujoco.MjModel.from_xml_path(str(folder / 'robot.xml'))
+        self.data = mujoco.MjData(self.model)
+        if not gravity:
+            self.model.opt.gravity[:] = 0.0
+        self.q = [self.model.joint(name).qposadr[0] for name in joints]
+        self.v = [self.model.joint(name).dofadr[0] for name in joints]
+
+    def torque(self, position, velocity, acceleration, guess):
+        data = self.data
+        data.qpos[self.q], data.qvel[self.v], data.qacc[self.v] = position, velocity, acceleration
+        mujoco.mj_inverse(self.model, data)
+        return np.array(data.qfrc_inverse[self.v])
+
+    def motion(self, position, velocity, seconds):
+        self.data.qpos[self.q], self.data.qvel[self.v] = position, velocity
+        mujoco.mj_step(self.model, self.data, round(seconds / self.model.opt.timestep))
+        return self.data.qpos[self.q]
+
+
+answer('mujoco', Run)
