@@ -13,10 +13,12 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from ros2_ident.change.find import apart, find_change
+from ros2_ident.change.result import Comparison
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import remove_file
 from ros2_ident.gap.diagnose import diagnose as find_gap
-from ros2_ident.gap.diagnose import DiagnoseProgress
+from ros2_ident.gap.diagnose import DiagnoseProgress, SEARCH
 from ros2_ident.gap.result import Diagnosis
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.layout import Conditions
@@ -30,6 +32,7 @@ from ros2_ident.models.registry import compared_of, travel_of
 from ros2_ident.recording import read_bags, Recording, RecordingBuilder, SAMPLES, Topics
 from ros2_ident.search import Threads
 from ros2_ident.search.evaluators import Cancel, Workers
+from ros2_ident.search.fit import fit
 
 
 @dataclass(frozen=True)
@@ -252,6 +255,87 @@ def diagnose(
     )
     cut = cancel is not None and cancel.is_set() and not result.complete
     return Diagnosed(request, logs, result, time.monotonic() - logs.since, checkpoint, cut)
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A comparison of two sides that has ended.
+
+    Attributes:
+        request: What was asked for; its bags are those before.
+        later: Paths of the bags after.
+        before: Logs before.
+        after: Logs after.
+        result: What was found.
+        seconds: From reading to the result, s.
+    """
+
+    request: Request
+    later: tuple[str, ...]
+    before: Logs
+    after: Logs
+    result: Comparison
+    seconds: float
+
+
+def compare(
+    request: Request,
+    later: Sequence[str],
+    *,
+    paired: bool = False,
+    cancel: Cancel | None = None,
+    on_step: Callable[[float, str], None] = lambda share, text: None,
+) -> Compared:
+    """Say what changed between the bags of a request and later ones.
+
+    Args:
+        request: The bags before, and all else that is asked.
+        later: Paths of the bags after.
+        paired: As of `change.find_change`.
+        cancel: Ends it with the best so far.
+        on_step: Told the share that is done, and a sentence.
+
+    Raises:
+        IdentError: As `read`; INVALID_GOAL where pairs are asked for and the sides have not as
+            many bags, DIVERGED where nothing can be simulated.
+    """
+    if paired and len(request.bags) != len(later):
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{len(request.bags)} bags before and {len(later)} after are no pairs; give as many '
+            'of each, in the same order, or leave out --pairs'
+        )
+    logs = read(request), read(replace(request, bags=tuple(later)))
+    sides = [x.fit for x in logs]
+    data = replace(sides[0], datasets=tuple(d for x in sides for d in x.datasets), labels=(),
+                   recordings=tuple(r for x in sides for r in x.recordings))  # fmt: skip
+    problem = request.problem(data)
+    on_step(0.0, 'fitting all logs alike')
+    fitted = fit(
+        problem, replace(request.settings, genetic=SEARCH.genetic), request.seed, cancel=cancel,
+        workers=request.workers or Threads(request.settings.threads), first=problem.suggested,
+    )  # fmt: skip
+    if not np.isfinite(fitted.theta).all():
+        raise ErrorCode.DIVERGED.error(
+            'every candidate diverges on these logs; check units, gains and geometry in the '
+            'machine file with `ident check`'
+        )
+    after = np.repeat([False, True], [len(x.datasets) for x in sides])
+    names = [(bool(s), r.source) for s, r in zip(after, data.recordings, strict=True)]
+    number = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    result = find_change(
+        problem.models,
+        after,
+        fitted.theta,
+        np.array([number[name] for name in names]),
+        paired=paired,
+        without=request.without,
+        stopped=cancel.is_set if cancel is not None else lambda: False,
+        on_step=on_step,
+        threads=request.settings.threads,
+    )
+    told = apart(request.machine, sides[0].datasets, sides[1].datasets, request.drives)
+    result = replace(result, apart=(*told, *result.apart))
+    return Compared(request, tuple(later), *logs, result, time.monotonic() - logs[0].since)
 
 
 def save(

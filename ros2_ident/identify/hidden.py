@@ -158,44 +158,95 @@ def weigh_fit(
         stopped: Asked often; True leaves the rest of the catalogue out.
         threads: That simulate; one for each processor where None.
     """
-    first, *_ = models = fitted.models
-    candidates = [a for a in first.extensions() if a not in first.effects]
-    wide = [first.extended((*first.effects, at)) for at in candidates]
-    tried = sum(len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
-    rows = rows_of(models, _MOST // max(200, tried))
+    models = fitted.models
+    candidates = [at for at in models[0].extensions() if at not in models[0].effects]
+    rows = rows_to_weigh(fitted, candidates)
     residual, jacobian = slopes_of(fitted, theta, rows)
-    basis = np.linalg.qr(jacobian)[0]
-    free = residual - basis @ (basis.T @ residual)
-
-    def changes(at: EffectAt, model: FullModel) -> tuple[Array, Array]:
-        if stopped():
-            return np.empty((0, residual.size)), np.empty(0)
-        others = [m.extended((*m.effects, at)) for m in models[1:]]
-        masked = [m.restricted(x) for m, x in zip((model, *others), rows.masks, strict=True)]
-
-        def changed(points: Array) -> Array:
-            base = np.repeat(theta[None], len(points), axis=0)
-            rows = [np.hstack([fitted.own(i, base), points]) for i in range(len(masked))]
-            out = [m.residuals(row) for m, row in zip(masked, rows, strict=True)]
-            return np.hstack(out) - residual
-
-        points, most = _tried(model, at, orders_shown(model, at, changed, free, basis, clear=True))
-        out = changed(points) if len(points) else np.empty((0, residual.size))
-        out = out[np.isfinite(out).all(axis=1)]
-        return out, np.full(len(out), most)
-
-    with ThreadPoolExecutor(threads or processors()) as pool:
-        parts = list(pool.map(changes, candidates, wide))
-    answers = _answers(models, rows)
-    missing = np.concatenate([answers, *(change for change, _ in parts)]).T
-    most = np.concatenate([np.full(len(answers), np.inf), *(limit for _, limit in parts)])
+    there = alternatives(fitted, theta, candidates, rows, residual, jacobian, stopped, threads)
+    answers = answers_of(models, rows)
+    missing = np.concatenate([answers, *(one.changes for one in there)]).T
+    most = np.concatenate([np.full(len(answers), np.inf), *(one.most for one in there)])
     evidence = weigh(
         residual, jacobian, missing, rows.runs, rows.blocks, most=most, share=rows.share
     )
     return Weighed(evidence, rows, jacobian, residual)
 
 
-def _answers(models: Sequence[FullModel], rows: Rows) -> Array:
+def rows_to_weigh(fitted: Layout, candidates: Sequence[EffectAt], times: int = 1) -> Rows:
+    """Return as many rows as can be weighed against some effects, each so many times."""
+    first = fitted.models[0]
+    count = sum(len(_tried(first.extended((*first.effects, at)), at)[0]) for at in candidates)
+    return rows_of(fitted.models, _MOST // (times * max(200, count)))
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Changes of a residual by an effect.
+
+    Attributes:
+        at: The effect and its place.
+        points: (S, P) values of its parameters that were tried.
+        changes: (S, R) how they change the residual.
+        most: (S,) how many times that change may be there.
+        group: (S,) within one of these sizes superpose, see `trials`.
+    """
+
+    at: EffectAt
+    points: Array
+    changes: Array
+    most: Array
+    group: npt.NDArray[np.int64]
+
+
+def alternatives(
+    fitted: Layout,
+    theta: Array,
+    candidates: Sequence[EffectAt],
+    rows: Rows,
+    residual: Array,
+    jacobian: Array,
+    stopped: Callable[[], bool] = lambda: False,
+    threads: int | None = None,
+) -> list[Alternative]:
+    """Return what each of some effects would change in the residual of a fit.
+
+    Args:
+        fitted: The models.
+        theta: (N,) their parameters.
+        candidates: Effects that the models do not have.
+        rows: The R samples looked at.
+        residual: (R,) there.
+        jacobian: (R, N) its derivative by the parameters.
+        stopped: Asked often; True leaves the rest of the candidates empty.
+        threads: That simulate; one for each processor where None.
+    """
+    basis = np.linalg.qr(jacobian)[0]
+    free = residual - basis @ (basis.T @ residual)
+
+    def of(at: EffectAt) -> Alternative:
+        wide = [m.extended((*m.effects, at)) for m in fitted.models]
+        points, most, group = np.empty((0, 0)), 0.0, np.empty(0, np.int64)
+        masked = [m.restricted(x) for m, x in zip(wide, rows.masks, strict=True)]
+
+        def changed(points: Array) -> Array:
+            base = np.repeat(theta[None], len(points), axis=0)
+            own = [np.hstack([fitted.own(i, base), points]) for i in range(len(masked))]
+            out = [m.residuals(row) for m, row in zip(masked, own, strict=True)]
+            return np.hstack(out) - residual
+
+        if not stopped():
+            orders = orders_shown(wide[0], at, changed, free, basis, clear=True)
+            points, most, group = _tried(wide[0], at, orders)
+        out = changed(points) if len(points) else np.empty((0, residual.size))
+        there = np.isfinite(out).all(axis=1)
+        out = out if there.all() else out[there]
+        return Alternative(at, points[there], out, np.full(len(out), most), group[there])
+
+    with ThreadPoolExecutor(threads or processors()) as pool:
+        return list(pool.map(of, candidates))
+
+
+def answers_of(models: Sequence[FullModel], rows: Rows) -> Array:
     """Return (D, R) how each drive strays from an even motion; (0, R) where set-points are logged.
 
     A controller that is to hold a speed answers with effort: then the effort follows the motion,
@@ -216,8 +267,15 @@ def _answers(models: Sequence[FullModel], rows: Rows) -> Array:
     return np.concatenate(parts, axis=1)
 
 
-def _tried(model: FullModel, at: EffectAt, orders: tuple[float, ...] = ()) -> tuple[Array, float]:
-    """Return (S, P) values of a model's effect to try, and how many times its change may be."""
-    points = np.array([point for group in trials(at, model, orders) for point in group])
+def _tried(
+    model: FullModel, at: EffectAt, orders: tuple[float, ...] = ()
+) -> tuple[Array, float, npt.NDArray[np.int64]]:
+    """Return (S, P) values of a model's effect to try, and how many times its change may be.
+
+    And (S,) the group of each, see `trials`.
+    """
+    groups = trials(at, model, orders)
+    points = np.array([point for alike in groups for point in alike])
     itself = any(p.role == 'size' and p.starts for p in model.scaled(at))
-    return points, 1.0 if itself else LARGE / TRIAL
+    group = np.array([n for n, alike in enumerate(groups) for _ in alike], dtype=np.int64)
+    return points, 1.0 if itself else LARGE / TRIAL, group

@@ -258,3 +258,22 @@ def drives_moved(
     for output, row in zip(model.outputs, told, strict=True):
         rows[output.quantity][model.data.names.index(output.place or output.name)] = row
     return rows
+
+
+# A model's own number, and one that is the same everywhere.
+_CERTAIN = frozenset({'coulomb_regularisation', 'gravity'})
+
+
+def stated_numbers(machine: Machine) -> dict[str, tuple[float, str]]:
+    """Return numbers that a machine file states and that could be parameters, with their units.
+
+    Those that differ from drive to drive are left out.
+    """
+    found = {}
+    for key in kind_of(machine).keys:
+        values = machine.constants.get(key.name, ())
+        alike = len(set(values)) == 1 and isinstance(values[0], float) and values[0] != 0.0
+        searched = key.section == 'parameters' and key.name not in _CERTAIN | {*machine.bounds}
+        if alike and searched and machine.stated(key.name):
+            found[key.name] = float(values[0]), key.unit
+    return found

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import plain
+from ros2_ident.change.result import Comparison
 from ros2_ident.effects import CATALOGUE, EffectParameter
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_text
@@ -43,6 +44,8 @@ JSON, HISTORY, SIGNALS = 'result.json', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
 # What `ident fleet` found, of all its recordings.
 FLEET = 'fleet.json'
+# What `ident diff` found.
+CHANGE = 'change.json'
 # Made from the others by `report.page`.
 PAGE = 'report.html'
 # What a run that was cut short goes on from.
@@ -88,6 +91,18 @@ def write_diagnosis(
         write_text(folder / DIAGNOSIS, text),
         write_signals(folder / DIAGNOSIS_SIGNALS, signals_of_diagnosis(found)),
     )
+
+
+def write_change(directory: str | Path, found: Comparison, asked: Mapping[str, object]) -> Path:
+    """Write `change.json`.
+
+    Args:
+        directory: Exists.
+        asked: What was asked for.
+    """
+    data = {'format': 'ros2_ident.change', 'version': 1, **asdict(found), 'settings': dict(asked)}
+    text = json.dumps(plain(data), indent=1, allow_nan=False) + '\n'
+    return write_text(Path(directory) / CHANGE, text)
 
 
 def holds_results(path: str | Path) -> bool:

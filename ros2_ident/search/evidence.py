@@ -40,12 +40,12 @@ OWN = 0.05
 # Share of what the rows hold from which on coefficients may well follow noise.
 _MUCH = 0.25
 # Logarithm of the evidence that chance alone may gain.
-_CHANCE = 3.0
+CHANCE = 3.0
 # From here on it is clear that something is predicted.
 _CLEAR = 30.0
 # Sizes tried, as shares of the residual: every fourth, then those about the best. And how many
 # times single columns get their own before that of all is looked for again.
-_SIZES = np.logspace(-5.0, 1.5, 66)
+SIZES = np.logspace(-5.0, 1.5, 66)
 _EVERY, _ROUNDS = 4, 4
 # Draws of the sizes that the parameters' certainty is of, and as many before them as do not count:
 # on 120 simulated axes 1000 give the same, 2026-11-28.
@@ -141,19 +141,12 @@ def weigh(
         Inverse Problems 30; one size by MacKay (1992), Neural Computation 4; sizes of single
         columns by Tipping and Faul (2003), AISTATS 9.
     """
-    scaled, limit = _of_one_size(jacobian, missing, most)
+    scaled, limit = of_one_size(jacobian, missing, most)
     # A column's samples lie side by side: whitening and products go along them.
     columns = np.concatenate([jacobian.T, scaled]).T
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
-    data = _Rows(residual, columns, runs, limit, scale)
-    # A weak ridge for a first look: what it leaves is hardly more than the noise.
-    ridge = 1e-6 * len(residual) * np.eye(columns.shape[1])
-    found = data.weighed(
-        data.noise(
-            residual - columns @ np.linalg.solve(columns.T @ columns + ridge, columns.T @ residual)
-        ),
-        blocks,
-    )
+    data = Rows(residual, columns, runs, limit, scale)
+    found = data.weighed(data.first_noise(), blocks)
     place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
     if found.sums.taken(found.sizes) > _MUCH * len(residual):
@@ -169,7 +162,7 @@ def weigh(
     rest = np.hypot(_rms(found.left, place), hidden)
     sums = found.sums
     # Rows that were left out of the sums tell as much as those in them.
-    whole = _Sums(sums.normal / share, sums.gradient / share, limit)
+    whole = Sums(sums.normal / share, sums.gradient / share, limit)
     shift, covariance = whole.parameters(found.sizes, scale)
     # A prediction that makes it worse is none.
     return Evidence(
@@ -186,10 +179,10 @@ def weigh(
 
 @dataclass(frozen=True)
 class _Found:
-    """Result of one start of the noise; see `_Rows.weighed`."""
+    """Result of one start of the noise; see `Rows.weighed`."""
 
     noise: tuple[NoiseModel, ...]
-    sums: '_Sums'
+    sums: 'Sums'
     parts: list[tuple[Array, Array]]
     sizes: Array
     gain: float
@@ -199,7 +192,7 @@ class _Found:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class Rows:
     """A residual (R,) and columns (R, N + C) of what may be in it; see `weigh`."""
 
     residual: Array
@@ -207,6 +200,14 @@ class _Rows:
     runs: Sequence[Run]
     limit: Array
     scale: float
+
+    def first_noise(self) -> tuple[NoiseModel, ...]:
+        """Return the noise by a first look: what a weak ridge leaves is hardly more than it."""
+        columns, residual = self.columns, self.residual
+        ridge = 1e-6 * len(residual) * np.eye(columns.shape[1])
+        return self.noise(
+            residual - columns @ np.linalg.solve(columns.T @ columns + ridge, columns.T @ residual)
+        )
 
     def weighed(self, noise: tuple[NoiseModel, ...], blocks: npt.NDArray[np.int64]) -> _Found:
         """Estimate noise and coefficients in turn, from a noise to start with."""
@@ -219,7 +220,7 @@ class _Rows:
             rows = [(white.take(np.flatnonzero(out), axis=1), right[out]) for out in folds]
             parts = [(own @ own.T, own @ against) for own, against in rows]
             normal, gradient = (np.sum(x, axis=0) for x in zip(*parts, strict=True))
-            sums = _Sums(normal, gradient, self.limit)
+            sums = Sums(normal, gradient, self.limit)
             sizes, gain, evidence = sums.sizes(self.scale)
             evidence -= 0.5 * float(right @ right) + whiten.volume
             left = self.residual - columns @ sums.solve(sizes)
@@ -232,7 +233,7 @@ class _Rows:
         out = np.empty_like(self.residual)
         for fold, (normal, gradient) in enumerate(found.parts):
             own, sums = blocks % _FOLDS == fold, found.sums
-            others = _Sums(sums.normal - normal, sums.gradient - gradient, self.limit)
+            others = Sums(sums.normal - normal, sums.gradient - gradient, self.limit)
             out[own] = self.residual[own] - self.columns[own] @ others.solve(found.sizes)
         return out
 
@@ -240,7 +241,7 @@ class _Rows:
         """Return the evidence where the first `count` columns and noise are all there is."""
         whiten = Whitening(self.runs, noise)
         white, right = whiten(self.columns[:, :count].T).T, whiten(self.residual)
-        sums = _Sums(white.T @ white, white.T @ right, np.empty(0))
+        sums = Sums(white.T @ white, white.T @ right, np.empty(0))
         return sums.evidence(np.empty(0)) - 0.5 * float(right @ right) - whiten.volume
 
     def noise(self, left: Array, spread: Array | None = None) -> tuple[NoiseModel, ...]:
@@ -272,7 +273,7 @@ class _Rows:
         )
 
 
-class _Sums:
+class Sums:
     """Normal equations of parameters and of what is missing, rows whitened.
 
     Args:
@@ -289,10 +290,10 @@ class _Sums:
 
     def sizes(self, scale: float) -> tuple[Array, float, float]:
         """Return (C,) the most probable sizes of what is missing, the gain over none, evidence."""
-        none, own = np.minimum(scale * _SIZES[0], self.limit), np.zeros(len(self.limit))
-        size, evidence = self._of_all(own, scale * _SIZES)
+        none, own = np.minimum(scale * SIZES[0], self.limit), np.zeros(len(self.limit))
+        size, evidence = self._of_all(own, scale * SIZES)
         least = self.evidence(none)
-        if not evidence - least > _CHANCE:
+        if not evidence - least > CHANCE:
             # What chance gains is no evidence that anything is missing.
             return none, evidence - least, least
         for _ in range(_ROUNDS):
@@ -302,7 +303,7 @@ class _Sums:
             if np.array_equal(further, own):
                 break
             own = further
-            size, evidence = self._of_all(own, scale * _SIZES[scale * _SIZES <= size])
+            size, evidence = self._of_all(own, scale * SIZES[scale * SIZES <= size])
         return np.minimum(np.hypot(size, own), self.limit), evidence - least, evidence
 
     def _of_all(self, own: Array, tried: Array) -> tuple[float, float]:
@@ -332,7 +333,7 @@ class _Sums:
         """
         own = slice(self.count, None)
         covariance, mean = self.covariance(sizes), self.solve(sizes)
-        square, least = sizes**2, max(_CHANCE, math.log(max(sizes.size, 1)))
+        square, least = sizes**2, max(CHANCE, math.log(max(sizes.size, 1)))
         for _ in range(sizes.size):
             spread = np.diag(covariance)[own]
             # What the rows and the other coefficients say of one: precision, and its mean by that.
@@ -442,7 +443,7 @@ def _of_one(square: Array, told: Array, precision: Array) -> Array:
     return np.asarray(0.5 * (told**2 * square / more - np.log(more)))
 
 
-def _of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
+def of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
     """Return (C', R) columns of RMS 1 once the parameters have imitated what they can.
 
     And (C',) how many times each may be there.

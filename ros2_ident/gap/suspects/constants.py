@@ -13,13 +13,11 @@ from ros2_ident.gap.fits import Fits, PROMISING
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.result import WrongConstant
 from ros2_ident.gap.selection import Selector
-from ros2_ident.models.registry import kind_of
+from ros2_ident.models.registry import stated_numbers
 from ros2_ident.search.jacobian import Box, COARSE_STEP
 from ros2_ident.search.least_squares import least_squares
 from ros2_ident.search.uncertainty import intervals
 
-# A model's own number, and one that is the same everywhere.
-_CERTAIN = frozenset({'coulomb_regularisation', 'gravity'})
 # A stated number is looked for within this factor either way; its interval ends there.
 _FACTOR = 10.0
 
@@ -36,14 +34,9 @@ def fitted_constants(fits: Fits, base: Hypothesis) -> Iterator[tuple[WrongConsta
     machine = fits.split.fit.models[0].machine
     if machine is None:
         return
-    searched = {k.name: k.unit for k in kind_of(machine).keys if k.section == 'parameters'}
     gains: list[tuple[float, str, _WithConstant]] = []
-    for name, unit in searched.items():
-        values = machine.constants.get(name, ())
-        alike = len(set(values)) == 1 and isinstance(values[0], float) and values[0] != 0.0
-        if not alike or not machine.stated(name) or name in _CERTAIN | {*machine.bounds}:
-            continue
-        of = _WithConstant(fits, base, name, float(values[0]))
+    for name, (stated, unit) in stated_numbers(machine).items():
+        of = _WithConstant(fits, base, name, stated)
         with suppress(IdentError):
             gains.append((of.promise(), unit, of))
     gains.sort(key=lambda gain: -gain[0])

@@ -1,0 +1,472 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which change tells the logs after from those before."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+import math
+
+import numpy as np
+import numpy.typing as npt
+import scipy
+
+from ros2_ident.arrays import Array, NORMAL
+from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
+from ros2_ident.change.sides import AFTER, Marginal, Sides
+from ros2_ident.errors import IdentError
+from ros2_ident.gates import examine
+from ros2_ident.identify.hidden import (
+    alternatives,
+    answers_of,
+    residuals_at,
+    Rows,
+    rows_to_weigh,
+    slopes_of,
+)
+from ros2_ident.machine.machine import Machine
+from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models.registry import scales_of, stated_numbers
+from ros2_ident.recording import Dataset
+from ros2_ident.search.changes import (
+    Changes,
+    evidence_of,
+    Logs,
+    price_of,
+    shown_from,
+    weigh_changes,
+)
+from ros2_ident.search.jacobian import COARSE_STEP
+from ros2_ident.search.least_squares import least_squares, Point
+
+# Changes of one comparison, at most; suspects of a round that are fitted, at most, and the share
+# of the best one's gain from which on. As of a diagnosis.
+_MOST, _FITS, _PROMISING = 4, 8, 0.5
+# A stated number is looked for within this factor either way.
+_FACTOR = 10.0
+# Evidence by which two suspects may differ and explain as much; or share of the better one's.
+_TIE, _ALIKE = 3.0, 0.02
+# Friction, offsets and delays of two logs differ by less than this share without any cause but a
+# few kelvin, in 95 of 100 cases: Bittencourt and Gunnarsson 2012, Static Friction in a Robot
+# Joint, ASME J. Dyn. Syst. Meas. Control 134(5).
+BY_ITSELF = 0.02
+# Each quarter of a log is predicted from the other three.
+_PARTS = 4
+# Motions whose strokes or speeds differ by this factor are others: what the model lacks does not
+# cancel then. By hand.
+_OTHER = 1.25
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Suspect with its columns among all that may have changed.
+
+    Attributes:
+        suspect: What it is.
+        columns: Its columns.
+        names: What each is a multiple of.
+        units: Their units.
+        scales: Each number for a coefficient of 1.
+        value: Value before; NaN of an effect.
+        numbers: How many numbers it takes, shapes among them.
+        at: An effect at its place.
+        begin: (P,) its parameters where the coefficients are 0.
+        moved: (k, P) how they move with each.
+    """
+
+    suspect: Suspect
+    columns: tuple[int, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    scales: Array
+    value: float = math.nan
+    numbers: int = 1
+    at: EffectAt | None = None
+    begin: Array = field(default_factory=lambda: np.empty(0))
+    moved: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+
+_Found = tuple[_Column, float, tuple[Suspect, ...]]
+
+
+@dataclass(frozen=True)
+class _Round:
+    """All that may have changed beside what did, at one fit."""
+
+    sides: Sides
+    theta: Array
+    rows: Rows
+    logs: Logs
+    columns: list[_Column]
+    weighed: Changes
+    marginal: Marginal
+    timing: frozenset[int]
+
+    @property
+    def suspects(self) -> list[_Column]:
+        """Those that may be named: timing is of each log."""
+        return [c for c in self.columns if not self.timing & {*c.columns}]
+
+    def evidence(self, column: _Column) -> float:
+        """Return the evidence of a suspect to first order."""
+        return evidence_of(self.weighed.of(column.columns)[2], len(column.columns))
+
+
+def find_change(
+    models: Sequence[FullModel],
+    after: npt.NDArray[np.bool_],
+    theta: Array,
+    log: npt.NDArray[np.int64],
+    *,
+    paired: bool = False,
+    without: Sequence[str] = (),
+    stopped: Callable[[], bool] = lambda: False,
+    on_step: Callable[[float, str], None] = lambda share, text: None,
+    threads: int | None = None,
+) -> Comparison:
+    """Say what changed between the logs before and those after.
+
+    Args:
+        models: Nominal models of one machine, one a recording; those before first.
+        after: (M,) whether a recording is of the side after.
+        theta: (N,) one fit of all.
+        log: (M,) number of the log a recording is part of, ascending.
+        paired: Whether the first log after was recorded as the first one before, and so on: what
+            the model lacks, and its parameters, are of each pair then.
+        without: Ids of effects to leave out.
+        stopped: Asked often; True ends it with the changes found so far.
+        on_step: Told the share that is done, and a sentence.
+        threads: That simulate; one for each processor where None.
+    """
+    looked = partial(
+        _round, log=log, paired=paired, without=without, stopped=stopped, threads=threads
+    )
+    found: list[_Found] = []
+    begun = now = looked(Sides(models, after), theta)
+    price = price_of(len(now.suspects))
+    for _ in range(2 * _MOST):
+        on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
+        weak = next((x for x in found if not _still(now, x[0], price)), None)
+        if stopped():
+            break
+        if weak is not None:
+            # What came first stood for what came after.
+            found.remove(weak)
+            sides = now.sides.less(weak[0].at, weak[0].suspect.name)
+            start = sides.start(now.sides, now.theta, np.empty(0))
+            best = _fitted(now, sides, start, stopped).theta
+        elif len(found) < _MOST and (step := _step(now, price, stopped)) is not None:
+            column, evidence, ties, sides, best = step
+            found.append((column, evidence, ties))
+        else:
+            break
+        on_step(0.2 + 0.15 * len(found), 'looking at all that may have changed beside it')
+        now = looked(sides, best)
+    changes = tuple(_changes(now, found))
+    there = [own.columns for c, _, _ in found if (own := _same(begun, c)) is not None]
+    share = begun.weighed.explained([i for columns in there for i in columns])
+    count = int(np.unique(log[~after]).size), int(np.unique(log[after]).size)
+    return Comparison(
+        changes=changes,
+        explained=share if found else math.nan,
+        left_out='logs' if begun.logs.whole else 'blocks',
+        smallest=tuple(_visible(now, price)),
+        apart=tuple(_timing(now, price)),
+        logs=count,
+        paired=paired,
+        price=price,
+        complete=not stopped(),
+    )
+
+
+# ---------------------------------------------------------------------- columns
+
+
+def _round(
+    sides: Sides,
+    theta: Array,
+    log: npt.NDArray[np.int64],
+    paired: bool,
+    without: Sequence[str],
+    stopped: Callable[[], bool],
+    threads: int | None,
+) -> _Round:
+    first, taken = sides.models[0], {at for at, _ in sides.effects}
+    candidates = [at for at in first.extensions() if at not in taken and at.effect not in without]
+    # Twice: what is common, and what changed.
+    rows = rows_to_weigh(sides, candidates, 2)
+    residual, jacobian = slopes_of(sides, theta, rows)
+    there = alternatives(sides, theta, candidates, rows, residual, jacobian, stopped, threads)
+    answers = answers_of(sides.models, rows)
+    missing = np.concatenate([answers, *(one.changes for one in there)]).T
+    most = np.concatenate([np.full(len(answers), np.inf), *(one.most for one in there)])
+    nominal = jacobian[:, : sides.nominal]
+    columns: list[_Column] = []
+    changed: list[Array] = []
+
+    def add(c: _Column, own: Sequence[Array]) -> None:
+        at = range(len(changed), len(changed) + len(own))
+        columns.append(replace(c, columns=tuple(at)))
+        changed.extend(own)
+
+    usual: list[float] = []
+    width = sides.high - sides.low
+    for i, p in enumerate(sides.parameters[: sides.nominal]):
+        suspect = Suspect('parameter', p.name)
+        known = 0.0 if p.absent is None else BY_ITSELF / NORMAL * abs(theta[i])
+        usual.append(math.inf if p.unit == 's' else known / width[i])
+        add(
+            _Column(suspect, (), (p.name,), (p.unit,), width[i : i + 1], float(theta[i])),
+            [nominal[:, i]],
+        )
+    for name, value, unit, slope in _constants(sides, theta, rows, residual):
+        usual.append(0.0)
+        suspect = Suspect('constant', name)
+        add(_Column(suspect, (), (name,), (unit,), np.array([value]), value), [slope])
+    for one in there:
+        wide = first.extended((*first.effects, one.at))
+        own = wide.scaled(one.at)
+        units = [p.unit for p in wide.parameters[-len(own) :]]
+        neutral = np.array([p.neutral for p in own])
+        for group in np.unique(one.group):
+            at = np.flatnonzero(one.group == group)
+            moved = one.points[at] - neutral
+            sized = np.array([p.role == 'size' for p in own])
+            which = [int(np.argmax(np.abs(np.where(sized, m, 0.0)))) for m in moved]
+            begin = np.where(sized, neutral, one.points[at[0]])
+            usual += [math.inf if units[w] == 's' else 0.0 for w in which]
+            suspect = Suspect('effect', one.at.effect, one.at.where)
+            scales = np.array([m[w] for m, w in zip(moved, which, strict=True)])
+            c = _Column(
+                suspect, (), tuple(own[w].name for w in which), tuple(units[w] for w in which),
+                scales, math.nan, len(own), one.at, begin, one.points[at] - begin,
+            )  # fmt: skip
+            add(c, list(one.changes[at]))
+    kept = range(len(changed), len(changed) + len(theta) - sides.nominal)
+    changed += list(jacobian[:, sides.nominal :].T)
+    usual += [0.0] * len(kept)
+    side = np.concatenate([np.full(kept.start, True), sides.later[sides.nominal :]])
+    logs = _logs(sides, rows, log, paired)
+    weighed = weigh_changes(
+        residual, nominal, missing, np.array(changed).T, rows.runs, rows.blocks, logs,
+        most=most, usual=np.array(usual), side=side, kept=kept, share=rows.share,
+    )  # fmt: skip
+    apart = nominal if paired else nominal[:, :0]
+    marginal = Marginal.of(weighed, rows, logs, apart)
+    return _Round(
+        sides,
+        theta,
+        rows,
+        logs,
+        columns,
+        weighed,
+        marginal,
+        frozenset(np.flatnonzero(np.isinf(usual))),
+    )
+
+
+def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) -> Logs:
+    """Return which rows are of which log, and how they are left out."""
+    ends = np.cumsum([0, *(int(mask.sum()) for mask in rows.masks)])
+    numbers = [np.unique(log[sides.after == s]).tolist() for s in (False, True)]
+    least = min(map(len, numbers))
+    there, pair, fold = [], [], rows.blocks % _PARTS
+    for k in (k for own in numbers for k in own):
+        own = np.flatnonzero(log == k)
+        there.append(slice(int(ends[own[0]]), int(ends[own[-1] + 1])))
+        place = next(own.index(k) for own in numbers if k in own)
+        pair.append(place if paired else 0)
+        if least > 1:
+            fold[there[-1]] = place % least
+    after = np.repeat([False, True], list(map(len, numbers)))
+    return Logs(tuple(there), after, np.array(pair), fold, least > 1)
+
+
+def _constants(
+    sides: Sides, theta: Array, rows: Rows, residual: Array
+) -> Iterator[tuple[str, float, str, Array]]:
+    """Yield stated numbers of the machine file, and (R,) the derivative by their logarithm."""
+    machine = sides.bare[-1].machine
+    for name, (value, unit) in (stated_numbers(machine) if machine else {}).items():
+        with suppress(IdentError):
+            moved = sides.stating(name, value * math.exp(COARSE_STEP), both=True)
+            slope = (residuals_at(moved, rows)(theta[None])[0] - residual) / COARSE_STEP
+            if np.isfinite(slope).all():
+                yield name, value, unit, slope
+
+
+# ---------------------------------------------------------------------- one change more
+
+
+_Step = tuple[_Column, float, tuple[Suspect, ...], Sides, Array]
+
+
+def _step(now: _Round, price: float, stopped: Callable[[], bool]) -> _Step | None:
+    """Return the change whose evidence is more than its choice among all may be by chance."""
+    told = {id(c): now.evidence(c) for c in now.suspects}
+    ordered: list[_Column] = []
+    for c in sorted(now.suspects, key=lambda c: -told[id(c)]):
+        # Of one effect the shape that explains most.
+        if not any((x.suspect.name, x.suspect.where) == (c.suspect.name, c.suspect.where)
+                   for x in ordered):  # fmt: skip
+            ordered.append(c)
+    best = told[id(ordered[0])] if ordered else 0.0
+    if not best > price:
+        return None
+    promising = [c for c in ordered if told[id(c)] > max(price, _PROMISING * best)][:_FITS]
+    base = _fitted(now, now.sides, now.theta, stopped)
+    fits = [_with(now, c, base, stopped) for c in promising]
+    top = max(evidence for _, evidence, *_ in fits)
+    if not top > price:
+        return None
+    alike = [f for f in fits if f[1] > min(top - _TIE, (1.0 - _ALIKE) * top)]
+    column, evidence, suspect, sides, theta = min(
+        alike, key=lambda f: (f[2].kind == 'effect', f[0].numbers, -f[1])
+    )
+    ties = [suspect for _, _, suspect, *_ in alike]
+    column = replace(column, suspect=suspect)
+    return column, evidence, tuple(x for x in ties if x != suspect), sides, theta
+
+
+def _fitted(now: _Round, sides: Sides, start: Array, stopped: Callable[[], bool]) -> Point:
+    """Return the best fit of sides under the noise and with what the model lacks left open."""
+    evaluate = residuals_at(sides, now.rows)
+    return least_squares(
+        lambda theta: now.marginal(evaluate(theta)), start, sides.low, sides.high, stopped=stopped
+    )
+
+
+_Fit = tuple[_Column, float, Suspect, Sides, Array]
+
+
+def _with(now: _Round, c: _Column, base: Point, stopped: Callable[[], bool]) -> _Fit:
+    """Return the fit of a suspect beside the parameters, and its evidence."""
+    estimate = now.weighed.of(c.columns)[0]
+    suspect, sides, theta = c.suspect, now.sides, base.theta
+    own = estimate * c.scales
+    if suspect.kind == 'constant':
+        factor = math.exp(float(np.clip(estimate[0], -math.log(_FACTOR), math.log(_FACTOR))))
+        sides, own = sides.stating(suspect.name, c.value * factor), np.empty(0)
+    elif c.at is None:
+        sides = sides.also(name=suspect.name)
+    else:
+        box = np.array([(p.low, p.high) for p in sides.models[0].scaled(c.at)]).T
+        # What cannot be less than nothing on one side is on the other.
+        both = [np.clip(c.begin + sign * estimate @ c.moved, *box) for sign in (1.0, -1.0)]
+        reach = [float(np.abs(x - c.begin).sum()) for x in both]
+        later = reach[0] >= reach[1]
+        own, sides = both[0] if later else both[1], sides.also((c.at, later))
+        suspect = replace(suspect, side='after' if later else 'before')
+    found = _fitted(now, sides, sides.start(now.sides, theta, own), stopped)
+    gain = base.loss * base.residual.size - found.loss * found.residual.size
+    gain = now.weighed.among_logs(max(0.0, gain), c.columns)
+    return c, evidence_of(gain, c.numbers), suspect, sides, found.theta
+
+
+# ---------------------------------------------------------------------- what is said
+
+
+def _changes(now: _Round, found: Sequence[_Found]) -> Iterator[Change]:
+    """Yield what changed with its intervals, all changes beside one another."""
+    half, sides = _half_widths(now), now.sides
+    for c, evidence, ties in found:
+        s = c.suspect
+        sizes = [
+            Size(sides.parameters[i].name.removesuffix(AFTER), value, value - half[i],
+                 value + half[i], sides.parameters[i].unit,
+                 math.nan if c.at else float(now.theta[sides.names.index(s.name)]))
+            for i in sides.places_of(c.at, s.name) for value in [float(now.theta[i])]
+        ]  # fmt: skip
+        here = _same(now, c)
+        if s.kind == 'constant' and here:
+            ends = NORMAL * math.sqrt(now.weighed.of(here.columns)[1][0, 0]) * here.value
+            moved = here.value - c.value
+            sizes = [Size(s.name, moved, moved - ends, moved + ends, c.units[0], c.value)]
+        yield Change(s, tuple(sizes), evidence, ties)
+
+
+def _half_widths(now: _Round) -> Array:
+    """Return (N,) half the intervals of changes; 0 of what is common."""
+    width = (now.sides.high - now.sides.low)[now.sides.nominal :]
+    return np.concatenate([np.zeros(now.sides.nominal), now.weighed.half_widths() * width])
+
+
+def _still(now: _Round, c: _Column, price: float) -> bool:
+    """Return whether a change counts beside those found after it."""
+    places = now.sides.places_of(c.at, c.suspect.name)
+    at = [i for i in places if c.at is None or now.sides.names[i].split('.')[-1] in c.names]
+    errors = NORMAL * np.abs(now.theta[at]) / np.maximum(_half_widths(now)[at], 1e-300)
+    return not at or bool(errors.max() > shown_from(price))
+
+
+def _same(now: _Round, c: _Column) -> _Column | None:
+    """Return a suspect of another round; of an effect that has the same shape."""
+
+    def key(x: _Column) -> tuple[object, ...]:
+        return x.suspect.kind, x.suspect.name, x.suspect.where, x.begin.tobytes()
+
+    return next((x for x in now.columns if key(x) == key(c)), None)
+
+
+def _visible(now: _Round, price: float) -> Iterator[Visible]:
+    """Yield the smallest change of each suspect that shows."""
+    errors, smallest = shown_from(price), dict[tuple[str, str], Visible]()
+    for c in now.suspects:
+        if c.suspect.name in now.sides.moved:
+            continue
+        covariance = now.weighed.of(c.columns)[1]
+        freedom = min(float(now.weighed.freedom[[*c.columns]].min()), 1e9)
+        factor = -float(scipy.special.stdtrit(freedom, scipy.special.ndtr(-errors)))
+        for i, (name, unit, scale) in enumerate(zip(c.names, c.units, c.scales, strict=True)):
+            size = factor * math.sqrt(covariance[i, i]) * abs(float(scale))
+            key = c.suspect.name, c.suspect.where
+            if math.isfinite(size) and (key not in smallest or size < smallest[key].size):
+                smallest[key] = Visible(c.suspect, name, size, unit, c.value)
+    yield from smallest.values()
+
+
+def _timing(now: _Round, price: float) -> Iterator[Apart]:
+    """Yield what came at another time on one side; of what is alike the clearest."""
+    least = price
+    told: Apart | None = None
+    for c in now.columns:
+        if now.timing & {*c.columns}:
+            estimate, _, gain = now.weighed.of(c.columns, alike=True)
+            if (evidence := evidence_of(gain, len(c.columns))) > least:
+                least, later = evidence, float(estimate[0] * c.scales[0])
+                place = f'{c.suspect.where}.' if c.suspect.where not in ('', 'all') else ''
+                told = Apart('timing', f'{place}{c.suspect.name}', 0.0, later, 's')
+    if told is not None:
+        yield told
+
+
+def apart(
+    machine: Machine,
+    before: Sequence[Dataset],
+    after: Sequence[Dataset],
+    drives: Sequence[str] | None = None,
+) -> Iterator[Apart]:
+    """Yield how two sides differ in their checks and their motions.
+
+    Args:
+        machine: The machine.
+        before: Its recordings before.
+        after: Its recordings after.
+        drives: The drives looked at; all where None.
+    """
+    first, second = (
+        {(g.gate, g.drive): g for g in examine(machine, x, drives).gates if g.level != 'ok'}
+        for x in (before, after)
+    )
+    for key in first.keys() ^ second.keys():
+        gate, early = first.get(key) or second[key], key in first
+        values = (gate.number, math.nan) if early else (math.nan, gate.number)
+        yield Apart('check', gate.sentence, *values, gate.unit)
+    sides = before, after
+    scales = [scales_of(machine, x) for x in sides]
+    for d in map(machine.drives.index, drives or machine.drives):
+        for name, unit in (('stroke', ''), ('speed', '/s')):
+            one, other = (float(getattr(x, name)[d]) for x in scales)
+            if max(one, other) > _OTHER * min(one, other):
+                text = f'{name} of {machine.drives[d]}'
+                yield Apart('motion', text, one, other, f'{machine.travel_unit}{unit}')

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Changes between two sets of logs, as a value."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal['parameter', 'constant', 'effect']
+
+
+@dataclass(frozen=True)
+class Size:
+    """A number of a change with its 95 % interval.
+
+    Attributes:
+        name: The parameter, the constant, or the effect's parameter.
+        value: By how much it is more after than before; of an effect its value on its side.
+        low: Lower end of the interval.
+        high: Upper end.
+        unit: Unit of all.
+        before: Value before; NaN of an effect.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    before: float
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """Suspect of a change.
+
+    Attributes:
+        kind: What it is.
+        name: Parameter or constant; of an effect its id.
+        where: Place of an effect, else empty.
+        side: Side on which an effect is there, `after` or `before`.
+    """
+
+    kind: Kind
+    name: str
+    where: str = ''
+    side: Literal['after', 'before'] = 'after'
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change that was found.
+
+    Attributes:
+        suspect: What changed.
+        sizes: By how much.
+        evidence: Logarithm of the evidence for it over that for nothing.
+        ties: What explains as much.
+    """
+
+    suspect: Suspect
+    sizes: tuple[Size, ...]
+    evidence: float
+    ties: tuple[Suspect, ...]
+
+
+@dataclass(frozen=True)
+class Visible:
+    """The smallest change of a kind that would have shown.
+
+    Attributes:
+        suspect: What might have changed.
+        name: Its number.
+        size: By how much, `unit`.
+        unit: Unit.
+        value: Value of a parameter or constant before; NaN of an effect.
+    """
+
+    suspect: Suspect
+    name: str
+    size: float
+    unit: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Apart:
+    """How the sides differ beside what changed in the machine.
+
+    Attributes:
+        kind: `check` of log and machine file that holds on one side only, `timing` or `motion`.
+        text: The check's sentence, or the quantity.
+        before: Value before; NaN where there is none.
+        after: Value after.
+        unit: Unit.
+    """
+
+    kind: Literal['check', 'timing', 'motion']
+    text: str
+    before: float
+    after: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Result of a comparison of two sides.
+
+    Attributes:
+        changes: What changed, the surest first; none where nothing shows.
+        explained: Share of the difference that they explain on rows that were not fitted; NaN
+            where nothing changed.
+        left_out: What those rows are: `logs` or `blocks`.
+        smallest: The smallest change of each kind that would have shown, beside those found.
+        apart: How the sides differ otherwise; this comes first.
+        logs: Number of logs before and after.
+        paired: Whether logs were compared in pairs.
+        price: Evidence that a change needs beside all that might have changed.
+        complete: Whether nothing cut it short.
+    """
+
+    changes: tuple[Change, ...]
+    explained: float
+    left_out: str
+    smallest: tuple[Visible, ...]
+    apart: tuple[Apart, ...]
+    logs: tuple[int, int]
+    paired: bool
+    price: float
+    complete: bool

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Models of two sides as one fit: what is common, and what changed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import scipy
+
+from ros2_ident.arrays import Array
+from ros2_ident.identify.hidden import Rows
+from ros2_ident.identify.layout import Layout
+from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.search.changes import Changes, Logs
+from ros2_ident.search.jacobian import diverged
+from ros2_ident.search.noise import Whitening
+
+# Behind the name of a parameter: by how much it is more after.
+AFTER = ' after'
+
+
+class Sides(Layout):
+    """Models before and after, their changes as parameters that come last.
+
+    Args:
+        models: Nominal models, those before first.
+        after: (M,) whether a model is of the side after.
+        effects: Effects, each with whether it is on the side after.
+        moved: Parameters that are another number after.
+
+    Attributes:
+        nominal: Number of parameters that are no change.
+        after: As given.
+        later: (N,) whether a parameter acts on the side after only; else a change acts on the side
+            before only.
+        moved: As given.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[FullModel],
+        after: npt.NDArray[np.bool_],
+        effects: Sequence[tuple[EffectAt, bool]] = (),
+        moved: Sequence[str] = (),
+    ) -> None:
+        on = {side: tuple(at for at, s in effects if s == side) for side in (False, True)}
+        super().__init__([m.extended(on[bool(s)]) for m, s in zip(models, after, strict=True)])
+        self.bare, self.after, self.effects = tuple(models), after, tuple(effects)
+        self.nominal, self.moved = len(models[0].parameters), tuple(moved)
+        self._fitted = len(self.parameters)
+        self._at = [self.names.index(name) for name in moved]
+        self._ends = self.low.copy(), self.high.copy()
+        first = [m.parameters for m, s in zip(self.models, after, strict=True) if not s]
+        early = {p.name for own in first for p in own[self.nominal :]}
+        width = (self.high - self.low)[self._at]
+        self.later = np.array([p.name not in early for p in self.parameters] + [True] * len(moved))
+        self.parameters += tuple(
+            replace(self.parameters[i], name=f'{name}{AFTER}', low=-float(w), high=float(w))
+            for i, name, w in zip(self._at, moved, width, strict=True)
+        )
+        self.names = tuple(p.name for p in self.parameters)
+        self.low = np.concatenate([self.low, -width])
+        self.high = np.concatenate([self.high, width])
+
+    def own(self, number: int, theta: Array) -> Array:
+        """Return (S, N') the parameters of one model among candidates (S, N)."""
+        theta = np.atleast_2d(theta)
+        fitted = theta[:, : self._fitted]
+        if self._at and self.after[number]:
+            fitted = fitted.copy()
+            fitted[:, self._at] += theta[:, self._fitted :]
+            fitted = np.clip(fitted, *self._ends)
+        return super().own(number, fitted)
+
+    def also(self, effect: tuple[EffectAt, bool] | None = None, name: str = '') -> 'Sides':
+        """Return the sides with one change more: an effect on one side, or a parameter."""
+        effects = self.effects if effect is None else (*self.effects, effect)
+        return Sides(self.bare, self.after, effects, (*self.moved, name) if name else self.moved)
+
+    def less(self, at: EffectAt | None, name: str) -> 'Sides':
+        """Return the sides without a change: an effect, or a parameter."""
+        effects = [x for x in self.effects if x[0] != at]
+        return Sides(self.bare, self.after, effects, [x for x in self.moved if x != name])
+
+    def places_of(self, at: EffectAt | None, name: str) -> list[int]:
+        """Return where the numbers of a change are: an effect's, or a parameter's."""
+        if at is None:
+            return [i for i, own in enumerate(self.names) if own == f'{name}{AFTER}']
+        prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
+        return [i for i, own in enumerate(self.names) if own.startswith(prefix)]
+
+    def stating(self, name: str, value: float, *, both: bool = False) -> 'Sides':
+        """Return the sides whose machine file states another number: the one after, or both."""
+        pairs = zip(self.bare, self.after, strict=True)
+        models = [m.stating(name, value) if both or a else m for m, a in pairs]
+        return Sides(models, self.after, self.effects, self.moved)
+
+    def start(self, base: 'Sides', theta: Array, new: Array) -> Array:
+        """Return (N,) parameters from those (N',) with a change less, and its own (P,)."""
+        known, more = dict(zip(base.names, theta.tolist(), strict=True)), iter(new.tolist())
+        start = np.array([known[n] if n in known else next(more) for n in self.names])
+        return np.asarray(np.clip(start, self.low, self.high), np.float64)
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """Residuals whitened, with what the model lacks on both sides integrated out.
+
+    The sum of squares of what it returns is minus twice the logarithm of the likelihood, but for
+    what no parameter changes.
+
+    Attributes:
+        whiten: Makes noise white.
+        pairs: For each its rows, columns and the factor of their precision.
+    """
+
+    whiten: Whitening
+    pairs: tuple[tuple[npt.NDArray[np.int64], Array, Array], ...]
+
+    @classmethod
+    def of(cls, weighed: Changes, rows: Rows, logs: Logs, jacobian: Array) -> 'Marginal':
+        """Return it for the noise and the missing part that were found.
+
+        Args:
+            jacobian: (R, N) derivative by what each pair has of its own; (R, 0) for nothing.
+        """
+        whiten = Whitening(rows.runs, weighed.noise)
+        common = whiten(np.concatenate([jacobian.T, (weighed.common * weighed.sizes).T]))
+        alone, found = whiten(weighed.alone.T), []
+        for pair in np.unique(logs.pair):
+            of_pair = [x for x, p in zip(logs.rows, logs.pair, strict=True) if p == pair]
+            there = np.concatenate([np.arange(x.start, x.stop) for x in of_pair])
+            apart = [np.where((x.start <= there) & (there < x.stop), alone[:, there], 0.0)
+                     for x in of_pair]  # fmt: skip
+            own = np.concatenate([common[:, there], *apart])
+            factor = scipy.linalg.cholesky(np.eye(len(own)) + own @ own.T, lower=True)
+            found.append((there, own, factor))
+        return cls(whiten, tuple(found))
+
+    def __call__(self, residual: Array) -> Array:
+        """Return (S, R + C) of residuals (S, R)."""
+        there = ~diverged(residual)
+        white = self.whiten(np.where(there[:, None], residual, 0.0))
+        out = [white]
+        for rows, own, factor in self.pairs:
+            taken = scipy.linalg.cho_solve((factor, True), own @ white[:, rows].T)
+            white[:, rows] -= taken.T @ own
+            out.append(taken.T)
+        found = np.concatenate(out, axis=1)
+        found[~there] = np.inf
+        return found

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ident diff`: what changed between two sets of logs of one machine."""
+
+import argparse
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare both sides, print the answer, write the result."""
+    from ros2_ident.effects import add_effect_files
+
+    # Before the simulations are composed of the effects there are.
+    add_effect_files(args.effect)
+    from ros2_ident import jobs
+    from ros2_ident.cli.arguments import once, topics_of, with_effort
+    from ros2_ident.cli.progress import Meter
+    from ros2_ident.cli.runs import interrupts
+    from ros2_ident.files import make_directory
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.models import load_machine
+    from ros2_ident.report.files import write_change
+    from ros2_ident.words.change import sentences
+
+    request = jobs.Request(
+        with_effort(load_machine(args.machine), args),
+        bags=tuple(args.bag),
+        drives=args.drives,
+        topics=topics_of(args),
+        fixed=once(args.fix, '--fix'),
+        without=args.without,
+        settings=IdentifySettings(threads=args.threads),
+        seed=args.seed,
+        machine_file=str(args.machine),
+    )
+    with interrupts() as cancel, Meter(quiet=args.quiet) as meter:
+        done = jobs.compare(request, args.after, paired=args.pairs, cancel=cancel, on_step=meter)
+    for text in sentences(done.result):
+        print(text)
+    if args.out:
+        asked = {**request.plain(), 'after_bags': list(done.later), 'seconds': done.seconds}
+        print(f'written: {write_change(make_directory(args.out), done.result, asked)}')
+    return 0 if done.result.complete else 1

@@ -1,0 +1,333 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Changes between two sides of a residual, told from all that both have in common.
+
+    r = -J d - S a - D Z g - Z e_l + n,    a ~ N(0, sizes^2),    e_l ~ N(0, usual^2)
+
+J and S are as in `evidence`; d and a are the same on both sides, so they cancel. D keeps the rows
+of one side; Z are the columns of everything that may have changed, those of J among them. Each log
+l has a deviation e_l of its own, as far as that is known beforehand. Whitened by the noise that
+all columns leave of each log by itself, and with d, a and e integrated out, the changes have the
+information G and the score h: one factorisation for all of them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy
+
+from ros2_ident.search.evidence import CHANCE, of_one_size, Rows, SIZES, Sums
+from ros2_ident.search.noise import NoiseModel, Run, Whitening
+from ros2_ident.search.operators import Array
+
+Mask = npt.NDArray[np.bool_]
+# Less than this share of a column is rounding.
+_ROUNDED = 1e-9
+
+
+@dataclass(frozen=True)
+class Logs:
+    """Rows of several logs, in turn.
+
+    Attributes:
+        rows: Rows of each log.
+        after: (L,) whether a log is of the side after.
+        pair: (L,) logs of one number have their model error and parameters in common.
+        fold: (R,) with which part a row is left out; each part has both sides.
+        whole: Whether parts are whole logs, so that they tell how logs scatter.
+    """
+
+    rows: tuple[slice, ...]
+    after: Mask
+    pair: npt.NDArray[np.int64]
+    fold: npt.NDArray[np.int64]
+    whole: bool
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Q changes by the rows.
+
+    Attributes:
+        information: (Q, Q) G; by multiples of the columns as given.
+        score: (Q,) h.
+        kept: Columns that are changes already; all others are told beside them.
+        alike: Information and score where logs deviate by nothing.
+        inflation: (Q,) by how much the scatter from log to log raises a change's variance.
+        freedom: (Q,) degrees of freedom of that variance; inf where nothing scatters.
+        noise: The noise of each place.
+        common: (R, C) columns of what the model lacks on both sides, of one size.
+        sizes: (C,) standard deviations of their coefficients.
+        alone: (R, V) columns of what is known to differ from log to log, one standard deviation.
+        folds: Information and score of each part left out, and of all others; by multiples of
+            columns of one size.
+        scale: RMS of the residual.
+    """
+
+    information: Array
+    score: Array
+    kept: tuple[int, ...]
+    alike: tuple[Array, Array]
+    inflation: Array
+    freedom: Array
+    noise: tuple[NoiseModel, ...]
+    common: Array
+    sizes: Array
+    alone: Array
+    folds: list[tuple[Array, ...]]
+    scale: float
+
+    def of(self, columns: Sequence[int], *, alike: bool = False) -> tuple[Array, Array, float]:
+        """Return estimate (k,) and covariance (k, k) of some changes, and their gain.
+
+        The gain is twice the fall of the logarithm of the likelihood, less what it has by the
+        scatter of few logs; 0 where the columns have no information of their own.
+
+        Args:
+            columns: The changes.
+            alike: Whether to take the logs of one side as alike.
+        """
+        information, score = self.alike if alike else (self.information, self.score)
+        at, kept = list(columns), list(self.kept)
+        own, told = information[np.ix_(at, at)], score[at]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
+        if kept:
+            beside = information[np.ix_(kept, [*at])], score[kept]
+            across = np.linalg.solve(
+                information[np.ix_(kept, kept)] + np.eye(len(kept)), np.column_stack(beside)
+            )
+            own = own - beside[0].T @ across[:, :-1]
+            told = told - beside[0].T @ across[:, -1]
+        values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
+        if not values[0] > _ROUNDED:
+            return np.zeros(len(at)), np.full((len(at), len(at)), np.inf), 0.0
+        covariance = np.outer(scale, scale) * ((vectors / values) @ vectors.T)
+        found = covariance @ told
+        gain = max(0.0, float(found @ told))
+        if alike:
+            return -found, covariance, gain
+        factor = float(self.inflation[at].max())
+        return -found, covariance * factor, self.among_logs(gain, at)
+
+    def among_logs(self, gain: float, columns: Sequence[int]) -> float:
+        """Return a gain less what it has by the scatter of few logs."""
+        at = list(columns)
+        gain /= float(self.inflation[at].max())
+        freedom = float(self.freedom[at].min())
+        if math.isfinite(freedom):
+            # As many standard errors of a normal number as are as probable.
+            tail = max(float(scipy.special.stdtr(freedom, -math.sqrt(gain))), 1e-300)
+            gain = float(scipy.special.ndtri(tail)) ** 2
+        return gain
+
+    def half_widths(self) -> Array:
+        """Return (K,) half the 95 % intervals of those kept, whose box is known beforehand."""
+        at = list(self.kept)
+        covariance = np.linalg.inv(self.information[np.ix_(at, at)] + np.eye(len(at)))
+        half = np.sqrt(np.diag(covariance) * self.inflation[at])
+        return np.asarray(
+            -half * scipy.special.stdtrit(np.minimum(self.freedom[at], 1e9), 0.025), np.float64
+        )
+
+    def explained(self, columns: Sequence[int]) -> float:
+        """Return the share of the difference that changes explain on parts left out.
+
+        Of what all changes explain there, each of its most probable size; NaN where nothing does.
+        """
+        some, every, at = 0.0, 0.0, list(columns)
+        for information, score, others, told in self.folds:
+            sums = Sums(others, told, np.full(len(told), np.inf))
+            own = np.zeros(len(told))
+            own[at] = np.linalg.lstsq(others[np.ix_(at, at)], told[at], rcond=None)[0]
+            for_all = sums.solve(sums.sizes(self.scale)[0])
+            some += float(2.0 * own @ score - own @ information @ own)
+            every += float(2.0 * for_all @ score - for_all @ information @ for_all)
+        return some / max(some, every) if some > 0.0 else math.nan
+
+
+def evidence_of(gain: float, count: int) -> float:
+    """Return by how much the evidence grows with `count` numbers of the most probable size.
+
+    Args:
+        gain: Twice the fall of the logarithm of the likelihood.
+        count: Numbers.
+    """
+    return 0.5 * (gain - count - count * math.log(gain / count)) if gain > count else 0.0
+
+
+def price_of(choices: int) -> float:
+    """Return the evidence that choosing the best among so many may gain by chance."""
+    return max(CHANCE, math.log(max(choices, 1)))
+
+
+def shown_from(price: float) -> float:
+    """Return how many standard errors a change has to have for its evidence to be the price."""
+    most = 9.0 + 9.0 * price
+    return math.sqrt(scipy.optimize.brentq(lambda gain: evidence_of(gain, 1) - price, 1.0, most))
+
+
+def weigh_changes(
+    residual: Array,
+    jacobian: Array,
+    missing: Array,
+    changed: Array,
+    runs: Sequence[Run],
+    blocks: npt.NDArray[np.int64],
+    logs: Logs,
+    *,
+    most: Array,
+    usual: Array,
+    side: Mask,
+    kept: Sequence[int] = (),
+    share: float = 1.0,
+) -> Changes:
+    """Weigh what may have changed from one side to the other.
+
+    Args:
+        residual: (R,) measured less simulated, one fit of both sides.
+        jacobian: (R, N) its derivative by the parameters' shares of their box.
+        missing: (R, C) what the model may lack on both sides.
+        changed: (R, Q) what may have changed, on the rows of both sides.
+        runs: As of `evidence.weigh`.
+        blocks: (R,) likewise.
+        logs: Which rows are of which log.
+        most: (C,) as of `evidence.weigh`.
+        usual: (Q,) standard deviation of a change from log to log that is known beforehand; inf
+            where each log has its own.
+        side: (Q,) whether a change is on the side after; else on the side before.
+        kept: Columns of `changed` that did change.
+        share: Share of all rows that these are: the others tell as much.
+
+    Reference:
+        Scatter from log to log: random effects of DerSimonian and Laird (1986), Controlled
+        Clinical Trials 7; degrees of freedom by Satterthwaite (1946), Biometrics Bulletin 2.
+    """
+    common, limit = of_one_size(jacobian, missing, most)
+    nuisance = np.concatenate([jacobian.T, common]).T
+    scale = float(np.sqrt(np.mean(residual**2))) or 1.0
+    noise = _noise(Rows(residual, nuisance, runs, limit, scale), blocks, logs)
+    rms = np.sqrt(np.mean(changed**2, axis=0))
+    unit = np.divide(1.0, rms, out=np.zeros_like(rms), where=rms > 0.0)
+    whiten = Whitening(runs, noise)
+    white = whiten(np.concatenate([nuisance.T, (changed * unit).T]))
+    right = whiten(residual)
+    cells = []
+    for log, after, pair in zip(logs.rows, logs.after, logs.pair, strict=True):
+        for fold in np.unique(logs.fold[log]):
+            there = log.start + np.flatnonzero(logs.fold[log] == fold)
+            rows = white.take(there, axis=1)
+            sums = np.column_stack([rows @ rows.T, rows @ right[there]]) / share
+            cells.append(_Cell(int(log.start), int(pair), int(fold), side == after, sums))
+    first = nuisance.shape[1]
+    whole = np.sum([cell.sums for cell in cells], axis=0)
+    sizes = Sums(whole[:first, :first], whole[:first, -1], limit).sizes(scale)[0]
+    prior = np.concatenate([np.ones(jacobian.shape[1]), sizes**-2.0])
+    known = np.where(rms > 0.0, np.minimum(usual * np.maximum(rms, 1e-300), SIZES[-1] * scale), 0)
+
+    parts: list[tuple[Array, ...]] = []
+    for fold in sorted({cell.fold for cell in cells}):
+        both = [[c for c in cells if (c.fold == fold) is own] for own in (True, False)]
+        parts.append(tuple(x for own in both for x in _reduced(own, prior, known)))
+    inflation, freedom = np.ones(len(rms)), np.full(len(rms), np.inf)
+    if logs.whole and len(parts) > 1:
+        inflation, freedom = _scatter(
+            np.array([np.diag(part[0]) for part in parts]), np.array([part[1] for part in parts])
+        )
+    of_all = [_reduced(cells, prior, deviation) for deviation in (known, 0.0 * known)]
+    (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
+    apart = (changed * unit * known)[:, known > 0.0]
+    return Changes(
+        own, score, tuple(kept), alike, inflation, freedom, noise, common.T, sizes, apart, parts,
+        scale,
+    )  # fmt: skip
+
+
+def _noise(whole: Rows, blocks: npt.NDArray[np.int64], logs: Logs) -> tuple[NoiseModel, ...]:
+    """Return the noise that all columns leave of each log by itself."""
+    left, spread = [], []
+    for log in logs.rows:
+        own = [run for run in whole.runs if log.start <= run.start < log.stop]
+        runs = [Run(run.start - log.start, run.stop - log.start, run.place) for run in own]
+        one = Rows(whole.residual[log], whole.columns[log], runs, whole.limit, whole.scale)
+        found = one.weighed(one.first_noise(), blocks[log])
+        left.append(found.left)
+        spread.append(found.spread)
+    return whole.noise(np.concatenate(left), np.concatenate(spread))
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """Products of the whitened rows of one part of one log.
+
+    Attributes:
+        log: Which log.
+        pair: Its pair.
+        fold: Which part.
+        there: (Q,) which changes are on its side.
+        sums: (M, M + 1) products of the columns, those of changes last, and with the residual.
+    """
+
+    log: int
+    pair: int
+    fold: int
+    there: Mask
+    sums: Array
+
+
+def _reduced(cells: Sequence[_Cell], prior: Array, deviation: Array) -> tuple[Array, Array]:
+    """Return G (Q, Q) and h (Q,), with what is common or of one log alone integrated out.
+
+    Args:
+        cells: Parts of logs.
+        prior: (N + C,) precision of what is common.
+        deviation: (Q,) standard deviation of a change from log to log.
+    """
+    first, count = len(prior), len(deviation)
+    found: Array = np.zeros((count, count + 1))
+    own = np.flatnonzero(deviation > 0.0)
+    for pair in dict.fromkeys(cell.pair for cell in cells):
+        normal = np.column_stack([np.diag(prior), np.zeros((first, count + 1))])
+        alike = [cell for cell in cells if cell.pair == pair]
+        for log in dict.fromkeys(cell.log for cell in alike):
+            of_log = [cell for cell in alike if cell.log == log]
+            sums, there = np.sum([c.sums for c in of_log], axis=0), of_log[0].there
+            # Scaled by the deviations, which may be as wide as nothing known.
+            sides = sums[first + own] * deviation[own, None]
+            sums = sums - _taken(np.eye(own.size) + sides[:, first + own] * deviation[own], sides)
+            keep = np.concatenate([np.ones(first, dtype=bool), there, [True]])
+            normal += sums[:first] * keep
+            found += sums[first:, first:] * np.outer(there, keep[first:])
+        found -= _taken(normal[:, :first], normal[:, first:])
+    return found[:, :-1], found[:, -1]
+
+
+def _taken(precision: Array, sides: Array) -> Array:
+    """Return what integrating out takes: products of the sides (m, M + 1), the last one none."""
+    scale: Any = np.diag(precision) ** -0.5
+    scaled = precision * np.outer(scale, scale) + _ROUNDED * np.eye(len(precision))
+    factor = scipy.linalg.cholesky(scaled, lower=True)
+    half = scipy.linalg.solve_triangular(factor, scale[:, None] * sides, lower=True)
+    return np.asarray(half[:, :-1].T @ half)
+
+
+def _scatter(precision: Array, score: Array) -> tuple[Array, Array]:
+    """Return (Q,) how the scatter of parts inflates a change's variance, and its freedom.
+
+    Args:
+        precision: (F, Q) of each change by each part alone.
+        score: (F, Q) likewise.
+    """
+    free = len(precision) - 1.0
+    weight = np.maximum(precision, 1e-300)
+    whole = weight.sum(axis=0)
+    estimate = score / weight
+    mean = score.sum(axis=0) / whole
+    excess = np.sum(weight * (estimate - mean) ** 2, axis=0) - free
+    among = np.maximum(whole - np.sum(weight**2, axis=0) / whole, 1e-300)
+    square = np.maximum(excess / among, 0.0)
+    inflation = whole / np.sum(weight / (1.0 + square * weight), axis=0)
+    share = np.maximum(1.0 - 1.0 / inflation, 1e-9)
+    return inflation, np.where(inflation > 1.0 + 1e-9, free / share**2, np.inf)

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Changes between two sets of logs, in words."""
+
+from collections.abc import Iterator
+import math
+
+from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
+from ros2_ident.effects import title_at
+from ros2_ident.words.figures import capital, figure, percent, quantity
+
+# Changes that would have shown, listed in a sentence; the file has all.
+_LISTED = 12
+
+
+def sentences(c: Comparison) -> Iterator[str]:
+    """Yield the answer, how the sides differ otherwise first."""
+    for x in c.apart:
+        yield capital(_apart(x))
+    if not c.changes:
+        yield 'No change shows.'
+    for number, change in enumerate(c.changes):
+        yield f'{"Changed" if not number else "Also changed"}: {_change(change)}.'
+        if change.ties:
+            names = ', '.join(name(x) for x in change.ties)
+            yield f'These logs do not tell it from: {names}.'
+    if c.changes and not math.isnan(c.explained):
+        data = 'logs' if c.left_out == 'logs' else 'quarters of the logs'
+        share = percent(min(max(c.explained, 0.0), 1.0))
+        yield f'Explained by it: {share} of the difference, on {data} that were not fitted.'
+    yield _smallest(c.smallest, beside=bool(c.changes))
+    if sum(c.logs) == 2:
+        yield (
+            'With one log a side nothing tells how logs of one machine differ by themselves: '
+            'viscous friction falls by up to a fifth in an hour of warming up, and no change of '
+            'friction below a few per cent is named. Give several logs of each side.'
+        )
+    if not c.complete:
+        yield 'It was cut short: more may have changed.'
+
+
+def name(s: Suspect) -> str:
+    """Return a suspect's name."""
+    if s.kind == 'effect':
+        return title_at(s.name, [s.where])
+    return s.name if s.kind == 'parameter' else f'{s.name} of the machine file'
+
+
+def _change(change: Change) -> str:
+    s = change.suspect
+    if s.kind == 'effect':
+        numbers = ', '.join(
+            f'{x.name} {quantity(x.value, x.unit)} {_ends(x)}' for x in change.sizes
+        )
+        return f'{name(s)} is there {s.side} only, with {numbers}'
+    (x,) = change.sizes
+    share = f' ({100.0 * x.value / abs(x.before):+.3g} %)' if x.before else ''
+    return f'{name(s)} by {quantity(x.value, x.unit)} {_ends(x)}{share}'
+
+
+def _ends(x: Size) -> str:
+    return f'± {figure(0.5 * (x.high - x.low))}'
+
+
+def _apart(x: Apart) -> str:
+    if x.kind == 'check':
+        side = 'after' if math.isnan(x.before) else 'before'
+        return f'only in the logs {side}: {x.text}'
+    if x.kind == 'timing':
+        late = 'later' if x.after > 0.0 else 'earlier'
+        return (
+            f'timing differs: {x.text} is {abs(1e3 * x.after):.2g} ms {late} after; stamps of two '
+            'logs may differ by that, so that it is no change of the machine for certain'
+        )
+    return (
+        f'the motions differ: {x.text} {quantity(x.before, x.unit)} before, '
+        f'{quantity(x.after, x.unit)} after; what the model lacks may not cancel'
+    )
+
+
+def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:
+    texts = []
+    for v in sorted(
+        visible, key=lambda v: (v.suspect.kind != 'parameter', v.size / (abs(v.value) or math.inf))
+    ):
+        share = (
+            f' ({figure(100.0 * v.size / abs(v.value))} %)'
+            if v.value and math.isfinite(v.value)
+            else ''
+        )
+        texts.append(f'{name(v.suspect)} {quantity(v.size, v.unit)}{share}')
+    more = f' and {len(texts) - _LISTED} more' if len(texts) > _LISTED else ''
+    return (
+        f'The smallest {"other change" if beside else "change"} that would have shown: '
+        f'{", ".join(texts[:_LISTED])}{more}.'
+    )

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two sides of an axis whose change is known."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ros2_ident import jobs
+from ros2_ident.cli.main import main
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.models import load_machine
+from ros2_ident.words.change import sentences
+
+ROOT = Path(__file__).parents[2]
+AXIS = ROOT / 'config/emps.yaml'
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return logs of an axis: two as it was, one with another mass, one with an effect more."""
+    folder = tmp_path_factory.mktemp('logs')
+    for number, (name, more) in enumerate({
+        'one': [],
+        'two': [],
+        'heavy': ['--set', 'moving_mass=77'],
+        'worn': ['--effect', 'stribeck@emps_axis:torque=4,velocity=0.004'],
+    }.items()):  # fmt: skip
+        words = ['simulate', f'{folder}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
+        assert main([*words, '--seconds', '6', '--seed', str(number), *more]) == 0
+    return folder
+
+
+def compared(made: Path, before: list[str], after: list[str]) -> jobs.Compared:
+    request = jobs.Request(load_machine(AXIS), bags=tuple(str(made / x) for x in before))
+    return jobs.compare(request, [str(made / x) for x in after])
+
+
+def test_an_unchanged_machine_is_unchanged(made):
+    found = compared(made, ['one'], ['two']).result
+    assert not found.changes and found.complete
+    mass = next(x for x in found.smallest if x.suspect.name == 'emps_axis.moving_mass')
+    assert 0.01 < mass.size < 1.0 and mass.unit == 'kg'
+    said = list(sentences(found))
+    assert 'No change shows.' in said and 'Give several logs of each side' in said[-1]
+
+
+def test_a_change_is_named_with_its_size_and_written(made, tmp_path, capsys):
+    words = ['diff', f'{made}/one', '--after', f'{made}/heavy', '--machine', str(AXIS)]
+    assert main([*words, '--out', str(tmp_path), '--quiet']) == 0
+    said = capsys.readouterr().out
+    assert 'Changed: emps_axis.moving_mass by' in said, said
+    told = json.loads((tmp_path / 'change.json').read_text(encoding='utf-8'))
+    (change,) = told['changes']
+    (size,) = change['sizes']
+    assert size['low'] < 2.0 < size['high'] and size['high'] - size['low'] < 0.5
+    assert told['explained'] > 0.8
+    assert told['settings']['after_bags'] == [f'{made}/heavy']
+
+
+def test_an_effect_is_there_on_one_side(made):
+    for before, after, side in (('one', 'worn', 'after'), ('worn', 'two', 'before')):
+        found = compared(made, [before], [after]).result
+        assert 'stribeck' in {x.name for c in found.changes for x in (c.suspect, *c.ties)}
+        assert found.changes[0].suspect.side == side
+
+
+def test_pairs_need_as_many_bags(made):
+    request = jobs.Request(load_machine(AXIS), bags=(str(made / 'one'), str(made / 'two')))
+    with pytest.raises(IdentError, match='2 bags before and 1 after are no pairs') as error:
+        jobs.compare(request, [str(made / 'heavy')], paired=True)
+    assert error.value.code is ErrorCode.INVALID_GOAL

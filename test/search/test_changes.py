@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Changes from one side to the other, beside what the model lacks on both."""
+
+import numpy as np
+import pytest
+
+from ros2_ident.search.changes import (
+    Changes,
+    evidence_of,
+    Logs,
+    price_of,
+    shown_from,
+    weigh_changes,
+)
+from ros2_ident.search.noise import Run
+
+# Rows of a log, and columns of everything that may change.
+ROWS, COLUMNS = 600, 12
+
+
+def compared(
+    rng: np.random.Generator,
+    logs: int,
+    shift: float,
+    scatter: float = 0.0,
+    *,
+    paired: bool = False,
+) -> Changes:
+    """Return what logs of two sides say, of which the column 7 is more by `shift` after."""
+    count = 2 * logs
+    after = np.arange(count) >= logs
+    time = np.linspace(0.0, 1.0, ROWS)[:, None]
+    rate, phase = rng.uniform(5.0, 60.0, COLUMNS), rng.uniform(0.0, 6.28, (count, 1, COLUMNS))
+    columns = np.sqrt(2.0) * np.sin(2.0 * np.pi * rate * time + phase)
+    lacking = np.array([rng.normal(size=COLUMNS)] * count)
+    if paired:
+        lacking = np.tile(rng.normal(size=(logs, COLUMNS)), (2, 1))
+    moved = shift * after + scatter * rng.normal(size=count)
+    residual = np.einsum('lrc,lc->lr', columns, lacking) - columns[:, :, 7] * moved[:, None]
+    residual = (residual + 0.1 * rng.normal(size=residual.shape)).ravel()
+    whole, numbers = columns.reshape(-1, COLUMNS), np.arange(count) % logs
+    place = np.repeat(numbers, ROWS)
+    fold = place if logs > 1 else np.arange(count * ROWS) // 100 % 4
+    rows = tuple(slice(k * ROWS, (k + 1) * ROWS) for k in range(count))
+    return weigh_changes(
+        residual, 5.0 * whole[:, :5], whole, whole,
+        [Run(x.start, x.stop, 0) for x in rows], np.arange(count * ROWS) // 100,
+        Logs(rows, after, numbers if paired else 0 * numbers, fold, logs > 1),
+        most=np.full(COLUMNS, np.inf), usual=np.zeros(COLUMNS), side=np.full(COLUMNS, True),
+    )  # fmt: skip
+
+
+def best(seen: Changes) -> tuple[int, float]:
+    told = [evidence_of(seen.of([i])[2], 1) for i in range(COLUMNS)]
+    return int(np.argmax(told)), max(told)
+
+
+@pytest.mark.parametrize(('logs', 'paired'), [(1, False), (3, False), (3, True)])
+def test_a_change_is_told_whatever_the_model_lacks_on_both_sides(logs, paired):
+    off = []
+    for seed in range(12):
+        seen = compared(np.random.default_rng(seed), logs, 0.12, paired=paired)
+        column, evidence = best(seen)
+        (value,), ((variance,),), _ = seen.of([7])
+        assert column == 7 and evidence > price_of(COLUMNS)
+        off.append((value - 0.12) / np.sqrt(variance))
+        assert seen.explained([7]) > 0.7
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
+
+
+def test_nothing_is_told_where_nothing_changed():
+    told = [best(compared(np.random.default_rng(seed), 1, 0.0))[1] for seed in range(40)]
+    assert sum(evidence > price_of(COLUMNS) for evidence in told) <= 4
+
+
+def test_what_logs_differ_by_anyway_is_no_change():
+    told = [best(compared(np.random.default_rng(seed), 4, 0.0, 0.3))[1] for seed in range(40)]
+    assert sum(evidence > price_of(COLUMNS) for evidence in told) <= 10
+    alike = compared(np.random.default_rng(0), 4, 0.0)
+    apart = compared(np.random.default_rng(0), 4, 0.0, 0.3)
+    assert apart.of([7])[1][0, 0] > 20.0 * alike.of([7])[1][0, 0]
+
+
+def test_the_smallest_that_shows_is_found_half_the_time():
+    errors = np.sqrt(compared(np.random.default_rng(0), 1, 0.0).of([7])[1][0, 0])
+    size = shown_from(price_of(COLUMNS)) * errors
+    for factor, low, high in ((0.6, 0, 4), (1.6, 8, 12)):
+        seen = [compared(np.random.default_rng(s), 1, factor * size) for s in range(12)]
+        found = sum(evidence_of(x.of([7])[2], 1) > price_of(COLUMNS) for x in seen)
+        assert low <= found <= high
