@@ -35,7 +35,7 @@ def test_an_interval_ends_where_its_parameter_was_searched():
     ends = [np.array([x]) for x in (0.0, 4.46, -4.46, 4.46)]
     selector = SimpleNamespace(
         split=SimpleNamespace(fit=SimpleNamespace(with_effects=lambda effects: joint)),
-        ends=lambda e, evidence: ends,
+        ends=lambda e, evidence, fits: ends,
     )
     found = _values(selector, SimpleNamespace(effects=(), theta=np.array([0.07])))
     value = found['measurement_delay']
