@@ -5,14 +5,16 @@ from collections.abc import Container, Iterator, Mapping
 import json
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_small
+from ros2_ident.recording.arrays import parquet_columns
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.limits import listed, printable, require_memory
+from ros2_ident.recording.limits import listed, printable
 from ros2_ident.recording.storage import damaged, digest
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
 
@@ -22,10 +24,16 @@ Travel = Mapping[str, tuple[float, float]]
 INFO = Path('meta/info.json')
 # What positions can be: LeRobot's three, and radians, which its simulated robots log.
 UNITS = {'rad': 'radians', 'deg': 'degrees', 'percent': '-100 to 100 of the travel'}
-# What LeRobot's drivers turn into 0 to 100, whatever the unit of the other joints.
-_GRIPPER = 'gripper'
-# Counts of a turn, less one, as LeRobot's drivers divide.
-_COUNTS = 4095
+# What LeRobot's drivers turn into 0 to 100, whatever the unit of the other joints: the last word
+# of a name.
+_GRIPPER = re.compile(r'(?:.*[_./-])?gripper')
+# Counts of a turn, less one, as LeRobot's drivers divide. Those of 4096 are homed to the middle of
+# a turn before their range is recorded, so that it reaches beyond 1023.
+_COUNTS = (4095, 1023)
+# Robots whose drivers pass over the calibration's drive_mode (Dynamixel).
+_UNTURNED = ('koch', 'omx')
+# Degrees lie on half counts of a turn: so near, in counts, and on so many different ones.
+_NEAR, _DIFFERENT = 0.02, 10
 # Role and field of a feature, and of what its names end in.
 _FEATURES = {
     'observation.state': ('state', 'position'),
@@ -33,7 +41,7 @@ _FEATURES = {
     'observation.effort': ('effort', 'effort'),
     'action': ('command', 'position'),
 }
-_ENDINGS = {'pos': 'position', 'vel': 'velocity'} | dict.fromkeys(
+_ENDINGS = {'pos': 'position', 'q': 'position', 'vel': 'velocity'} | dict.fromkeys(
     ('effort', 'torque', 'current', 'load'), 'effort'
 )
 # Beyond its ends by this share of its travel a joint is not; through less of it none is moved.
@@ -44,8 +52,8 @@ _UNFIT = (LookupError, TypeError, ValueError, AttributeError, RecursionError, Ov
 _TURN = 1.1 * math.tau
 
 
-# What a number is: role, joint and field; and where it stands: feature and place.
-_Columns = dict[tuple[str, str, str], tuple[str, int]]
+# What a number is: role, joint and field; where it stands: feature and place; and its ending.
+_Columns = dict[tuple[str, str, str], tuple[str, int, str]]
 
 
 def is_lerobot(path: Path) -> bool:
@@ -77,15 +85,18 @@ def read_lerobot(
         IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG or BAD_VALUES; WRONG_UNITS where more than
             one unit is possible, or none.
     """
-    rate, columns = _described(path, roles)
+    rate, robot, columns = _described(path, roles)
     files = sorted(filter(Path.is_file, path.glob('data/*/*.parquet')))
     if not files:
         text = f'{path}: holds no data/*/*.parquet; fetch or record it again'
         raise ErrorCode.NO_DATA.error(text)
     parts = [_values(file, columns) for file in files]
     episode, frame, values = (np.concatenate(x) for x in zip(*parts, strict=True))
-    ends = {**(travel or {}), **(_calibrated(Path(calibration)) if calibration else {})}
-    said = _in_rad(path, unit, columns, values, ends)
+    turned = not robot.startswith(_UNTURNED)
+    own = _calibrated(Path(calibration), turned) if calibration else {}
+    said = _in_rad(path, unit, columns, values, {**(travel or {}), **own})
+    asked = ['the action is what was asked for, before the driver limits it']
+    notes = asked if any(role == 'command' for role, *_ in columns) else []
     numbers = np.unique(episode)
     total = digest([path / INFO, *files])
     found = []
@@ -93,23 +104,25 @@ def read_lerobot(
         rows = np.flatnonzero(episode == number)
         rows = rows[np.argsort(frame[rows], kind='stable')]
         source = f'{path}/episode_{number:06d}' if numbers.size > 1 else str(path)
-        builder = RecordingBuilder(source, total)
+        builder = RecordingBuilder(source, total, notes)
         clock = f'the number of the frame over {rate:g} Hz'
         builder.warn(f'LeRobot stamps are {clock}: jitter cannot be seen')
         for sentence in said:
             builder.warn(sentence)
         stamp = np.round(frame[rows] * (1e9 / rate)).astype(np.int64)
-        builder.add_columns(stamp, dict(zip(columns, values[rows].T, strict=True)))
+        pairs = zip(columns, values[rows].T, strict=True)
+        builder.add_columns(stamp, {key: x for key, x in pairs if not np.isnan(x).all()})
         found += builder.build()
     return found
 
 
-def _described(path: Path, roles: Container[str]) -> tuple[float, _Columns]:
-    """Return the rate, Hz, and what is read, by `meta/info.json`."""
+def _described(path: Path, roles: Container[str]) -> tuple[float, str, _Columns]:
+    """Return the rate, Hz, the type of the robot, and what is read, by `meta/info.json`."""
     file = path / INFO
     try:
         info = json.loads(read_small(file, 1 << 22))
         version, rate = str(info['codebase_version']), float(info['fps'])
+        robot = str(info.get('robot_type') or '')
         features = {k: v for k, v in info['features'].items() if k in _FEATURES}
         pairs = [x for k, v in features.items() for x in _columns(k, v) if x[0][0] in roles]
     except _UNFIT as exc:
@@ -123,12 +136,12 @@ def _described(path: Path, roles: Container[str]) -> tuple[float, _Columns]:
         raise ErrorCode.MISSING_STREAM.error(text)
     if len(columns) < len(pairs):
         raise damaged(file, 'names a joint twice in one feature; correct it')
-    return rate, columns
+    return rate, robot, columns
 
 
 def _columns(
     feature: str, about: Mapping[str, Any]
-) -> Iterator[tuple[tuple[str, str, str], tuple[str, int]]]:
+) -> Iterator[tuple[tuple[str, str, str], tuple[str, int, str]]]:
     """Yield what the numbers of a feature are; some robots list their names by group."""
     names = about['names'] or ()
     if isinstance(names, Mapping):
@@ -140,72 +153,81 @@ def _columns(
             joint, ending = name, ''
         field = _ENDINGS[ending] if ending and standard == 'position' else standard
         measured = role != 'command' and field == 'effort'
-        yield ('effort' if measured else role, joint, field), (feature, place)
+        yield ('effort' if measured else role, joint, field), (feature, place, ending)
 
 
 def _values(file: Path, columns: _Columns) -> tuple[IntArray, IntArray, FloatArray]:
     """Return the episode and the frame of a file's rows (T,), and its columns (T, C)."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ModuleNotFoundError as missing:
-        text = f'a LeRobot folder needs {missing.name}; `pip install "ros2-ident[lerobot]"`'
-        raise ErrorCode.INVALID_GOAL.error(text) from None
-    features = dict.fromkeys(feature for feature, _ in columns.values())
-    try:
-        with parquet.ParquetFile(file) as opened:
-            needed = 24 * opened.metadata.num_rows * (len(columns) + 2)
-            require_memory(f'{file}: its values take', needed)
-            table = opened.read([*features, 'episode_index', 'frame_index'])
-        read = {}
-        for name in features:
-            rows = table[name].combine_chunks()
-            flat = rows.flatten().to_numpy(zero_copy_only=False).astype(np.float64)
-            width = max(place for feature, place in columns.values() if feature == name) + 1
-            if rows.null_count or flat.size != width * len(rows):
-                raise damaged(file, f'{name} has not {width} numbers in each row; correct it')
-            read[name] = flat.reshape(len(rows), width)
-        episode, frame = (
-            table[x].to_numpy().astype(np.int64) for x in ('episode_index', 'frame_index')
-        )
-    except (pyarrow.ArrowException, KeyError, ValueError, AttributeError) as exc:
-        text = f'cannot be read ({printable(str(exc), 120)}); fetch it again'
-        raise damaged(file, text) from None
-    return episode, frame, np.stack([read[x][:, n] for x, n in columns.values()], axis=1)
+    features = dict.fromkeys(feature for feature, *_ in columns.values())
+    table = parquet_columns(file, [*features, 'episode_index', 'frame_index'])
+    for name in features:
+        width = max(place for feature, place, _ in columns.values() if feature == name) + 1
+        if table[name].dtype.kind not in 'biuf' or table[name].size != width * len(table[name]):
+            raise damaged(file, f'{name} has not {width} numbers in each row; correct it')
+        table[name] = table[name].reshape(-1, width)
+    episode, frame = (table[x].astype(np.int64) for x in ('episode_index', 'frame_index'))
+    values = [table[x][:, n].astype(np.float64) for x, n, _ in columns.values()]
+    return episode, frame, np.stack(values, axis=1)
 
 
-def _calibrated(file: Path) -> dict[str, tuple[float, float]]:
-    """Return how far joints turn, about their middle, by LeRobot's calibration."""
+def _calibrated(file: Path, turned: bool) -> dict[str, tuple[float, float]]:
+    """Return how far joints turn, about their middle, by LeRobot's calibration.
+
+    Args:
+        turned: Whether a drive_mode of 1 turns -100 to 100 about: its ends then are the other way
+            round, so that joints have the direction that they have in degrees.
+    """
     try:
         motors = json.loads(read_small(file))
-        turns = {k: (x['range_max'] - x['range_min']) / _COUNTS for k, x in motors.items()}
+        ends = {}
+        for name, x in motors.items():
+            counts = _COUNTS[x['range_max'] <= _COUNTS[1]]
+            half = 0.5 * math.tau * (x['range_max'] - x['range_min']) / counts
+            ends[name] = (half, -half) if turned and x.get('drive_mode') else (-half, half)
     except _UNFIT as exc:
         text = f'is no calibration of LeRobot ({printable(str(exc), 80)})'
         text = f'{file}: {text}; give the file with range_min and range_max of each motor'
         raise ErrorCode.INVALID_GOAL.error(text) from None
-    return {name: (-0.5 * math.tau * x, 0.5 * math.tau * x) for name, x in turns.items()}
+    return ends
 
 
 def _in_rad(
     path: Path, unit: str, columns: _Columns, values: FloatArray, ends: Travel
 ) -> list[str]:
-    """Convert values (T, C) in place; return what to say of their unit."""
+    """Convert values (T, C) in place, NaN where they are left out; return what to say of it."""
     said = []
     if not unit:
-        unit = _unit_of(path, columns, values, ends)
-        said = [f'LeRobot states no unit: positions are taken as {UNITS[unit]}, nothing else fits']
-    unknown = []
-    for (_, joint, field), row in zip(columns, values.T, strict=True):
-        pair = _factor(unit, ends.get(joint), joint == _GRIPPER)
-        if field != 'effort' and pair is None and joint != _GRIPPER:
-            unknown.append(joint)
-        elif field != 'effort' and pair is not None:
+        unit, why = _unit_of(path, columns, values, ends)
+        said = [f'LeRobot states no unit: positions are taken as {UNITS[unit]}, {why}']
+    unknown: list[str] = []
+    shut: list[str] = []
+    bases: list[str] = []
+    placed = {joint for _, joint, field in columns if field == 'position'}
+    for (key, (*_, ending)), row in zip(columns.items(), values.T, strict=True):
+        _, joint, field = key
+        gripper = _GRIPPER.fullmatch(joint) is not None
+        pair = _factor(unit, ends.get(joint), gripper)
+        if field == 'effort' or ending == 'q':
+            continue
+        if joint not in placed:  # of a mobile base, in m/s and in a unit of its own
+            bases.append(joint)
+            row[:] = np.nan
+        elif pair is not None:
             row *= pair[0]
             row += pair[1] if field == 'position' else 0.0
+        else:
+            (shut if gripper else unknown).append(joint)
+            row[:] = np.nan
     if unknown:
         text = f'-100 to 100 is the travel of {listed(dict.fromkeys(unknown))}, which nothing '
         text += "states; give LeRobot's calibration file by --columns, or a machine with limits"
         raise ErrorCode.WRONG_UNITS.error(f'{path}: {text}')
+    if shut:
+        text = f'{listed(dict.fromkeys(shut))}: left out, 0 to 100 of a travel that nothing states'
+        said.append(f"{text}; give LeRobot's calibration file by --columns, or a machine with it")
+    if bases:
+        text = f'{listed(dict.fromkeys(bases))}: left out, a velocity without a position'
+        said.append(f'{text}, as of a mobile base')
     return said
 
 
@@ -225,21 +247,35 @@ def _factor(
     return (high - low) / 200.0, 0.5 * (high + low)
 
 
-def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) -> str:
-    """Return the unit in which joints stay within their ends, and move more than a little.
+def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) -> tuple[str, str]:
+    """Return the unit of positions, and what tells it.
+
+    Degrees are told by their steps, which are those of a servo's counts. Else joints stay within
+    their ends in one unit only, and move more than a little.
 
     Raises:
         IdentError: WRONG_UNITS where several are possible, or none.
     """
-    spans = {
-        joint: (float(np.nanmin(row)), float(np.nanmax(row)))
-        for (role, joint, field), row in zip(columns, values.T, strict=True)
+    rows = {
+        joint: row[np.isfinite(row)]
+        for ((role, joint, field), (*_, ending)), row in zip(
+            columns.items(), values.T, strict=True
+        )
         if (role, field) == ('state', 'position') and np.isfinite(row).any()
-        if joint != _GRIPPER
+        if not _GRIPPER.fullmatch(joint) and ending != 'q'
     }
+    if not rows and any(ending == 'q' for *_, ending in columns.values()):
+        return 'rad', 'as names that end in .q are'
+    for counts in _COUNTS:
+        steps = np.concatenate([np.unique(x) for x in rows.values()] or [np.empty(0)])
+        steps = steps * (2 * counts / 360.0)
+        whole = np.rint(steps)
+        if (np.abs(steps - whole) < _NEAR).all() and np.unique(whole).size >= _DIFFERENT:
+            return 'deg', f'their steps are those of {counts + 1} counts a turn'
+    spans = {joint: (float(x.min()), float(x.max())) for joint, x in rows.items()}
     found = [unit for unit in UNITS if spans and _fits(unit, spans, ends)]
     if len(found) == 1:
-        return found[0]
+        return found[0], 'nothing else fits'
     most = max((max(map(abs, x)) for x in spans.values()), default=0.0)
     able = ' or '.join(UNITS[x] for x in found) or 'none of them'
     text = f'{path}: LeRobot states no unit of its positions, which reach {most:.4g} and may be '
@@ -257,8 +293,8 @@ def _fits(unit: str, spans: Travel, ends: Travel) -> bool:
         pair = _factor(unit, ends.get(joint), False)
         if pair is None or joint not in ends:
             continue
-        low, high = ends[joint]
-        begin, end = (pair[0] * x + pair[1] for x in span)
+        low, high = sorted(ends[joint])
+        begin, end = sorted(pair[0] * x + pair[1] for x in span)
         room = _BEYOND * (high - low)
         if begin < low - room or end > high + room:
             return False

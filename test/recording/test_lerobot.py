@@ -140,6 +140,80 @@ def test_the_unit_is_told_by_the_ends_of_the_joints_or_asked_for(tmp_path, reach
     np.testing.assert_allclose(read.state.column('position', 'gripper'), open_, atol=1e-5)
 
 
+@pytest.mark.parametrize('counts', [4096, 1024])
+def test_degrees_are_told_by_their_steps(tmp_path, counts):
+    middle = np.array([0.5 * (800 + 3001), 0.5 * (900 + 3000)])
+    raw = np.rint(middle + 0.1 * counts * WAVE[:, None] * [1.0, 0.3])
+    degrees = (raw - middle) * 360.0 / (counts - 1)
+    names = ('a.pos', 'b.pos')
+    folder = write(tmp_path / 'log', 'v3.0', {'observation.state': degrees}, names=names)
+    (read,) = read_bag(folder, travel=ENDS)
+    np.testing.assert_allclose(read.state.position, np.deg2rad(degrees), atol=1e-6)
+    assert f'taken as degrees, their steps are those of {counts} counts a turn' in read.warnings[1]
+
+
+def test_percent_of_the_same_reach_are_not_taken_for_degrees(tmp_path):
+    percent = np.rint(1024 + 700 * WAVE[:, None]) / 2048 * 200.0 - 100.0
+    folder = write(tmp_path / 'log', 'v3.0', {'observation.state': percent}, names=('a.pos',))
+    with pytest.raises(IdentError, match='degrees or -100 to 100 of the travel; give --position'):
+        read_bag(folder, travel={'a': (-1.5, 1.5)})
+
+
+def test_grippers_of_two_arms_are_never_taken_as_angles(tmp_path):
+    names = ('left_elbow.pos', 'left_gripper.pos', 'right_elbow.pos', 'right_gripper.pos')
+    values = 40.0 * WAVE[:, None] + np.array([0.0, 50.0, 0.0, 50.0])
+    folder = write(tmp_path / 'log', 'v3.0', {'observation.state': values}, names=names)
+    topics = Topics(position_unit='deg')
+    (read,) = read_bag(folder, topics)
+    assert read.state.names == ('left_elbow', 'right_elbow')
+    said = 'left_gripper, right_gripper: left out, 0 to 100 of a travel that nothing states'
+    assert said in read.warnings[1]
+    (read,) = read_bag(folder, topics, {'left_gripper': (0.0, 2.0)})
+    opened = read.state.column('position', 'left_gripper')
+    np.testing.assert_allclose(opened, 0.02 * values[:, 1], atol=1e-6)
+    np.testing.assert_allclose(read.state.column('position', 'left_elbow'),
+                               np.deg2rad(values[:, 0]), atol=1e-6)  # fmt: skip
+
+
+def test_names_that_end_in_q_are_radians_and_a_base_is_left_out(tmp_path):
+    names = ('kLeftHipPitch.q', 'kLeftKnee.q', 'x.vel', 'theta.vel')
+    values = WAVE[:, None] * np.array([0.4, 0.8, 0.2, 30.0])
+    features = {'observation.state': values, 'action': values[:, :2]}
+    folder = write(tmp_path / 'log', 'v3.0', features, names=names)
+    info = json.loads((folder / 'meta/info.json').read_text())
+    info['features']['action'] = {**info['features']['action'], 'names': names[:2]}
+    (folder / 'meta/info.json').write_text(json.dumps(info))
+    (read,) = read_bag(folder)
+    assert read.state.names == ('kLeftHipPitch', 'kLeftKnee')
+    np.testing.assert_allclose(read.state.position, values[:, :2], atol=1e-6)
+    assert read.state.velocity is None
+    assert any('x, theta: left out, a velocity without a position' in x for x in read.warnings)
+    assert read.notes == ('the action is what was asked for, before the driver limits it',)
+
+
+@pytest.mark.parametrize(('robot', 'turned'), [('so101_follower', True), ('koch_follower', False)])
+def test_a_calibration_states_direction_and_counts(tmp_path, robot, turned):
+    percent = 80.0 * WAVE[:, None] * [1.0, 1.0]
+    folder = write(
+        tmp_path / 'log', 'v3.0', {'observation.state': percent}, names=('a.pos', 'b.pos')
+    )
+    info = json.loads((folder / 'meta/info.json').read_text())
+    (folder / 'meta/info.json').write_text(json.dumps({**info, 'robot_type': robot}))
+    where = tmp_path / 'calibration.json'
+    where.write_text(
+        json.dumps(
+            {
+                'a': {'drive_mode': 1, 'range_min': 1000, 'range_max': 3000},
+                'b': {'drive_mode': 0, 'range_min': 100, 'range_max': 900},
+            }
+        )
+    )
+    (read,) = read_bag(folder, Topics(position_unit='percent', columns=str(where)))
+    half = np.pi * np.array([2000 / 4095, 800 / 1023])
+    sign = np.array([-1.0 if turned else 1.0, 1.0])
+    np.testing.assert_allclose(read.state.position, sign * half * percent / 100.0, atol=1e-6)
+
+
 def test_names_may_stand_in_groups_and_say_what_they_are(tmp_path):
     names = ('a.pos', 'a.vel', 'b', 'a.current')
     features = {'observation.state': np.stack([WAVE, 2.0 * WAVE, 3.0 * WAVE, 4.0 * WAVE], axis=1)}
