@@ -32,6 +32,7 @@ EXTRAS = {
     'dask': ['distributed'],
     'lerobot': ['pyarrow'],
     'mujoco': ['mujoco>=3.3'],
+    'protobuf': ['protobuf'],
     'tables': ['h5py', 'pyarrow'],
 }
 # What `ident example` copies: folders of this tree as packages without code, in the wheel only.
@@ -93,6 +94,7 @@ def parts() -> dict[str, Any]:
                 'hypothesis',
                 'import-linter',
                 'pin',
+                'protobuf',
                 'pyarrow',
                 'pytest',
                 'pytest-timeout',

@@ -53,7 +53,7 @@ KEYS = {
     'zstandard': 'python3-rosbags-pip',
 }
 # What is said to be installed where it is asked for: extras.
-OPTIONAL = {'distributed', 'h5py', 'mujoco', 'pinocchio', 'pyarrow'}
+OPTIONAL = {'distributed', 'google', 'h5py', 'mujoco', 'pinocchio', 'pyarrow'}
 
 
 def imported(*folders: str) -> set[str]:
@@ -106,8 +106,10 @@ def test_requirements_name_what_the_set_up_script_names() -> None:
 def test_what_the_tests_import_is_declared() -> None:
     found = [*(ROOT / 'test').iterdir(), *(ROOT / 'tools').glob('*.py')]
     own = {path.stem for path in found}
-    # MuJoCo, h5py and pyarrow are optional; without them their tests are skipped.
-    modules = imported('test') - own - {'checks', 'conftest', 'h5py', 'mujoco', 'pyarrow'}
+    # MuJoCo, h5py, protobuf and pyarrow are optional; without them their tests are skipped.
+    modules = (
+        imported('test') - own - {'checks', 'conftest', 'google', 'h5py', 'mujoco', 'pyarrow'}
+    )
     known = depends('exec') | depends('test')
     names = {x: {x, KEYS.get(x, f'python3-{x}')} for x in modules}
     assert not [x for x, keys in names.items() if not keys & known]

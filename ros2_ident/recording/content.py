@@ -4,6 +4,7 @@
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,40 +14,36 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import cdr
 from ros2_ident.recording.cdr import Block, ByteTable
 from ros2_ident.recording.columns import TopicMap
-from ros2_ident.recording.definition import Definition, definition_of, standard, standard_of
+from ros2_ident.recording.definition import (
+    Definition,
+    definition_of,
+    OF_ROS,
+    standard,
+    standard_of,
+)
 from ros2_ident.recording.limits import limit, listed, printable, require_memory
 from ros2_ident.recording.maps import (
     Clock,
     fields_parser,
-    JOINT_STATE,
     map_of,
     nameless,
     parser,
     roles_of,
     TRAJECTORY,
 )
+from ros2_ident.recording.objects import Decode, decoder, fields_decoder, FORMS
 from ros2_ident.recording.storage import Budget, Damage, inflate, ZSTD
-from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, LATEST_STAMP
+from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP
 
 
-def offers(kind: str, data: bytes, definition: Definition | None) -> tuple[str, ...]:
-    """Return the roles for which a message holds values without being told anything.
-
-    Args:
-        kind: One of `maps.kinds`.
-    """
-    if kind == TRAJECTORY:
-        return roles_of(kind)
-    found = []
-    for role in roles_of(kind):
-        try:
-            layout = parser(kind, role, definition=definition)(data)
-        except (ValueError, IdentError):
-            return ()
-        wanted = {'effort'} if role == 'effort' else {'position', 'velocity'}
-        if layout.names and wanted & {FIELDS[x.field] for x in layout.picks}:
-            found.append(role)
-    return tuple(found)
+def offers(decode: Decode, role: str, data: bytes) -> bool:
+    """Say whether a message holds values of a role without being told anything."""
+    try:
+        (block,) = decode([data])
+    except (ValueError, IndexError, IdentError):
+        return False
+    position, velocity, effort = (x is not None for x in block.fields)
+    return bool(block.names) and (effort if role == 'effort' else position or velocity)
 
 
 # A trajectory is a few points; joint_trajectory_controller runs through them by a polynomial
@@ -197,7 +194,7 @@ class Messages:
     A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
 
     Args:
-        parse: Finds the values in a message.
+        decode: Makes blocks of messages.
         clock: Of the stamps; of a counter, which counts from any instant, a line through it and
             the log times makes times when all have come.
         padded: Whether joints at the end that never show a value but 0 are none.
@@ -212,14 +209,14 @@ class Messages:
         said: What else is to be said of them.
     """
 
-    def __init__(self, parse: cdr.Parse, *, clock: Clock = 'stamp', padded: bool = False) -> None:
+    def __init__(self, decode: Decode, *, clock: Clock = 'stamp', padded: bool = False) -> None:
         self.count = 0
         self.lost = 0
         self.blocks: deque[cdr.Block] = deque()
         self.why = ''
         self.unstamped = False
         self.said: list[str] = []
-        self.clock, self._parse, self._padded = clock, parse, padded
+        self.clock, self._blocks_of, self._padded = clock, decode, padded
         self._clocks: list[IntArray] = []
         self._times: list[int] = []
         self._data: list[bytes] = []
@@ -265,13 +262,13 @@ class Messages:
         try:
             if max(times) >= LATEST_STAMP or min(times) <= -LATEST_STAMP:
                 raise ValueError
-            found = cdr.decode(data, self._parse)
+            found = self._blocks_of(data)
         except (ValueError, IndexError):
             pairs = ((when, bytes(x)) for when, x in zip(times, data, strict=True))
             whole = [pair for pair in pairs if self._is_whole(*pair)]
             self.lost += len(data) - len(whole)
             times = [x[0] for x in whole]
-            found = cdr.decode([x[1] for x in whole], self._parse)
+            found = self._blocks_of([x[1] for x in whole])
         clock = np.array(times, dtype=np.int64)
         for block in found:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
@@ -286,7 +283,7 @@ class Messages:
     def _is_whole(self, log_time: int, message: bytes) -> bool:
         """Say whether a message decodes by itself."""
         try:
-            (block,) = cdr.decode([message], self._parse)
+            (block,) = self._blocks_of([message])
         except (ValueError, IndexError) as exc:
             self.why = str(exc)
             return False
@@ -354,7 +351,7 @@ class Trajectories(Messages):
     """The trajectories sent on a topic; their blocks are the set-point that follows them."""
 
     def __init__(self, gaps: bool = True) -> None:
-        super().__init__(parser(JOINT_STATE, 'command'))
+        super().__init__(lambda data: [])
         self.sent: list[tuple[int, Trajectory]] = []
         self._gaps = gaps
 
@@ -382,9 +379,8 @@ def messages_of(
     """Return what decodes a role's messages of a kind; see `maps.parser`."""
     if (about := map_of(kind)) is None:
         return Trajectories(definition is None or definition.gaps)
-    parse = parser(kind, role, names, drives, definition)
-    padded = about.padded and not names
-    return Messages(parse, clock=about.clock, padded=padded)
+    decode = partial(cdr.decode, parse=parser(kind, role, names, drives, definition))
+    return Messages(decode, clock=about.clock, padded=about.padded and not names)
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
@@ -420,14 +416,14 @@ class Content:
     counts: dict[str, int] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     _first: dict[str, list[bytes]] = field(default_factory=dict)
-    _texts: dict[str, tuple[str, str]] = field(default_factory=dict)
+    _schemas: dict[str, tuple[str, str, bytes]] = field(default_factory=dict)
 
-    def open(self, topic: str, kind: str, form: str, text: str) -> Sink | None:
+    def open(self, topic: str, kind: str, form: str, schema: bytes) -> Sink | None:
         """Note a topic and its type; return where its messages go, None where they are unwanted.
 
         Args:
-            form: Of the definition, as `definition_of` takes it.
-            text: The definition of the type, empty where the file has none.
+            form: Of the definition, as `definition_of` takes it, or of messages that are no CDR.
+            schema: The definition of the type, empty where the file has none.
 
         Raises:
             Damage: There are more topics than any machine has.
@@ -437,10 +433,13 @@ class Content:
         if topic not in self.types:
             if len(self.types) >= 100 * limit('joints'):
                 raise Damage('it names more topics than are allowed')
-            self.types[topic], self._texts[topic] = kind, (form, text)
+            self._schemas[topic] = kind, form, schema
+            known = form in ('', *OF_ROS) or (form in FORMS and roles_of(kind))
+            self.types[topic] = kind if known else f'{kind} ({form})'
+        kind = self.types[topic]
         self.counts.setdefault(topic, 0)
         if self.mapped:
-            return self._mapped(topic, kind) if topic in self.mapped else None
+            return self._mapped(topic) if topic in self.mapped else None
         roles = [role for role in self.wanted.get(topic, ()) if role in roles_of(kind)]
         if not roles_of(kind):
             return None
@@ -453,11 +452,9 @@ class Content:
                     first.extend(x for x in shown if not x.startswith(ZSTD))
 
             return show
-        self.types[topic] = kind
         for role in roles:
             if (topic, role) not in self.messages:
-                about = kind, role, self.names, self.drives, self.definition(topic)
-                self.messages[topic, role] = messages_of(*about)
+                self.messages[topic, role] = self._messages_of(topic, role)
         sinks = [self.messages[topic, role].take for role in roles]
 
         def fan(times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
@@ -466,36 +463,65 @@ class Content:
 
         return fan
 
-    def _mapped(self, topic: str, kind: str) -> Sink:
+    def _messages_of(self, topic: str, role: str) -> Messages:
+        """Return what decodes a role's messages of a topic."""
+        kind, form, schema = self._schemas[topic]
+        if form in FORMS:
+            return Messages(decoder(kind, role, form, schema))
+        return messages_of(
+            self.types[topic], role, self.names, self.drives, self.definition(topic)
+        )
+
+    def _mapped(self, topic: str) -> Sink:
         """Return where the messages of a topic go that a column map names.
 
         Raises:
             IdentError: MISSING_STREAM where they have no such field, or no definition.
         """
-        if (topic, '') not in self.messages:
-            about, known = self.mapped[topic], self.definition(topic) or standard_of(kind)
-            own = map_of(kind)
-            known = known or (own.definition if own else None)
-            if known is None:
-                text = f'{topic}: the file holds no definition of {printable(kind)}; record it '
-                raise ErrorCode.MISSING_STREAM.error(f'{text}as MCAP, which keeps definitions')
-            paths = [(str(x.cell), x.entry, x.of) for x in about.columns]
-            try:
-                parse, clock = fields_parser(paths, about.time, about.digits, known)
-            except LookupError as exc:
-                text = f'{topic}: {printable(kind)} has no field {printable(str(exc.args[0]))}'
-                text += f', its numbers are {listed(known.numbers(40), 30)}'
-                raise ErrorCode.MISSING_STREAM.error(f'{text}; correct the column map') from None
-            self.messages[topic, ''] = Messages(parse, clock=clock)
+        if (topic, '') in self.messages:
+            return self.messages[topic, ''].take
+        about, (kind, form, schema) = self.mapped[topic], self._schemas[topic]
+        if form in FORMS:
+            clock: Clock = 'counter' if about.digits else 'stamp' if about.time else 'none'
+            found = Messages(fields_decoder(kind, about, form, schema), clock=clock)
+            self.messages[topic, ''] = found
+            return found.take
+        known, own = self.definition(topic) or standard_of(self.types[topic]), map_of(kind)
+        known = known or (own.definition if own else None)
+        if known is None:
+            text = f'{topic}: the file holds no definition of {printable(kind)}; record it '
+            raise ErrorCode.MISSING_STREAM.error(f'{text}as MCAP, which keeps definitions')
+        paths = [(str(x.cell), x.entry, x.of) for x in about.columns]
+        try:
+            parse, clock = fields_parser(paths, about.time, about.digits, known)
+        except LookupError as exc:
+            text = f'{topic}: {printable(kind)} has no field {printable(str(exc.args[0]))}'
+            text += f', its numbers are {listed(known.numbers(40), 30)}'
+            raise ErrorCode.MISSING_STREAM.error(f'{text}; correct the column map') from None
+        self.messages[topic, ''] = Messages(partial(cdr.decode, parse=parse), clock=clock)
         return self.messages[topic, ''].take
 
     def definition(self, topic: str) -> Definition | None:
         """Return a topic's message definition, None where the file has none that can be read."""
-        return definition_of(self.types[topic], *self._texts[topic])
+        return definition_of(self.types[topic], *self._schemas[topic][1:])
 
     def offered(self) -> Iterator[tuple[str, str, tuple[str, ...]]]:
         """Yield topic, type and possible roles of what could be read and is not wanted."""
         for topic, first in sorted(self._first.items()):
-            kind, known = self.types[topic], self.definition(topic)
-            found = {x for data in first for x in offers(kind, data, known)}
+            kind = self.types[topic]
+            found = {
+                role
+                for role in roles_of(kind)
+                if kind == TRAJECTORY or self._shows(topic, role, first)
+            }
             yield topic, kind, tuple(x for x in roles_of(kind) if x in found)
+
+    def _shows(self, topic: str, role: str, first: Sequence[bytes]) -> bool:
+        """Say whether a message of a topic holds values of a role."""
+        kind, form, schema = self._schemas[topic]
+        if form in FORMS:
+            decode = decoder(kind, role, form, schema)
+        else:
+            parse = parser(self.types[topic], role, definition=self.definition(topic))
+            decode = partial(cdr.decode, parse=parse)
+        return any(offers(decode, role, data) for data in first)

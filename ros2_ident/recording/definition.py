@@ -20,6 +20,8 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.recording.limits import limit, variable_of
 from ros2_ident.recording.streams import IntArray
 
+# Kinds of definitions, as MCAP names them.
+OF_ROS = ('ros2msg', 'ros2idl', 'ros1msg')
 # Format of each number in numpy.
 _FORMATS = {'bool': 'u1', 'byte': 'u1', 'char': 'u1', 'float32': 'f4', 'float64': 'f8'}
 _FORMATS |= {f'{sign}int{8 * size}': f'{sign[:1] or "i"}{size}' for sign in ('', 'u')
@@ -122,17 +124,18 @@ class Definition:
         return found
 
 
-def definition_of(kind: str, form: str, text: str) -> Definition | None:
+def definition_of(kind: str, form: str, data: bytes) -> Definition | None:
     """Return what a definition in a file says, None where it says nothing that can be read.
 
     Args:
         kind: The message type.
         form: `ros2msg`, `ros2idl` or `ros1msg`.
-        text: With the types it is made of, each after a line of `=`.
+        data: UTF-8, with the types it is made of, each after a line of `=`.
     """
-    if not 0 < len(text) <= _LARGEST or form not in ('ros2msg', 'ros2idl', 'ros1msg'):
+    if not 0 < len(data) <= _LARGEST or form not in OF_ROS:
         return None
     try:
+        text = data.decode('utf-8', 'replace')
         if form == 'ros2idl':
             own = {k: v for x in _IDL.split(text) if x for k, v in get_types_from_idl(x).items()}
         else:

@@ -67,7 +67,7 @@ class MessageMap:
         padded: Whether entries at the end may belong to no joint.
         note: What a user has to know of it.
         joints: Names of its first entries, where the messages have none.
-        definition: As far as it is read, for files that have none.
+        definition: As far as it is read, for files that have none; None for what is not of ROS.
     """
 
     kind: str
@@ -83,16 +83,15 @@ class MessageMap:
 
 def kinds() -> list[str]:
     """Return the types that there is a map of; the first are taken first where a role is open."""
-    found = [x.stem.replace('.', '/msg/') for x in _FOLDER.glob('*.yaml')]
+    found = [x.stem.replace('-', '/msg/') for x in _FOLDER.glob('*.yaml')]
     return sorted([*found, TRAJECTORY])
 
 
 @cache
 def map_of(kind: str) -> MessageMap | None:
     """Return the map of a message type that comes with the package."""
-    package, _, name = kind.partition('/msg/')
-    file = _FOLDER / f'{package}.{name}.yaml'
-    if not kind.isprintable() or '/' in package + name or not file.is_file():
+    file = _FOLDER / f'{kind.replace("/msg/", "-", 1)}.yaml'
+    if not kind.isprintable() or file.parent != _FOLDER or not file.is_file():
         return None
     data = yaml.load(file.read_text(encoding='utf-8'), _LOADER)  # noqa: S506 - safe
     roles = {role: data[role] for role in ROLES if role in data}
@@ -106,9 +105,8 @@ def map_of(kind: str) -> MessageMap | None:
     stamp = data.get('stamp', {})
     parts = tuple((path_of(path), 10 ** DIGITS[unit]) for path, unit in stamp.items())
     text = data.get('definition', '')
-    known = definition_of(kind, 'ros2msg', text) if text else standard_of(kind)
-    assert known is not None
-    definition = Definition(kind, known.types, whole=not text)
+    known = definition_of(kind, 'ros2msg', text.encode()) if text else standard_of(kind)
+    definition = Definition(kind, known.types, whole=not text) if known else None
     clock: Clock = 'counter' if data.get('counter') else 'stamp' if parts else 'none'
     joints = tuple(data.get('joints', '').split())
     note = data.get('note', '')

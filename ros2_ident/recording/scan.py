@@ -289,10 +289,9 @@ class _Walk:
             if (channel := about.channels.get(number)) is not None:
                 schemas = (self.summary or about).schemas | about.schemas
                 schema = schemas.get(channel.schema_id) or Schema(0, b'', '', '')
-                kind, text = schema.name, schema.data.decode('utf-8', 'replace')
-                if channel.message_encoding not in ('cdr', 'ros1', ''):
-                    kind, text = f'{kind} ({channel.message_encoding})', ''
-                target = self.content.open(channel.topic, kind, schema.encoding, text)
+                form = channel.message_encoding
+                form = schema.encoding if form in ('cdr', 'ros1', '') else form
+                target = self.content.open(channel.topic, schema.name, form, schema.data)
                 self.ways[number] = channel.topic, target
                 return self.ways[number]
         return None
@@ -350,7 +349,7 @@ class _Chunks(Reader):
         budget = Budget(losses.size)
         topics = {x.id: x.topic for x in self.connections}
         targets = {
-            x.id: content.open(x.topic, x.msgtype, 'ros1msg', x.msgdef.data)
+            x.id: content.open(x.topic, x.msgtype, 'ros1msg', x.msgdef.data.encode())
             for x in self.connections
         }
         found, stated = Counter[str](), Counter[int]()
@@ -425,14 +424,14 @@ def _guard(base: sqlite3.Connection, size: int) -> None:
 
 def _read(base: sqlite3.Connection, content: Content, losses: Losses) -> None:
     ways: dict[int, tuple[str, Sink | None]] = {}
-    texts: dict[str, tuple[str, str]] = {}
+    texts: dict[str, tuple[str, bytes]] = {}
     with suppress(sqlite3.Error):  # bags of Humble and before have no definitions
         query = 'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
-        texts = {kind: (str(form), str(text)) for kind, form, text in base.execute(query)}
+        texts = {kind: (str(form), str(text).encode()) for kind, form, text in base.execute(query)}
     query = 'SELECT id, name, type, serialization_format FROM topics ORDER BY id'
     for number, name, kind, form in base.execute(query):
-        whole = kind if form in ('cdr', '') else f'{kind} ({form})'
-        ways[number] = name, content.open(name, whole, *texts.get(kind, ('', '')))
+        known = texts.get(kind, ('ros2msg', b'')) if form in ('cdr', '') else (form, b'')
+        ways[number] = name, content.open(name, kind, *known)
     counts = base.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id')
     found: Counter[int] = Counter(dict(counts))
     losses.unknown = sum(count for number, count in found.items() if number not in ways)

@@ -28,7 +28,9 @@ def child(*words, **environment):
 
 
 # What takes long to import, and what each command may.
-HEAVY = r'(asyncio|bokeh|distributed|h5py|jinja2|matplotlib|mcap|mujoco|numba|numpy|pinocchio)$'
+HEAVY = (
+    r'(asyncio|bokeh|distributed|google|h5py|jinja2|matplotlib|mcap|mujoco|numba|numpy|pinocchio)$'
+)
 HEAVY += r'|(pyarrow|rclpy|rich|rosbags|yaml|zstandard)$'
 HEAVY += r'|scipy\.(fft|interpolate|linalg|ndimage|optimize|signal|special|stats)$'
 FILES = {'mcap', 'numpy', 'rosbags', 'yaml', 'zstandard'}

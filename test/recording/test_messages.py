@@ -1,19 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots' own messages: read by their definition and the map of their type, without an option."""
 
+import importlib
+import json
+from pathlib import Path
 import sqlite3
 
+from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 from message_makers import Messages
 import numpy as np
 import pytest
 
 from ros2_ident.errors import IdentError
-from ros2_ident.recording import check, read_bag, render, Topics
+from ros2_ident.recording import check, maps, read_bag, render, Topics
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.maps import kinds, map_of, roles_of
 from ros2_ident.recording.streams import FIELDS
 
+MAPS = Path(maps.__file__).with_name('maps')
 START = 1_700_000_000_000_000_000
 STEP = 2_000_000
 SAMPLES = 100
@@ -204,7 +209,7 @@ CASES = {
 }
 
 
-def compare(read, joints, factor, holds):
+def compare(read, joints, factor, holds, command=()):
     q, dq, tau, goal = truth(len(joints))
     assert read.state.names == tuple(joints)
     np.testing.assert_allclose(read.state.position, factor * q, rtol=1e-15)
@@ -217,7 +222,10 @@ def compare(read, joints, factor, holds):
         found = np.stack([read.command.column('position', x) for x in joints], axis=1)
         np.testing.assert_allclose(found, factor * goal, rtol=1e-15)
         assert set(read.command.names) == set(joints)
-    assert (read.command is not None) == ('c' in holds)
+    assert (read.command is not None) == ('c' in holds or bool(command))
+    for name in command:
+        values = read.command.column('position', name)
+        np.testing.assert_array_equal(values, goal[:, joints.index(name)])
     for stream in read.streams.values():
         np.testing.assert_allclose(np.diff(stream.stamp), STEP, atol=2)
         assert abs(int(stream.stamp[0]) - START) < 10
@@ -419,6 +427,10 @@ def test_every_map_can_be_read_and_states_its_source():
         if (about := map_of(kind)) is None:
             continue
         assert about.kind == kind and roles_of(kind)
+        text = (MAPS / f'{kind.replace("/msg/", "-")}.yaml').read_text()
+        assert text.split('\n')[1].startswith('source: https://')
+        if about.definition is None:  # protobuf and JSON need none
+            continue
         for own in about.roles.values():
             for source in own.values():
                 assert any(about.definition.has(path) for path in source.paths), (kind, source)
@@ -493,3 +505,105 @@ def test_a_map_that_does_not_fit_says_what_is_there(maker, tmp_path, text, said)
     path = maker.write(tmp_path / 'log', [*unitree(maker, 'unitree_go', 12)][:20])
     with pytest.raises(IdentError, match=said):
         read_by(path, tmp_path, text)
+
+
+# ---------------------------------------------------------------------- protobuf and JSON
+
+
+def foxglove_schema():
+    """Return foxglove.JointStates as a set of file descriptors, as foxglove-sdk 0.30 has it."""
+    pb2 = pytest.importorskip('google.protobuf.descriptor_pb2', reason='protobuf is not installed')
+    time = importlib.import_module('google.protobuf.timestamp_pb2')
+    field, own = pb2.FieldDescriptorProto, pb2.FileDescriptorProto()
+    own.name, own.package, own.syntax = 'foxglove/JointStates.proto', 'foxglove', 'proto3'
+    own.dependency.append('google/protobuf/timestamp.proto')
+    joint = own.message_type.add(name='JointState')
+    joint.field.add(name='name', number=1, type=field.TYPE_STRING, label=field.LABEL_OPTIONAL)
+    for number, name in enumerate(('position', 'velocity', 'acceleration', 'effort'), 2):
+        joint.oneof_decl.add(name=f'_{name}')
+        joint.field.add(
+            name=name, number=number, type=field.TYPE_DOUBLE, label=field.LABEL_OPTIONAL,
+            proto3_optional=True, oneof_index=number - 2,
+        )  # fmt: skip
+    whole = own.message_type.add(name='JointStates')
+    for name, number, kind, label in (
+        ('timestamp', 1, '.google.protobuf.Timestamp', field.LABEL_OPTIONAL),
+        ('joints', 2, '.foxglove.JointState', field.LABEL_REPEATED),
+    ):
+        whole.field.add(
+            name=name, number=number, type=field.TYPE_MESSAGE, label=label, type_name=kind
+        )
+    found = pb2.FileDescriptorSet()
+    found.file.add().CopyFrom(own)  # what it needs comes after it, too
+    time.DESCRIPTOR.CopyToProto(found.file.add())
+    return found
+
+
+def write_foxglove(path, form):
+    q, dq, tau, goal = truth(2)
+    schema, make = b'', None
+    if form == 'protobuf':
+        files = foxglove_schema()
+        schema = files.SerializeToString()
+        pool = importlib.import_module('google.protobuf.descriptor_pool').DescriptorPool()
+        for file in reversed(files.file):
+            pool.Add(file)
+        factory = importlib.import_module('google.protobuf.message_factory')
+        make = factory.GetMessageClass(pool.FindMessageTypeByName('foxglove.JointStates'))
+    with path.open('wb') as file:
+        writer = McapWriter(file)
+        writer.start()
+        encoding = {'protobuf': 'protobuf', 'json': 'jsonschema'}[form]
+        number = writer.register_schema('foxglove.JointStates', encoding, schema)
+        topics = [writer.register_channel(x, form, number) for x in ('/joint_states', '/goal')]
+        for k in range(SAMPLES):
+            when = START + k * STEP
+            joints = [
+                {'name': 'ab'[n], 'position': q[k, n], 'velocity': dq[k, n], 'effort': tau[k, n]}
+                for n in (0, 1)
+            ]
+            goals = [{'name': 'b', 'position': goal[k, 1]}]
+            for topic, own in zip(topics, (joints, goals), strict=True):
+                if make is not None:
+                    message = make(joints=own)
+                    message.timestamp.seconds, message.timestamp.nanos = divmod(when, 10**9)
+                    data = message.SerializeToString()
+                else:
+                    stamp = {'sec': when // 10**9, 'nsec': when % 10**9}
+                    data = json.dumps({'timestamp': stamp, 'joints': own}).encode()
+                writer.add_message(topic, when + 10_000, data, when)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize('form', ['protobuf', 'json'])
+def test_joint_states_of_foxglove_need_no_map(tmp_path, form):
+    path = write_foxglove(tmp_path / 'log.mcap', form)
+    (read,) = read_bag(path)
+    compare(read, ['a', 'b'], 1.0, 've', command=['b'])
+    assert 'command: no /joint_command, /goal is taken (foxglove.JointStates)' in read.notes
+    names = 'joints: {"a, b": {position: "/joint_states joints[:].position"}}'
+    text = f'time: {{column: /joint_states timestamp}}\n{names}'
+    (mapped,) = read_by(path, tmp_path, text)
+    np.testing.assert_array_equal(mapped.state.position, read.state.position)
+    assert (mapped.state.stamp == read.state.stamp).all()
+
+
+@pytest.mark.parametrize('form', ['protobuf', 'json'])
+def test_a_message_that_is_none_is_left_out(tmp_path, form):
+    path = write_foxglove(tmp_path / 'log.mcap', form)
+    with (tmp_path / 'other.mcap').open('wb') as file:
+        writer = McapWriter(file)
+        writer.start()
+        with path.open('rb') as source:
+            for n, (schema, channel, message) in enumerate(make_reader(source).iter_messages()):
+                if not n:
+                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    topic = writer.register_channel('/joint_states', form, number)
+                if channel.topic == '/joint_states':
+                    body = b'\xff{' if n == 100 else message.data
+                    writer.add_message(topic, message.log_time, body, message.log_time)
+        writer.finish()
+    (read,) = read_bag(tmp_path / 'other.mcap')
+    assert read.state.stamp.size == SAMPLES - 1
+    assert any('1 of 100 messages are no valid' in x for x in read.warnings)

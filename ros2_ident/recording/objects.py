@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of an MCAP file that are no bytes at known places: protobuf and JSON.
+
+Each is made an object by a library and walked over: slower than CDR by two orders of magnitude.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import groupby
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from ros2_ident.errors import ErrorCode
+from ros2_ident.recording.cdr import Block, ByteTable
+from ros2_ident.recording.columns import TopicMap
+from ros2_ident.recording.definition import Path, path_of
+from ros2_ident.recording.limits import limit
+from ros2_ident.recording.maps import DIGITS, map_of
+from ros2_ident.recording.streams import FIELDS
+
+FORMS = ('protobuf', 'json')
+# Names of a time's parts, by the message types of Google, Foxglove and ROS.
+_SECONDS, _NANOSECONDS = ('seconds', 'sec'), ('nanos', 'nsec', 'nanosec')
+# Joints, their values by field, and the stamp, ns, of a message.
+_Row = tuple[tuple[str, ...], Mapping[str, Sequence[float]], int]
+Decode = Callable[[Sequence[bytes] | ByteTable], list[Block]]
+
+
+def decoder(kind: str, role: str, form: str, schema: bytes) -> Decode:
+    """Return what decodes a role's messages of a type that has a map.
+
+    Args:
+        kind: As the schema is called.
+        form: One of `FORMS`.
+        schema: Of protobuf a set of file descriptors.
+
+    Raises:
+        IdentError: INVALID_GOAL where the library is missing, BAD_VALUES for a damaged schema.
+    """
+    about = map_of(kind)
+    assert about is not None
+    sources = about.roles[role]
+
+    def row_of(tree: Any) -> _Row:
+        names = tuple(map(str, _found(tree, about.names[role])))
+        values = {x: _numbers(tree, source.paths[0]) for x, source in sources.items()}
+        return names, values, sum(_nanoseconds(tree, path, 0) for path, _ in about.stamp)
+
+    return _decoder(_reader(kind, form, schema), row_of)
+
+
+def fields_decoder(kind: str, about: TopicMap, form: str, schema: bytes) -> Decode:
+    """Return what decodes the fields of a topic that a column map names; see `decoder`."""
+    paths = [(path_of(str(x.cell)), x.entry, x.of) for x in about.columns]
+    names = tuple(map(str, range(len(paths))))
+    time = path_of(about.time) if about.time else None
+
+    def row_of(tree: Any) -> _Row:
+        values = []
+        for (path, entry, of), column in zip(paths, about.columns, strict=True):
+            found = _numbers(tree, path)
+            if len(found) != of:
+                raise ValueError(f'{column.cell} is {len(found)} numbers for {of} joints')
+            values.append(found[entry])
+        return names, {FIELDS[0]: values}, _nanoseconds(tree, time, about.digits) if time else 0
+
+    return _decoder(_reader(kind, form, schema), row_of)
+
+
+def _decoder(read: Callable[[bytes], Any], row_of: Callable[[Any], _Row]) -> Decode:
+    def decode(messages: Sequence[bytes] | ByteTable) -> list[Block]:
+        rows = [_checked(row_of, read(bytes(x))) for x in messages]
+        blocks, begin = [], 0
+        for names, group in groupby(rows, key=lambda x: x[0]):
+            own = list(group)
+            tables = [np.array([x[1].get(name, ()) for x in own], dtype=float) for name in FIELDS]
+            fields = tuple(x if x.size and np.isfinite(x).any() else None for x in tables)
+            stamp = np.array([x[2] for x in own], dtype=np.int64)
+            blocks.append(Block(np.arange(begin, begin + len(own)), stamp, names, fields))
+            begin += len(own)
+        return blocks
+
+    return decode
+
+
+def _checked(row_of: Callable[[Any], _Row], tree: Any) -> _Row:
+    """Return a message's values.
+
+    Raises:
+        ValueError: They do not fit its names, or are none.
+    """
+    try:
+        names, values, stamp = row_of(tree)
+    except (LookupError, TypeError, AttributeError, OverflowError) as exc:
+        raise ValueError(f'no such field, {exc}') from exc
+    if len(names) > limit('joints') or any(len(x) != len(names) for x in values.values()):
+        raise ValueError(f'{len(names)} names but arrays of another length')
+    return names, values, stamp
+
+
+def _reader(kind: str, form: str, schema: bytes) -> Callable[[bytes], Any]:
+    """Return what makes an object of a message; it raises ValueError for other bytes."""
+    if form == 'json':
+        return _json
+    try:
+        from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+    except ModuleNotFoundError:
+        text = f'{kind} needs protobuf; `pip install "ros2-ident[protobuf]"`'
+        raise ErrorCode.INVALID_GOAL.error(text) from None
+    try:
+        pool = descriptor_pool.DescriptorPool()
+        left = list(descriptor_pb2.FileDescriptorSet.FromString(schema).file)
+        known: set[str] = set()
+        while left:
+            able = [x for x in left if known.issuperset(x.dependency)]
+            for file in able:
+                pool.Add(file)
+                known.add(file.name)
+            left = [x for x in left if x.name not in known]
+            if not able:
+                raise ValueError('a file that it needs is missing')
+        made = message_factory.GetMessageClass(pool.FindMessageTypeByName(kind))
+    except Exception as exc:  # the library lets whatever damaged bytes cause through
+        text = f'the schema of {kind} cannot be read ({type(exc).__name__}); record again'
+        raise ErrorCode.BAD_VALUES.error(text) from None
+
+    def read(data: bytes) -> Any:
+        try:
+            return made.FromString(data)
+        except Exception as exc:
+            raise ValueError('no such message') from exc
+
+    return read
+
+
+def _json(data: bytes) -> Any:
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as exc:
+        raise ValueError('no JSON') from exc
+
+
+def _below(node: Any, name: str) -> Any:
+    """Return a field of an object; None where it has no value."""
+    if isinstance(node, Mapping):
+        return node.get(name)
+    about = node.DESCRIPTOR.fields_by_name[name]
+    return None if about.has_presence and not node.HasField(name) else getattr(node, name)
+
+
+def _found(tree: Any, path: Path) -> list[Any]:
+    """Return what lies at a path; None for an entry without a value."""
+    nodes = [tree]
+    for name, index in path:
+        below = (_below(node, name) for node in nodes)
+        nodes = [x for value in below for x in _entries(value, index)]
+    return nodes
+
+
+def _entries(value: Any, index: Any) -> Iterator[Any]:
+    if index is None or value is None:
+        yield value
+    elif isinstance(index, slice):
+        yield from value[index]
+    elif isinstance(index, int):
+        yield value[index]
+    else:
+        keys = [_below(x, index[0]) for x in value]
+        yield value[keys.index(index[1])] if index[1] in keys else None
+
+
+def _numbers(tree: Any, path: Path) -> list[float]:
+    found = _found(tree, path)
+    if len(found) == 1 and isinstance(found[0], Sequence) and not isinstance(found[0], str):
+        found = list(found[0])
+    return [math.nan if x is None else float(x) for x in found]
+
+
+def _nanoseconds(tree: Any, path: Path, digits: int) -> int:
+    """Return a time, ns: a message of seconds and nanoseconds, or a number."""
+    (value,) = _found(tree, path)
+    if value is None:
+        return 0
+    if isinstance(value, (int, float)):
+        return int(round(value * 10**digits))
+    parts = {**value} if isinstance(value, Mapping) else {
+        x.name: getattr(value, x.name) for x in value.DESCRIPTOR.fields
+    }  # fmt: skip
+    second, rest = (
+        next((int(parts[x]) for x in names if x in parts), 0) for names in (_SECONDS, _NANOSECONDS)
+    )
+    return int(second * 10 ** DIGITS['s'] + rest)
