@@ -2,17 +2,24 @@
 """Small logs of every kind, ways to damage them, and what may come of reading a damaged one."""
 
 from collections.abc import Callable, Sequence
+import contextlib
 from dataclasses import dataclass
+import importlib
+import io
+import json
 from pathlib import Path
 import random
 import struct
 import zlib
 
 import lz4.frame
+from mcap.writer import Writer as McapWriter
+from message_makers import Messages
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+import scipy.io
 import zstandard
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -242,6 +249,96 @@ def kinds(room: Path, size: int = 120) -> dict[str, Kind]:
     table = table_text(recording).encode()
     found['table'] = Kind('a.csv', table, (('a.columns.yaml', COLUMNS.encode()),))
     found['columns'] = Kind('a.columns.yaml', COLUMNS.encode(), (('a.csv', table),))
+    return found | messages(recording) | arrays(room, recording)
+
+
+def messages(recording: Recording) -> dict[str, Kind]:
+    """Return bags of messages with their definitions, without a checksum, by name."""
+    position, effort = recording.state.position, recording.effort.effort
+    maker = Messages()
+    own = {}
+    for topic, kind in (('/lowstate', 'unitree_go/msg/LowState'),
+                        ('/pid/state', 'control_msgs/msg/MultiDOFStateStamped')):  # fmt: skip
+        definition, _ = maker.store.generate_msgdef(kind)
+        rows = []
+        for k, when in enumerate(recording.state.stamp.tolist()):
+            message = maker.blank(kind)
+            for d in (0, 1):
+                if topic == '/lowstate':
+                    message.tick, motor = 5 + k, message.motor_state[d]
+                    motor.q, motor.tau_est = position[k, d], effort[k, d]
+                else:
+                    one = maker.blank('control_msgs/msg/SingleDOFState')
+                    one.name, one.feedback = 'ab'[d], position[k, d]
+                    message.dof_states.append(one)
+            if topic != '/lowstate':
+                maker.stamp(message, when)
+            rows.append((when, bytes(maker.store.serialize_cdr(message, kind))))
+        about = kind, 'ros2msg', definition.encode(), 'cdr'
+        own[topic.strip('/').replace('/', '_')] = topic, about, rows
+    rows = []
+    for k, when in enumerate(recording.state.stamp.tolist()):
+        stamp = {'sec': when // 10**9, 'nsec': when % 10**9}
+        joints = [{'name': 'ab'[d], 'position': position[k, d]} for d in (0, 1)]
+        rows.append((when, json.dumps({'timestamp': stamp, 'joints': joints}).encode()))
+    own['json'] = '/joint_states', ('foxglove.JointStates', 'jsonschema', b'{}', 'json'), rows
+    return {name: Kind('a.mcap', _loose(*each)) for name, each in own.items()}
+
+
+def _loose(topic, about, rows):
+    """Return an MCAP file without chunks and checksums."""
+    out = io.BytesIO()
+    writer = McapWriter(out, use_chunking=False, enable_crcs=False)
+    writer.start(profile='ros2')
+    kind, form, definition, encoding = about
+    schema = writer.register_schema(kind, form, definition)
+    channel = writer.register_channel(topic, encoding, schema)
+    for when, data in rows:
+        writer.add_message(channel, when, data, when)
+    writer.finish()
+    return out.getvalue()
+
+
+ARRAYS = """time: {column: time, unit: ns}
+joints:
+  drive_1, drive_2: {position: 'q[0:2]', effort: 'tau[0:2]'}
+"""
+
+
+def arrays(room: Path, recording: Recording) -> dict[str, Kind]:
+    """Return files of arrays, by the ending of their names."""
+    values = {
+        'time': recording.state.stamp - START,
+        'q': recording.state.position,
+        'tau': recording.effort.effort,
+    }
+    for name in ('a.npz', 'packed.npz'):
+        (np.savez_compressed if name == 'packed.npz' else np.savez)(room / name, **values)
+    scipy.io.savemat(room / 'a.mat', values)
+    scipy.io.savemat(room / 'packed.mat', values, do_compression=True)
+    rows = [{x: y[k].tolist() for x, y in values.items()} for k in range(len(values['time']))]
+    (room / 'a.jsonl').write_text('\n'.join(map(json.dumps, rows)))
+    names = ['a.npz', 'packed.npz', 'a.mat', 'packed.mat', 'a.jsonl']
+    with contextlib.suppress(ModuleNotFoundError):
+        h5py = importlib.import_module('h5py')
+        for name, turned in (('a.hdf5', False), ('new.mat', True)):
+            with h5py.File(room / name, 'w', userblock_size=512) as file:
+                for key, x in values.items():
+                    options = {} if turned or x.ndim == 1 else {'compression': 'gzip'}
+                    file.create_dataset(key, data=x.T if turned else x, **options)
+            names.append(name)
+        with (room / 'new.mat').open('r+b') as stream:
+            stream.write(b'MATLAB 7.3 MAT-file')
+        parquet = importlib.import_module('pyarrow.parquet')
+        pyarrow = importlib.import_module('pyarrow')
+        table = {x: y if y.ndim == 1 else list(y) for x, y in values.items()}
+        parquet.write_table(pyarrow.table(table), room / 'a.parquet')
+        names.append('a.parquet')
+    found = {}
+    for name in names:
+        stem, _, kind = name.partition('.')
+        beside = ((f'{stem}.columns.yaml', ARRAYS.encode()),)
+        found[name.replace('.', '_')] = Kind(name, (room / name).read_bytes(), beside)
     return found
 
 

@@ -1,23 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots' own messages: read by their definition and the map of their type, without an option."""
 
+from dataclasses import replace
 import importlib
 import json
 from pathlib import Path
 import sqlite3
+import sys
 
+from identify_cases import QUICK, ROOT
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 from message_makers import Messages
 import numpy as np
 import pytest
 
+from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
-from ros2_ident.recording import check, maps, read_bag, render, Topics
+from ros2_ident.identify.run import identify, read_data
+from ros2_ident.models import load_machine
+from ros2_ident.recording import check, maps, read_bag, render, Topics, write_bag
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.maps import kinds, map_of, roles_of
 from ros2_ident.recording.streams import FIELDS
 
+PENDULUM = ROOT / 'config/double_pendulum.yaml'
 MAPS = Path(maps.__file__).with_name('maps')
 START = 1_700_000_000_000_000_000
 STEP = 2_000_000
@@ -607,3 +614,59 @@ def test_a_message_that_is_none_is_left_out(tmp_path, form):
     (read,) = read_bag(tmp_path / 'other.mcap')
     assert read.state.stamp.size == SAMPLES - 1
     assert any('1 of 100 messages are no valid' in x for x in read.warnings)
+
+
+# ---------------------------------------------------------------------- identified
+
+DRIVES = {
+    **{case: CASES[case][1] for case in ('unitree_go', 'franka_ros2', 'lbr', 'ur')},
+    **dict.fromkeys(('pid_controller', 'interface_values', 'protobuf', 'json'), ['a', 'b']),
+    'unitree_hg': ['shoulder', 'elbow'],  # in the order of the machine file
+    'franka_ros1': [f'panda_joint{n}' for n in range(1, 8)],
+}
+
+
+@pytest.fixture(scope='module')
+def pendulum(tmp_path_factory):
+    """A double pendulum with noise on its effort, and what is identified from its JointStates."""
+    path = tmp_path_factory.mktemp('pendulum') / 'log'
+    assert not main(['simulate', str(path), '--machine', str(PENDULUM), '--seconds', '8',
+                     '--clean', '--seed', '3'])  # fmt: skip
+    (log,) = read_bag(path)
+    noise = np.random.default_rng(0).normal(size=log.effort.effort.shape) * 0.02
+    values = [
+        log.state.position,
+        log.state.velocity,
+        log.effort.effort + noise,
+        log.state.position,
+    ]
+    assert len({len(x) for x in values}) == 1
+    machine = load_machine(PENDULUM)
+    log = replace(log, effort=replace(log.effort, effort=values[2]), command=None)
+    found = identify(machine, read_data(write_bag(path.with_name('noisy'), log), machine),
+                     settings=QUICK)  # fmt: skip
+    return machine, values, found
+
+
+@pytest.mark.parametrize('case', DRIVES)
+def test_parameters_are_those_of_joint_states(pendulum, tmp_path, monkeypatch, case):
+    machine, values, expected = pendulum
+    here = sys.modules[__name__]
+    monkeypatch.setattr(here, 'SAMPLES', len(values[0]))
+    monkeypatch.setattr(
+        here, 'truth', lambda n: [np.pad(x, ((0, 0), (0, max(0, n - 2)))) for x in values]
+    )
+    if case in ('protobuf', 'json'):
+        path = write_foxglove(tmp_path / 'log.mcap', case)
+    elif case == 'franka_ros1':
+        path = Messages(version=1).write(tmp_path / 'log.bag', franka_1(Messages(version=1)))
+    else:
+        maker = Messages()
+        path = maker.write(tmp_path / 'log', CASES[case][0](maker))
+    report = check([*read_bag(path, drives=machine.drives)])
+    assert report.level != 'error'
+    drives = tuple(DRIVES[case][:2])
+    named = replace(machine, drives=drives)
+    found = identify(named, read_data(path, named, topics=Topics(command='none')), settings=QUICK)
+    for mine, other in zip(found.parameters, expected.parameters, strict=True):
+        assert mine.low <= other.value <= mine.high, mine.name
