@@ -15,7 +15,7 @@ from zipfile import is_zipfile
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.errors import ErrorCode
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import unreadable
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import (
@@ -27,6 +27,7 @@ from ros2_ident.recording.columns import (
     summed,
 )
 from ros2_ident.recording.limits import listed, printable, require_memory, short
+from ros2_ident.recording.matlab import arrays_of
 from ros2_ident.recording.storage import counted, damaged, digest
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
 
@@ -196,6 +197,8 @@ def _careful(path: Path) -> Iterator[None]:
     """Turn what a library raises at a damaged file into the refusal of the file."""
     try:
         yield
+    except IdentError:
+        raise
     except Exception as exc:  # libraries let whatever damaged bytes cause through
         said = printable(' '.join(str(exc).split()) or type(exc).__name__, 120)
         raise damaged(path, f'cannot be read ({said}); write or copy it again') from None
@@ -227,23 +230,10 @@ def _matlab(path: Path) -> Iterator[_Opened]:
             paths = {x.replace('/', '.'): x for x in names}
             yield [*paths], lambda name: get_there(paths[name]).T, ()
         return
-    io = import_module('scipy.io')
+    require_memory(f'{path}: its values take', 4 * path.stat().st_size)
     with _careful(path):
-        held = io.loadmat(path, variable_names=[x for x, *_ in io.whosmat(path)][:_MOST_NAMES])
-    found = dict(_flat(held))
+        found = dict(arrays_of(path.read_bytes()))
     yield [*found], found.__getitem__, ()
-
-
-def _flat(held: Mapping[str, Any], before: str = '', deep: int = 0) -> Iterator[tuple[str, Any]]:
-    """Yield arrays and those in structures, by paths with points."""
-    for name, value in held.items():
-        if not isinstance(value, np.ndarray) or name.startswith('__') or deep > 8:
-            continue
-        if value.dtype.names and value.size == 1:
-            inner = {x: value[x].flat[0] for x in value.dtype.names}
-            yield from _flat(inner, f'{before}{name}.', deep + 1)
-        elif value.dtype.kind in 'biuf':
-            yield before + name, value
 
 
 @contextmanager

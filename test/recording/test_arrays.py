@@ -10,6 +10,7 @@ import scipy.io
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import read_bag, Topics
+from ros2_ident.recording.matlab import arrays_of
 
 h5py = pytest.importorskip('h5py', reason='h5py is not installed; `make setup` brings it')
 pyarrow = pytest.importorskip('pyarrow', reason='pyarrow is not installed; `make setup` brings it')
@@ -66,6 +67,11 @@ def mat(path, values):
     return column_map('log.run.')
 
 
+def mat_packed(path, values):
+    scipy.io.savemat(path, {'log': {'run': values}, 'said': 'x', 'z': 1j}, do_compression=True)
+    return column_map('log.run.')
+
+
 def mat_7_3(path, values):
     with h5py.File(path, 'w', userblock_size=512) as file:  # MATLAB's arrays are by column
         for name, x in values.items():
@@ -99,6 +105,7 @@ def json_lines(path, values):
 FORMATS = {
     '.npz': npz,
     '.mat': mat,
+    '.packed.mat': mat_packed,
     '.7.3.mat': mat_7_3,
     '.hdf5': hdf5,
     '.h5': hdf5,
@@ -116,6 +123,23 @@ def test_a_file_of_arrays_is_read_as_a_csv_file_is(tmp_path, suffix):
     (read,) = read_bag(path)
     assert equal([read], [expected])
     assert read.warnings == () and len(read.sha256) == 64
+
+
+@pytest.mark.parametrize('packed', [False, True])
+def test_matlab_arrays_are_those_that_scipy_reads(tmp_path, packed):
+    rng = np.random.default_rng(1)
+    held = {
+        kind: rng.integers(0, 100, (4, 3)).astype(kind)
+        for kind in ('float64', 'float32', 'int8', 'uint8', 'int16', 'int32', 'uint64', 'bool')
+    }
+    held |= {'one': np.float64(3.5), 'long_name_of_a_variable': np.arange(5.0)}
+    path = tmp_path / 'log.mat'
+    scipy.io.savemat(path, {**held, 'cell': np.array([[1, 'x']], object)}, do_compression=packed)
+    found = dict(arrays_of(path.read_bytes()))
+    expected = scipy.io.loadmat(path)
+    assert found.keys() == held.keys()
+    for name, values in found.items():
+        np.testing.assert_array_equal(values, expected[name])
 
 
 def test_episodes_in_groups_are_recordings_and_a_rate_is_a_time(tmp_path):
