@@ -274,7 +274,7 @@ class Messages:
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
             if self.clock == 'counter':
                 self._clocks.append(clock[block.rows])
-            elif not block.stamp.any():
+            elif self.clock == 'none' or not block.stamp.any():
                 block, self.unstamped = replace(block, stamp=clock[block.rows]), True
             self.blocks.append(block)
         # the builder needs them twice while it puts them together

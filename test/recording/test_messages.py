@@ -21,6 +21,7 @@ from ros2_ident.identify.run import identify, read_data
 from ros2_ident.models import load_machine
 from ros2_ident.recording import check, maps, read_bag, render, Topics, write_bag
 from ros2_ident.recording.cdr import encode
+from ros2_ident.recording.content import messages_of
 from ros2_ident.recording.maps import kinds, map_of, roles_of
 from ros2_ident.recording.streams import FIELDS
 
@@ -288,6 +289,19 @@ def test_a_counter_keeps_even_time_where_messages_come_late(maker, tmp_path):
     assert np.ptp(steps) < 3  # ns
     assert abs(steps.mean() / STEP - slow) < 2e-3
     assert any('its counter is the time, set by' in x for x in read.warnings)
+
+
+def test_a_counter_is_no_time_while_messages_still_come(maker):
+    kind = 'unitree_go/msg/LowState'
+    messages = messages_of(kind, 'state', ())
+    assert messages.clock == 'counter'
+    messages.clock = 'none'
+    sent = [x for *_, own, x in unitree(maker, 'unitree_go', 12) if own == kind]
+    data = [bytes(maker.store.serialize_cdr(x, kind)) for x in sent]
+    messages.take(range(START, START + len(data)), data)
+    messages.decode()
+    (block,) = messages.blocks
+    assert messages.unstamped and block.stamp.tolist() == [*range(START, START + len(data))]
 
 
 def test_a_counter_that_starts_again_is_no_time(maker, tmp_path):
