@@ -41,7 +41,6 @@ from reader_cases import COLUMNS, damage, make_recording, raw_messages, table_te
 from report_cases import write_diagnosed, write_identified  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
-from ros2_ident.export.estimate import read_estimate  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
@@ -50,6 +49,7 @@ from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import read_bag, RecordingBuilder, Topics  # noqa: E402
 from ros2_ident.recording.cdr import decode, JOINT_STATE  # noqa: E402
 from ros2_ident.recording.maps import parser  # noqa: E402
+from ros2_ident.report.estimate import read_estimate  # noqa: E402
 from ros2_ident.report.page import write_comparison, write_report  # noqa: E402
 from ros2_ident.search import GeneticSettings, journal  # noqa: E402
 

@@ -14,7 +14,6 @@ import yaml
 
 from ros2_ident.arrays import Array
 from ros2_ident.export.content import Content, content_of
-from ros2_ident.export.estimate import Estimate
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.models import machine_from_mapping, make_model
@@ -23,6 +22,7 @@ from ros2_ident.models.new_file import new_machine_file
 from ros2_ident.models.registry import KINDS
 from ros2_ident.models.serial.model import Serial
 from ros2_ident.recording import Dataset
+from ros2_ident.report.estimate import Estimate
 
 # Its motion is known by hand: 2 kg at 0.3 m, 0.26 kg m^2 about the axis.
 PENDULUM = """<robot name="pendulum">

@@ -23,13 +23,13 @@ from report_cases import diagnosed  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import Content, content_of  # noqa: E402
-from ros2_ident.export.estimate import Estimate, read_estimate  # noqa: E402
 from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
 from ros2_ident.gap.result import Value  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
+from ros2_ident.report.estimate import Estimate, read_estimate  # noqa: E402
 from ros2_ident.report.files import write_diagnosis  # noqa: E402
 
 ROOT = Path(__file__).parents[2]

@@ -10,9 +10,9 @@ from scipy.optimize import minimize
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from models.test_serial import BOXES, described, middle, moving  # noqa: E402
-from ros2_ident.export.content import effort_of, links_of  # noqa: E402
 from ros2_ident.models import machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.serial.cone import nearest, pseudo_inertia  # noqa: E402
+from ros2_ident.models.serial.links import effort_of, links_of  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 
 VERTICAL = """<robot name="r"><link name="base"/><link name="arm"><inertial><mass value="1"/>

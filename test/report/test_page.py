@@ -19,12 +19,12 @@ from report_cases import (
 from ros2_ident.cli.main import main
 from ros2_ident.cli.runs import page_line
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.export.estimate import read_estimate
 from ros2_ident.gap.result import Cause, Facts
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
 from ros2_ident.recording import LIVE
 from ros2_ident.report.diagnosis import from_mapping, to_mapping
+from ros2_ident.report.estimate import read_estimate
 from ros2_ident.report.files import load_diagnosis
 from ros2_ident.report.page import write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
