@@ -36,6 +36,7 @@ PEERS = {
     'pinocchio': Peer('pinocchio', ('pin',), 'pinocchio'),
     'drake': Peer('Drake', ('drake',), 'drake'),
     'pybullet': Peer('PyBullet', ('pybullet', 'numpy'), 'pybullet'),
+    'dart': Peer("DART, Gazebo's engine", ('dartpy', 'numpy'), 'gazebo'),
     'sapien': Peer('SAPIEN', ('sapien',), 'sapien'),
     'genesis': Peer('Genesis', ('genesis-world', 'torch'), 'genesis'),
     'newton': Peer('Newton', ('newton[sim]',), 'newton'),

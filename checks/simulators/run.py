@@ -91,8 +91,8 @@ def _following(folder: Path) -> dict[str, Any]:
         'folder': str(folder),
         'seconds': MOTION,
         'joints': ['lead', 'follow'],
-        'states': np.zeros((3, 0, 2)).tolist(),
-        'torque': [],
+        'states': np.ones((3, 1, 2)).tolist(),
+        'torque': [[1.0, 1.0]],
         'still': [0.0, 0.1],
         'fast': [1.0, -2.0],
     }

@@ -13,6 +13,9 @@ from ros2_ident.models.mujoco.convert import mjcf_of
 
 # A URDF's limit needs a speed; no joint is that fast, rad/s or m/s.
 _ENDLESS = 1e9
+# What a link without mass gets, kg, and kg m^2 about each axis: up to 1e-6 counts as nothing.
+_LIGHT = 1e-5
+_AXES = 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'
 _DRAKE = 'http://drake.mit.edu'
 # Friction of MuJoCo's joints gives way by load / inertia x time; the closer these are to 1, the
 # less. Its documentation allows up to 0.9999; width, middle and power are its own.
@@ -60,6 +63,34 @@ def drake(text: str, content: Content) -> str:
     return _written(root)
 
 
+def gazebo(text: str, content: Content) -> str:
+    """Return a URDF that stands in the world, and of which Gazebo's parser drops nothing.
+
+    It drops a link without mass, and with it all that it carries.
+
+    Raises:
+        IdentError: As `urdf`.
+    """
+    root = _in_urdf(text, content)
+    carried = {child.get('link') for child in root.findall('joint/child')}
+    light = set(massless(text))
+    for link in root.findall('link'):
+        name = link.get('name', '')
+        if name not in carried and name != 'world':
+            joint = ET.SubElement(root, 'joint', name=f'world_{name}', type='fixed')
+            ET.SubElement(joint, 'parent', link='world')
+            ET.SubElement(joint, 'child', link=name)
+            ET.SubElement(root, 'link', name='world')
+            light |= {name} if link.find('inertial') is None else set()
+        if name in light:
+            new = ET.Element('inertial')
+            ET.SubElement(new, 'mass', value=_number(_LIGHT))
+            values = {axes: _number(_LIGHT * (axes[1] == axes[2])) for axes in _AXES}
+            ET.SubElement(new, 'inertia', values)
+            _put_inertial(link, new)
+    return _written(root)
+
+
 _OTHER = 'give the one that the machine file names'
 
 
@@ -69,8 +100,7 @@ def _in_urdf(text: str, content: Content) -> ET.Element:
         new = ET.Element('inertial')
         ET.SubElement(new, 'origin', xyz=_numbers(centre), rpy='0 0 0')
         ET.SubElement(new, 'mass', value=_number(mass))
-        upper = [(i, j) for i in range(3) for j in range(i, 3)]
-        values = {f'i{"xyz"[i]}{"xyz"[j]}': _number(inertia[i, j]) for i, j in upper}
+        values = {x: _number(inertia['xyz'.index(x[1]), 'xyz'.index(x[2])]) for x in _AXES}
         ET.SubElement(new, 'inertia', values)
         _put_inertial(_named(root.findall('link'), 'link', name, _OTHER), new)
     for joint, element in _joints(root.findall('joint'), content, _OTHER):

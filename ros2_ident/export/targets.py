@@ -15,7 +15,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
-from ros2_ident.export.descriptions import drake, followers, is_urdf, massless, mjcf, urdf
+from ros2_ident.export.descriptions import drake, followers, gazebo, is_urdf, massless, mjcf, urdf
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.machine.keys import written
 from ros2_ident.models.drives.joints import Joint, PARTS
@@ -149,6 +149,10 @@ TARGETS = {
     'drake': Target(
         'Drake', 'drake.urdf', drake, _URDF, frozenset({'viscous', 'armature'}),
         'weigh 0 kg', 'are coupled, in discrete time only',
+    ),
+    'gazebo': Target(
+        'Gazebo', 'gazebo.urdf', gazebo, _URDF, frozenset({'viscous', 'coulomb'}),
+        'weigh 1e-5 kg', 'move by themselves',
     ),
     'pinocchio': _loaded('pinocchio', 'pinocchio', 'weigh 0 kg', 'move by themselves', 'armature'),
     'pybullet': _loaded('PyBullet', 'pybullet', 'weigh 0 kg', 'move by themselves'),

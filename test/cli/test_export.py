@@ -47,7 +47,7 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
     names = {path.name for path in out.iterdir()}
     loaders = {f'load_{x}.py' for x in ('genesis', 'newton', 'pinocchio', 'pybullet', 'sapien')}
     assert names - {'robot.xml'} == loaders | {
-        'drake.urdf', 'export.json', 'isaac.yaml', 'robot.urdf',
+        'drake.urdf', 'export.json', 'gazebo.urdf', 'isaac.yaml', 'robot.urdf',
     }  # fmt: skip
     assert 'Drake has no place for Coulomb friction (' in said
     model = pinocchio.buildModelFromUrdf(str(out / 'robot.urdf'))
@@ -59,7 +59,7 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
 @pytest.mark.parametrize(
     ('words', 'remedy'),
     [
-        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, drake, pinocchio'),
+        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, drake, gazebo'),
         (['--to', 'ros2_control'], 'add position_gain'),
         (['--machine', 'nowhere.yaml'], 'the machine file nowhere.yaml is not there'),
         (['--into', 'nowhere.urdf'], 'nowhere.urdf: cannot be read'),

@@ -202,6 +202,28 @@ def test_drake_gets_rotors_by_its_own_tags_and_no_friction(tmp_path: Path) -> No
     assert words[0].startswith('Drake has no place for Coulomb friction (')
 
 
+def test_gazebo_gets_a_base_that_stands_and_links_that_weigh(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES))
+    text = (tmp_path / 'arm.urdf').read_text()
+    same, _ = write(tmp_path, ('gazebo',), found, text)['gazebo']
+    root = ET.parse(same).getroot()
+    assert len(root.findall('link')) == 7 and len(root.findall('joint')) == 6
+    floating = text.replace('world', 'floor').replace('<link name="tool">', '<link name="tool"/>')
+    bare = re.sub('(<link name="tool"/>).*?</link>', r'\1', floating, flags=re.DOTALL)
+    root = ET.fromstring(TARGETS['gazebo'].write(bare, found))
+    joint = root.find('joint[@name="world_floor"]')
+    assert joint.get('type') == 'fixed' and joint.find('child').get('link') == 'floor'
+    masses = {x.get('name'): x.find('inertial/mass') for x in root.findall('link')}
+    assert [name for name, mass in masses.items() if mass is None] == ['world']
+    light = {
+        name
+        for name, mass in masses.items()
+        if 0.0 < float(getattr(mass, 'attrib', {'value': 9})['value']) < 1e-4
+    }
+    assert light == {'floor', 'tool'}
+    pinocchio.buildModelFromXML(ET.tostring(root, encoding='unicode'))
+
+
 def test_effort_limits_go_into_a_urdf(tmp_path: Path) -> None:
     found = content(described(tmp_path, **BOXES))
     limited = tuple(replace(j, limit=7.0 + n) for n, j in enumerate(found.joints))
