@@ -4,7 +4,7 @@
     python -m checks.pairs draw build/pairs --count 12 --seed 1
     python -m checks.pairs run build/pairs
 
-`draw` writes `seals.json`: hashes of the labels, which are opened only after all pairs are compared.
+`draw` writes `seals.json`: hashes of the labels, which are opened after all pairs are compared.
 """
 
 import argparse
@@ -146,7 +146,7 @@ def scored(folder: Path) -> Iterator[str]:
         label = unseal(seal, seed)
         found = json.loads((folder / case / 'found.json').read_text(encoding='utf-8'))
         changes = found.get('changes', [])
-        said = [(c['suspect'], [t for t in c['ties']]) for c in changes]
+        said = [(c['suspect'], list(c['ties'])) for c in changes]
         names = [s['name'] for s, _ in said]
         if label['kind'] == 'none':
             right['none'][1] += 1
