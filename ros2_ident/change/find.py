@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import islice
 import math
 
 import numpy as np
@@ -36,14 +37,16 @@ from ros2_ident.search.changes import (
     shown_from,
     weigh_changes,
 )
-from ros2_ident.search.jacobian import COARSE_STEP
-from ros2_ident.search.least_squares import least_squares, Point
+from ros2_ident.search.jacobian import Box, COARSE_STEP
+from ros2_ident.search.least_squares import descent, Point
 
 # Changes of one comparison, at most; suspects of a round that are fitted, at most, and the share
 # of the best one's gain from which on. As of a diagnosis.
-_MOST, _FITS, _PROMISING = 4, 8, 0.5
+_MOST, _FITS, _PROMISING = 4, 4, 0.5
 # A stated number is looked for within this factor either way.
 _FACTOR = 10.0
+# Steps of a fit that begins where straight lines lead, and their relative gain that is none.
+_STEPS, _SETTLED = 6, 1e-5
 # Evidence by which two suspects may differ and explain as much; or share of the better one's.
 _TIE, _ALIKE = 3.0, 0.02
 # Friction, offsets and delays of two logs differ by less than this share without any cause but a
@@ -146,7 +149,7 @@ def find_change(
     price = price_of(len(now.suspects))
     for _ in range(2 * _MOST):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
-        weak = next((x for x in found if not _still(now, x[0], price)), None)
+        weak = next((x for x in found[:-1] if not _still(now, x[0], price, stopped)), None)
         if stopped():
             break
         if weak is not None:
@@ -155,7 +158,7 @@ def find_change(
             sides = now.sides.less(weak[0].at, weak[0].suspect.name)
             start = sides.start(now.sides, now.theta, np.empty(0))
             best = _fitted(now, sides, start, stopped).theta
-        elif len(found) < _MOST and (step := _step(now, price, stopped)) is not None:
+        elif len(found) < _MOST and (step := _step(now, price, found, stopped)) is not None:
             column, evidence, ties, sides, best = step
             found.append((column, evidence, ties))
         else:
@@ -234,7 +237,7 @@ def _round(
             sized = np.array([p.role == 'size' for p in own])
             which = [int(np.argmax(np.abs(np.where(sized, m, 0.0)))) for m in moved]
             begin = np.where(sized, neutral, one.points[at[0]])
-            usual += [math.inf if units[w] == 's' else 0.0 for w in which]
+            usual += [math.inf if own[w].target.endswith('_delay') else 0.0 for w in which]
             suspect = Suspect('effect', one.at.effect, one.at.where)
             scales = np.array([m[w] for m, w in zip(moved, which, strict=True)])
             c = _Column(
@@ -301,8 +304,14 @@ def _constants(
 _Step = tuple[_Column, float, tuple[Suspect, ...], Sides, Array]
 
 
-def _step(now: _Round, price: float, stopped: Callable[[], bool]) -> _Step | None:
-    """Return the change whose evidence is more than its choice among all may be by chance."""
+def _step(
+    now: _Round, price: float, found: Sequence[_Found], stopped: Callable[[], bool]
+) -> _Step | None:
+    """Return the change whose evidence is more than its choice among all may be by chance.
+
+    No law is exactly the machine's: another one where something changed already may do no more
+    than mend the first one's form.
+    """
     told = {id(c): now.evidence(c) for c in now.suspects}
     ordered: list[_Column] = []
     for c in sorted(now.suspects, key=lambda c: -told[id(c)]):
@@ -316,7 +325,11 @@ def _step(now: _Round, price: float, stopped: Callable[[], bool]) -> _Step | Non
     promising = [c for c in ordered if told[id(c)] > max(price, _PROMISING * best)][:_FITS]
     base = _fitted(now, now.sides, now.theta, stopped)
     fits = [_with(now, c, base, stopped) for c in promising]
-    top = max(evidence for _, evidence, *_ in fits)
+    fits = [
+        f for f in fits
+        if all(f[1] > _ALIKE * evidence for x, evidence, _ in found if _place(x) == _place(f[0]))
+    ]  # fmt: skip
+    top = max((evidence for _, evidence, *_ in fits), default=0.0)
     if not top > price:
         return None
     alike = [f for f in fits if f[1] > min(top - _TIE, (1.0 - _ALIKE) * top)]
@@ -328,12 +341,20 @@ def _step(now: _Round, price: float, stopped: Callable[[], bool]) -> _Step | Non
     return column, evidence, tuple(x for x in ties if x != suspect), sides, theta
 
 
+def _place(c: _Column) -> str:
+    """Return the drive of a suspect; empty for the machine."""
+    return c.suspect.where or c.suspect.name.rpartition('.')[0]
+
+
 def _fitted(now: _Round, sides: Sides, start: Array, stopped: Callable[[], bool]) -> Point:
     """Return the best fit of sides under the noise and with what the model lacks left open."""
-    evaluate = residuals_at(sides, now.rows)
-    return least_squares(
-        lambda theta: now.marginal(evaluate(theta)), start, sides.low, sides.high, stopped=stopped
-    )
+    evaluate, box = residuals_at(sides, now.rows), Box.of(sides.low, sides.high)
+    best = Point.at(lambda theta: now.marginal(evaluate(theta)), box, box.inside(start))
+    for better in islice(descent(best, _SETTLED, prior=True), _STEPS):
+        best = better
+        if stopped():
+            break
+    return best
 
 
 _Fit = tuple[_Column, float, Suspect, Sides, Array]
@@ -391,12 +412,16 @@ def _half_widths(now: _Round) -> Array:
     return np.concatenate([np.zeros(now.sides.nominal), now.weighed.half_widths() * width])
 
 
-def _still(now: _Round, c: _Column, price: float) -> bool:
+def _still(now: _Round, c: _Column, price: float, stopped: Callable[[], bool]) -> bool:
     """Return whether a change counts beside those found after it."""
-    places = now.sides.places_of(c.at, c.suspect.name)
-    at = [i for i in places if c.at is None or now.sides.names[i].split('.')[-1] in c.names]
-    errors = NORMAL * np.abs(now.theta[at]) / np.maximum(_half_widths(now)[at], 1e-300)
-    return not at or bool(errors.max() > shown_from(price))
+    sides = now.sides.less(c.at, c.suspect.name)
+    if len(sides.names) == len(now.sides.names):
+        return True
+    start = sides.start(now.sides, now.theta, np.empty(0))
+    without = _fitted(now, sides, start, stopped)
+    whole = now.marginal(residuals_at(now.sides, now.rows)(now.theta[None]))[0]
+    gain = max(0.0, without.loss * without.residual.size - float(whole @ whole))
+    return evidence_of(now.weighed.among_logs(gain, c.columns), c.numbers) > price
 
 
 def _same(now: _Round, c: _Column) -> _Column | None:
