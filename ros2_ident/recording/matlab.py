@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arrays of a MATLAB file, level 5 (MathWorks, MAT-File Format, R2023b).
 
-SciPy's reader is not made for damaged files, as its documentation says: at a data element of an
-undefined type it ends the process (SciPy 1.17, github.com/scipy/scipy/pull/25349).
+SciPy's reader is not made for damaged files, as its documentation says: some end the process.
 """
 
 from collections.abc import Iterator
