@@ -370,6 +370,13 @@ def _feed(
         said = 'its messages have no names: joints are called'
         named = listed(messages.blocks[0].names, 4)
         builder.warn(f'{topic}: {said} {named} in their order; name others by --joint-names')
+    names = messages.blocks[0].names if messages.blocks else ()
+    if gains := [
+        f'{name} of {names[n]} {low:.4g}' + (f' to {high:.4g}' if high > low else '')
+        for (name, n), (low, high) in sorted(messages.gains.items())
+        if n < len(names)
+    ]:
+        builder.notes += (f'{topic} comes with gains: {listed(gains, 24)}',)
     while messages.blocks:
         block = messages.blocks.popleft()
         builder.add_block(role, block.stamp, block.names, *block.fields)

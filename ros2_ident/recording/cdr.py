@@ -18,6 +18,8 @@ from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, LATEST_ST
 
 # Messages of one size are sorted by layout so many times together, then one by one.
 _ROUNDS = 32
+# Values of a message: the fields of a stream, and the gains that a set-point comes with.
+VALUES = (*FIELDS, 'kp', 'kd')
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 
@@ -26,7 +28,7 @@ class Pick:
     """Where values of a field lie in the bytes of a message.
 
     Attributes:
-        field: Number of the field, as in `FIELDS`.
+        field: Number of the field, as in `VALUES`.
         columns: Joints that have one (C,), by their number.
         places: Byte offsets (C,), -1 where there is no value.
         format: In numpy, as `f8`.
@@ -70,7 +72,8 @@ class Block:
         rows: Which of the messages given these are (T,).
         stamp: Header stamps (T,), ns.
         names: The D joints.
-        fields: Position, velocity, effort, each (T, D) or None.
+        fields: Position, velocity, effort, and the gains where they are read, each (T, D) or
+            None.
     """
 
     rows: IntArray
@@ -187,7 +190,7 @@ def _block(layout: Layout, table: ByteTable, rows: IntArray) -> Block:
             raise ValueError('a stamp that is no time')
         whole = np.round(part * factor) if form[0] == 'f' else part.astype(np.int64) * factor
         stamp += whole.astype(np.int64)
-    fields: list[FloatArray | None] = [None] * len(FIELDS)
+    fields: list[FloatArray | None] = [None] * len(VALUES)
     for pick in layout.picks:
         values = _picked(table, pick, order)
         target = fields[pick.field]
@@ -197,7 +200,8 @@ def _block(layout: Layout, table: ByteTable, rows: IntArray) -> Block:
         if target is None:
             target = fields[pick.field] = np.full((rows.size, len(layout.names)), np.nan)
         target[:, pick.columns] = values
-    return Block(rows, stamp, layout.names, tuple(fields))
+    gains = any(x is not None for x in fields[len(FIELDS) :])
+    return Block(rows, stamp, layout.names, tuple(fields if gains else fields[: len(FIELDS)]))
 
 
 def _column(table: ByteTable, place: int, form: str, step: int = 0, count: int = 1) -> Any:

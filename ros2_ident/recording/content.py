@@ -42,7 +42,7 @@ def offers(decode: Decode, role: str, data: bytes) -> bool:
         (block,) = decode([data])
     except (ValueError, IndexError, IdentError):
         return False
-    position, velocity, effort = (x is not None for x in block.fields)
+    position, velocity, effort = (x is not None for x in block.fields[:3])
     return bool(block.names) and (effort if role == 'effort' else position or velocity)
 
 
@@ -206,6 +206,7 @@ class Messages:
         blocks: What is decoded, with log times as stamps of those that have none.
         unstamped: Whether there are such.
         clock: As given.
+        gains: Least and largest gain above 0, by its name and the number of the joint.
         said: What else is to be said of them.
     """
 
@@ -216,6 +217,7 @@ class Messages:
         self.why = ''
         self.unstamped = False
         self.said: list[str] = []
+        self.gains: dict[tuple[str, int], tuple[float, float]] = {}
         self.clock, self._blocks_of, self._padded = clock, decode, padded
         self._clocks: list[IntArray] = []
         self._times: list[int] = []
@@ -271,6 +273,10 @@ class Messages:
             found = self._blocks_of([x[1] for x in whole])
         clock = np.array(times, dtype=np.int64)
         for block in found:
+            for name, values in zip(cdr.VALUES[3:], block.fields[3:], strict=False):
+                if values is not None:
+                    self._note_gain(name, values)
+            block = replace(block, fields=block.fields[:3])
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
             if self.clock == 'counter':
                 self._clocks.append(clock[block.rows])
@@ -279,6 +285,14 @@ class Messages:
             self.blocks.append(block)
         # the builder needs them twice while it puts them together
         require_memory('the values of one topic take', 3 * self._bytes)
+
+    def _note_gain(self, name: str, values: FloatArray) -> None:
+        """Keep the least and the largest gain of each joint; zero switches a joint off."""
+        ends = np.where(values > 0.0, values, np.nan)
+        for joint in np.flatnonzero(np.isfinite(ends).any(axis=0)).tolist():
+            low, high = self.gains.get((name, joint), (np.inf, -np.inf))
+            row = ends[:, joint]
+            self.gains[name, joint] = min(low, np.nanmin(row)), max(high, np.nanmax(row))
 
     def _is_whole(self, log_time: int, message: bytes) -> bool:
         """Say whether a message decodes by itself."""

@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
-from ros2_ident.recording.cdr import Layout, Parse, Pick, remembered
+from ros2_ident.recording.cdr import Layout, Parse, Pick, remembered, VALUES
 from ros2_ident.recording.definition import (
     Definition,
     definition_of,
@@ -185,7 +185,7 @@ def parser(
                 if where.size != len(joints):
                     said = f'{len(joints)} names but an array of {where.size} values'
                     raise ValueError(said)
-                number, every = FIELDS.index(name), np.arange(where.size)
+                number, every = VALUES.index(name), np.arange(where.size)
                 picks.append(Pick(number, every, where, form, source.scale, source.absent))
         parts = ((found_at(tree, path)[0], factor) for path, factor in about.stamp)
         stamp = tuple((x.at, x.format, factor) for x, factor in parts)

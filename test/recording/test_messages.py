@@ -304,6 +304,16 @@ def test_a_counter_is_no_time_while_messages_still_come(maker):
     assert messages.unstamped and block.stamp.tolist() == [*range(START, START + len(data))]
 
 
+def test_gains_that_come_with_a_set_point_are_named(maker, tmp_path):
+    messages = [*unitree(maker, 'unitree_hg', 3)]
+    messages[-1][-1].motor_cmd[1].kd = 7.0
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    assert read.notes[-1] == (
+        '/lowcmd comes with gains: kd of joint_1 5, kd of joint_2 5 to 7, kd of joint_3 5, '
+        'kp of joint_1 60, kp of joint_2 60, kp of joint_3 60'
+    )
+
+
 def test_a_counter_that_starts_again_is_no_time(maker, tmp_path):
     messages = [*unitree(maker, 'unitree_go', 12)]
     for n, (_, topic, _, message) in enumerate(messages):
