@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -67,7 +68,7 @@ def asked(name: str, folder: Path, python: str, request: Any) -> dict[str, Any]:
     with (folder / 'run.log').open('w') as log:
         subprocess.run(
             [str(own), str(script), str(out)], input=json.dumps(request), text=True,
-            stdout=log, stderr=log, timeout=_RUN, check=False,
+            stdout=log, stderr=log, timeout=_RUN, check=False, env=_alone(),
         )  # fmt: skip
     if not out.is_file():
         raise ErrorCode.NO_DATA.error(f'{name} gives no answer; see {folder / "run.log"}')
@@ -75,13 +76,20 @@ def asked(name: str, folder: Path, python: str, request: Any) -> dict[str, Any]:
     return found
 
 
+def _alone() -> dict[str, str]:
+    """Return the environment variables without the folders of our own packages."""
+    return {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
+
+
 def _environment(folder: Path, python: str, packages: tuple[str, ...]) -> Path:
     """Return the interpreter of an environment with the newest of some packages."""
     own, done = folder / 'bin/python', folder / 'installed'
     if not done.is_file():
-        subprocess.run([python, '-m', 'venv', '--clear', str(folder)], check=True)
+        subprocess.run([python, '-m', 'venv', '--clear', str(folder)], check=True, env=_alone())
         pip = [str(own), '-m', 'pip', 'install', '--quiet', '--upgrade', *packages]
-        found = subprocess.run(pip, capture_output=True, text=True, timeout=_INSTALL, check=False)
+        found = subprocess.run(
+            pip, capture_output=True, text=True, timeout=_INSTALL, check=False, env=_alone()
+        )
         if found.returncode:
             last = found.stderr.strip().splitlines()[-1]
             raise ErrorCode.NO_DATA.error(f'{packages[0]} does not install ({last})')

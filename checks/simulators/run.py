@@ -150,14 +150,16 @@ Coulomb friction, and an armature, the inertia of its motor and gear.
 
 ## What each has a place for
 
-The price is the RMS of what is left out, and of the whole torque, along a log of the KR 300 on the
-axis where their ratio is largest. `ident export` states it for a machine of one's own.
+With its file, and what to call of a `load_*.py`. The price is the RMS of what is left out, and of
+the whole torque, along a log of the KR 300 on the axis where their ratio is largest. `ident
+export` states it for a machine of one's own.
 
 """
 LINKS = """
 ## Links without mass, joints that follow others
 
-What simulators make of them in a URDF; `ident export` names those of a description.
+What simulators make of them; `ident export` names those of a description. In the run a second
+joint follows a first one twice as fast, for half a second.
 
 """
 CELLS = """
@@ -169,7 +171,7 @@ CELLS = """
   gravity, and at rest with it, by how far they went.
 
 In brackets is the error against our own model without what the target has no place for. It is
-printed bold above {torque:.0%} for torques and {travel:.0%} for motions.
+printed bold above {torque:g} % for torques and {travel:g} % for motions.
 
 """
 
@@ -196,7 +198,7 @@ def page(rows: Sequence[dict[str, Any]], told: dict[str, Any]) -> str:
         + table(head, places)
         + LINKS
         + table(('simulator', 'links without mass', 'joints that follow others', 'run'), odd)
-        + CELLS.format(seconds=MOTION, torque=TORQUE, travel=TRAVEL)
+        + CELLS.format(seconds=MOTION, torque=100.0 * TORQUE, travel=100.0 * TRAVEL)
         + table(cells, lines)
     )
 

@@ -152,7 +152,7 @@ TARGETS = {
     ),
     'gazebo': Target(
         'Gazebo', 'gazebo.urdf', gazebo, _URDF, frozenset({'viscous', 'coulomb'}),
-        'weigh 1e-5 kg', 'move by themselves',
+        'weigh 1e-5 kg', 'move by themselves, as its parser drops that',
     ),
     'pinocchio': _loaded('pinocchio', 'pinocchio', 'weigh 0 kg', 'move by themselves', 'armature'),
     'pybullet': _loaded('PyBullet', 'pybullet', 'weigh 0 kg', 'move by themselves'),
@@ -160,7 +160,7 @@ TARGETS = {
     'genesis': _loaded(
         'Genesis', 'genesis', 'weigh almost nothing', 'are coupled', 'armature'
     ),
-    'newton': _loaded('Newton', 'newton', 'weigh 0 kg', 'are coupled', 'armature'),
+    'newton': _loaded('Newton', 'newton', 'weigh 1e-6 kg', 'are coupled', 'armature'),
     'isaac': Target(
         'Isaac Lab', 'isaac.yaml', isaac, frozenset(), frozenset({*PARTS, 'p', 'd'})
     ),

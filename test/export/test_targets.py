@@ -317,10 +317,13 @@ def test_a_urdf_becomes_an_mjcf_that_asks_what_was_identified(tmp_path: Path, mu
     assert [w for w in words if 'no place' in w] == []
 
 
-def test_friction_in_an_mjcf_holds(tmp_path: Path, mujoco) -> None:
+def test_friction_and_limits_in_an_mjcf_hold(tmp_path: Path, mujoco) -> None:
     found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
-    path, _ = write(tmp_path, ('mjcf',), found, MJCF)['mjcf']
+    limited = replace(found, joints=tuple(replace(j, limit=7.0) for j in found.joints))
+    path, _ = write(tmp_path, ('mjcf',), limited, MJCF)['mjcf']
     model = mujoco.MjModel.from_xml_path(str(path))
+    assert model.jnt_actfrclimited.all() and (model.jnt_actfrcrange == [-7.0, 7.0]).all()
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
     model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
     wrist = model.joint('wrist')
@@ -351,6 +354,7 @@ def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco)
         diaginertia="1 1 1"/></body></worldbody></mujoco>"""
     path, words = write(tmp_path, ('mjcf',), found, arm)['mjcf']
     model = mujoco.MjModel.from_xml_string(path.read_text())
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     # The arm's inertia about the joint is the load's; then MuJoCo follows the same set-points.
     length, mass = 0.1, drive.load_mass + 0.5 * drive.arm_mass
     inertia = 4e-4 + (drive.load_mass + drive.arm_mass / 3.0) * length**2
