@@ -421,7 +421,9 @@ def _still(now: _Round, c: _Column, price: float, stopped: Callable[[], bool]) -
     without = _fitted(now, sides, start, stopped)
     whole = now.marginal(residuals_at(now.sides, now.rows)(now.theta[None]))[0]
     gain = max(0.0, without.loss * without.residual.size - float(whole @ whole))
-    return evidence_of(now.weighed.among_logs(gain, c.columns), c.numbers) > price
+    own = now.sides.places_of(c.at, c.suspect.name)
+    kept = [now.weighed.kept[i - now.sides.nominal] for i in own]
+    return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price
 
 
 def _same(now: _Round, c: _Column) -> _Column | None:

@@ -61,7 +61,7 @@ class Changes:
         noise: The noise of each place.
         common: (R, C) columns of what the model lacks on both sides, of one size.
         sizes: (C,) standard deviations of their coefficients.
-        alone: (R, V) columns of what is known to differ from log to log, one standard deviation.
+        alone: (R, V) columns of what each log has of its own, one standard deviation.
         folds: Information and score of each part left out, and of all others; by multiples of
             columns of one size.
         scale: RMS of the residual.
@@ -238,7 +238,7 @@ def weigh_changes(
         )
     of_all = [_reduced(cells, prior, deviation) for deviation in (known, 0.0 * known)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
-    apart = (changed * unit * known)[:, known > 0.0]
+    apart = (changed * unit * known)[:, np.isinf(usual) & (known > 0.0)]
     return Changes(
         own, score, tuple(kept), alike, inflation, freedom, noise, common.T, sizes, apart, parts,
         scale,
