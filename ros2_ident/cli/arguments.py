@@ -3,7 +3,7 @@
 
 import argparse
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib import import_module
 import math
 from pathlib import Path
@@ -173,6 +173,31 @@ def wished(args: argparse.Namespace) -> dict[str, Any]:
         'conditions': read_conditions(args.each, args.differences),
         'fixed': once(args.fix, '--fix'),
         'seed': args.seed,
+    }
+
+
+def searched(args: argparse.Namespace) -> dict[str, Any]:
+    """Return how an identification searches and compares, as fields of a `jobs.Request`."""
+    from ros2_ident.identify.outputs import read_outputs
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.search import Budget, GeneticSettings
+
+    given = {name: value for name, value in vars(args).items() if value is not None}
+
+    def of(kind: Any) -> dict[str, Any]:
+        return {x.name: given[x.name] for x in fields(kind) if x.name in given}
+
+    settings = IdentifySettings(
+        **of(IdentifySettings),
+        genetic=GeneticSettings(**of(GeneticSettings)),
+        budget=Budget(evaluations=args.evaluations, seconds=args.seconds),
+        refine=not args.no_refine,
+    )
+    return {
+        'bounds': once(args.bounds, '--bounds'),
+        'outputs': read_outputs(args.outputs),
+        'settings': settings,
+        **({} if args.samples is None else {'samples': args.samples}),
     }
 
 

@@ -6,7 +6,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import effort_of, wished
+from ros2_ident.cli.arguments import effort_of, searched, wished
 from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
@@ -19,12 +19,9 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.runs import interrupts, page_line
     from ros2_ident.fleet.run import read_fleet, run_fleet
     from ros2_ident.fleet.summary import sound
-    from ros2_ident.identify.settings import IdentifySettings
-    from ros2_ident.search import Budget
 
     entries = read_fleet(args.list, args.machine)
-    budget = Budget(evaluations=args.evaluations, seconds=args.seconds)
-    how = {'settings': IdentifySettings(budget=budget), 'without': args.without, **wished(args)}
+    how = {'without': args.without, **wished(args), **searched(args)}
     how |= {'diagnosed': not args.no_diagnosis, 'effort': effort_of(args)}
     rows: list[Row] = []
 

@@ -2,9 +2,9 @@
 """`ident identify`: a machine's parameters from a bag."""
 
 import argparse
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import asked, once
+from ros2_ident.cli.arguments import asked, searched
 from ros2_ident.cli.runs import carry_out
 
 if TYPE_CHECKING:
@@ -13,31 +13,9 @@ if TYPE_CHECKING:
 
 def request_of(args: argparse.Namespace) -> 'Request':
     """Return what parsed arguments ask for."""
-    from dataclasses import fields
-
-    from ros2_ident.identify.outputs import read_outputs
-    from ros2_ident.identify.settings import IdentifySettings
     from ros2_ident.jobs import Request
-    from ros2_ident.search import Budget, GeneticSettings
 
-    given = {name: value for name, value in vars(args).items() if value is not None}
-
-    def of(kind: Any) -> dict[str, Any]:
-        return {x.name: given[x.name] for x in fields(kind) if x.name in given}
-
-    settings = IdentifySettings(
-        **of(IdentifySettings),
-        genetic=GeneticSettings(**of(GeneticSettings)),
-        budget=Budget(evaluations=args.evaluations, seconds=args.seconds),
-        refine=not args.no_refine,
-    )
-    return Request(
-        **asked(args),
-        bounds=once(args.bounds, '--bounds'),
-        outputs=read_outputs(args.outputs),
-        settings=settings,
-        **({} if args.samples is None else {'samples': args.samples}),
-    )
+    return Request(**asked(args), **searched(args))
 
 
 def run(args: argparse.Namespace) -> int:
