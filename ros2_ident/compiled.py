@@ -42,7 +42,7 @@ def package_digest(package: Path) -> str:
     """
     files = [
         path
-        for path in sorted(package.rglob('*.py'))
+        for path in sorted((*package.rglob('*.py'), *package.rglob('*.yaml')))
         if path.relative_to(package).parts[0] not in NO_PART
     ]
     versions = ' '.join(f'{name} {version(name)}' for name in LIBRARIES)
