@@ -181,8 +181,10 @@ def _read_mapped(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Re
         blocks = [*messages.blocks]
         messages.blocks.clear()
         stamp = np.concatenate([x.stamp for x in blocks])
-        values = np.concatenate([x.fields[0] for x in blocks if x.fields[0] is not None])
         columns = layouts[topic].columns
+        none = (np.full((x.stamp.size, len(columns)), np.nan) for x in blocks)
+        pairs = ((x.fields[0], y) for x, y in zip(blocks, none, strict=True))
+        values = np.concatenate([y if own is None else own for own, y in pairs])
         rows = [x.scale * row for x, row in zip(columns, values.T, strict=True)]
         builder.add_columns(stamp, summed(topics.columns, columns, stamp, rows))
     return builder.build()

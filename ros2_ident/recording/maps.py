@@ -135,7 +135,7 @@ def roles_of(kind: str) -> tuple[str, ...]:
 def nameless(kind: str, role: str) -> bool:
     """Say whether messages of a type hold nothing but numbers, which only a user can name."""
     found = map_of(kind)
-    return found is not None and 'values' in found.roles[role] and role not in found.names
+    return found is not None and 'values' in found.roles.get(role, ()) and role not in found.names
 
 
 def parser(

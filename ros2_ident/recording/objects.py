@@ -18,7 +18,7 @@ from ros2_ident.recording.columns import TopicMap
 from ros2_ident.recording.definition import Path, path_of
 from ros2_ident.recording.limits import limit
 from ros2_ident.recording.maps import DIGITS, map_of
-from ros2_ident.recording.streams import FIELDS
+from ros2_ident.recording.streams import FIELDS, LATEST_STAMP
 
 FORMS = ('protobuf', 'json')
 # Names of a time's parts, by the message types of Google, Foxglove and ROS.
@@ -97,6 +97,8 @@ def _checked(row_of: Callable[[Any], _Row], tree: Any) -> _Row:
         raise ValueError(f'no such field, {exc}') from exc
     if len(names) > limit('joints') or any(len(x) != len(names) for x in values.values()):
         raise ValueError(f'{len(names)} names but arrays of another length')
+    if abs(stamp) >= LATEST_STAMP:
+        raise ValueError('a stamp that is no time')
     return names, values, stamp
 
 

@@ -452,6 +452,25 @@ def test_check_lists_every_topic(maker, tmp_path):
         assert f'ok    {said}' in lines
 
 
+@pytest.mark.parametrize('kind', [x for x in kinds() if map_of(x)])
+def test_a_topic_of_bytes_that_are_no_message_is_named(maker, tmp_path, kind):
+    path = tmp_path / 'log.mcap'
+    with path.open('wb') as file:
+        writer = McapWriter(file)
+        writer.start()
+        form = 'cdr' if '/msg/' in kind else 'json'
+        number = writer.register_schema(kind, 'ros2msg', b'nothing')
+        topic = writer.register_channel('/odd', form, number)
+        writer.add_message(topic, START, b'\x00\x01\x00\x00{', START)
+        writer.finish()
+    with pytest.raises(IdentError, match='holds no message of /joint_states, .* only /odd'):
+        read_bag(path)
+    with pytest.raises(IdentError, match='no message of /odd is a valid|is an array without'):
+        role = roles_of(kind)[0]
+        none = dict.fromkeys(('state', 'effort', 'command'), 'none')
+        read_bag(path, Topics(**{**none, role: '/odd'}))
+
+
 def test_every_map_can_be_read_and_states_its_source():
     assert len(kinds()) > 20
     for kind in kinds():
@@ -618,6 +637,32 @@ def test_joint_states_of_foxglove_need_no_map(tmp_path, form):
     (mapped,) = read_by(path, tmp_path, text)
     np.testing.assert_array_equal(mapped.state.position, read.state.position)
     assert (mapped.state.stamp == read.state.stamp).all()
+
+
+def test_json_without_values_or_with_an_absurd_time_is_answered(tmp_path):
+    path = tmp_path / 'log.mcap'
+    for joints, second, said in (
+        ([{'name': 'a'}], 1_700_000_000, 'no measured value arrived'),
+        ([{'name': 'a', 'position': 1.0}], 10**30, 'no message of /joint_states is a valid'),
+        ([{'name': 'a', 'position': 10**400}], 1_700_000_000, 'no message of /joint_states is'),
+        ([{'position': {}}], 1_700_000_000, 'no message of /joint_states is a valid'),
+    ):
+        with path.open('wb') as file:
+            writer = McapWriter(file)
+            writer.start()
+            number = writer.register_schema('foxglove.JointStates', 'jsonschema', b'')
+            topic = writer.register_channel('/joint_states', 'json', number)
+            stamp = {'sec': second, 'nsec': 0}
+            data = json.dumps({'timestamp': stamp, 'joints': joints}).encode()
+            writer.add_message(topic, START, data, START)
+            writer.finish()
+        with pytest.raises(IdentError, match=said):
+            read_bag(path)
+    text = """time: {column: /joint_states timestamp}
+joints: {a: {position: "/joint_states joints[0].nothing"}}"""
+    path = write_foxglove(path, 'json')
+    with pytest.raises(IdentError, match='no measured value arrived'):
+        read_by(path, tmp_path, text)
 
 
 @pytest.mark.parametrize('form', ['protobuf', 'json'])
