@@ -165,7 +165,7 @@ def find_change(
             break
         on_step(0.2 + 0.15 * len(found), 'looking at all that may have changed beside it')
         now = looked(sides, best)
-    changes = tuple(_changes(now, found))
+    changes = tuple(_changes(now, found, theta))
     there = [own.columns for c, _, _ in found if (own := _same(begun, c)) is not None]
     share = begun.weighed.explained([i for columns in there for i in columns])
     count = int(np.unique(log[~after]).size), int(np.unique(log[after]).size)
@@ -387,15 +387,19 @@ def _with(now: _Round, c: _Column, base: Point, stopped: Callable[[], bool]) -> 
 # ---------------------------------------------------------------------- what is said
 
 
-def _changes(now: _Round, found: Sequence[_Found]) -> Iterator[Change]:
-    """Yield what changed with its intervals, all changes beside one another."""
+def _changes(now: _Round, found: Sequence[_Found], theta: Array) -> Iterator[Change]:
+    """Yield what changed with its intervals, all changes beside one another.
+
+    Args:
+        theta: (N,) one fit of all logs; without what the model may lack it is the plainest.
+    """
     half, sides = _half_widths(now), now.sides
     for c, evidence, ties in found:
         s = c.suspect
         sizes = [
             Size(sides.parameters[i].name.removesuffix(AFTER), value, value - half[i],
                  value + half[i], sides.parameters[i].unit,
-                 math.nan if c.at else float(now.theta[sides.names.index(s.name)]))
+                 math.nan if c.at else float(theta[sides.names.index(s.name)]))
             for i in sides.places_of(c.at, s.name) for value in [float(now.theta[i])]
         ]  # fmt: skip
         here = _same(now, c)

@@ -17,7 +17,7 @@ class Size:
         low: Lower end of the interval.
         high: Upper end.
         unit: Unit of all.
-        before: Value before; NaN of an effect.
+        before: Value of one fit of all logs, or as stated; NaN of an effect.
     """
 
     name: str
