@@ -49,9 +49,9 @@ _FACTOR = 10.0
 _STEPS, _SETTLED = 6, 1e-5
 # Evidence by which two suspects may differ and explain as much; or share of the better one's.
 _TIE, _ALIKE = 3.0, 0.02
-# Friction, offsets and delays of two logs differ by less than this share without any cause but a
-# few kelvin, in 95 of 100 cases: Bittencourt and Gunnarsson 2012, Static Friction in a Robot
-# Joint, ASME J. Dyn. Syst. Meas. Control 134(5).
+# Friction and offsets of two logs differ by less than this share, in 95 of 100 cases, without any
+# cause but a few kelvin. By hand: in an hour of warming up viscous friction falls by ten times that
+# (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control 134(5)).
 BY_ITSELF = 0.02
 # Each quarter of a log is predicted from the other three.
 _PARTS = 4
