@@ -50,8 +50,8 @@ _STEPS, _SETTLED = 6, 1e-5
 # Evidence by which two suspects may differ and explain as much; or share of the better one's.
 _TIE, _ALIKE = 3.0, 0.02
 # Friction and offsets of two logs differ by less than this share, in 95 of 100 cases, without any
-# cause but a few kelvin. By hand: in an hour of warming up viscous friction falls by ten times that
-# (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control 134(5)).
+# cause but a few kelvin. By hand: in an hour of warming up viscous friction falls by ten times
+# as much (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control 134(5)).
 BY_ITSELF = 0.02
 # Each quarter of a log is predicted from the other three.
 _PARTS = 4
