@@ -87,8 +87,7 @@ class Sides(Layout):
         """Return where the numbers of a change are: an effect's, or a parameter's."""
         if at is None:
             return [i for i, own in enumerate(self.names) if own == f'{name}{AFTER}']
-        prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
-        return [i for i, own in enumerate(self.names) if own.startswith(prefix)]
+        return [i for i, own in enumerate(self.names) if own.startswith(at.prefix)]
 
     def stating(self, name: str, value: float, *, both: bool = False) -> 'Sides':
         """Return the sides whose machine file states another number: the one after, or both."""

@@ -257,7 +257,7 @@ def _steps(encoders: Sequence[EncoderSteps]) -> dict[str, Value]:
     for r in encoders:
         at = r.at
         (step,) = get_effect(at.effect).parameters
-        name = f'{at.where}.{at.effect}.{step.name}'
+        name = f'{at.prefix}{step.name}'
         out[name] = Value(
             r.step, r.unit, r.step - r.error, r.step + r.error,
             lower_bound=step.low, upper_bound=step.high,
@@ -268,8 +268,7 @@ def _steps(encoders: Sequence[EncoderSteps]) -> dict[str, Value]:
 def _ranked(selector: Selector, base: Hypothesis, one: RankedFit) -> Ranked:
     at, e = one.at, one.model
     gap = float(np.sqrt(np.mean(e.check / e.samples.check * selector.fits.floor**2)))
-    prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
-    own = {name: v for name, v in _values(selector, e).items() if name.startswith(prefix)}
+    own = {name: v for name, v in _values(selector, e).items() if name.startswith(at.prefix)}
     return Ranked(at, one.probability, gap, e.closes(base), own)
 
 

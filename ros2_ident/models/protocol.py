@@ -50,6 +50,11 @@ class EffectAt:
 
         return title_at(self.effect, [self.where])
 
+    @property
+    def prefix(self) -> str:
+        """Beginning of its parameters' names: `payload_change.`, `drive_1.stribeck.`."""
+        return f'{self.effect}.' if self.where == 'all' else f'{self.where}.{self.effect}.'
+
 
 @dataclass(frozen=True)
 class Output:

@@ -252,8 +252,7 @@ def _lines(found: Diagnosis, machine: Machine, at: EffectAt) -> Iterator[tuple[s
     if effect is None or machine.kind not in KINDS:
         return
     size = next(p for p in effect.parameters if p.role == 'size')
-    prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
-    value = found.parameters.get(f'{prefix}.{size.name}')
+    value = found.parameters.get(f'{at.prefix}{size.name}')
     if value is None or not math.isfinite(value.value):
         return
     # What fills the row of the kernel on which the effect acts.

@@ -275,7 +275,6 @@ def _candidate(found: Diagnosis, ranked: Ranked) -> Any:
 
 def _also(found: Diagnosis, at: EffectAt) -> Any:
     """Return a further effect: what it came to in the extended model, and the gap left with it."""
-    prefix = f'{at.effect}.' if at.where == 'all' else f'{at.where}.{at.effect}.'
     step = 1 + (EffectAt(found.effect, *found.where[:1]), *found.also).index(at)
     return GapCandidate(
         effect=at.effect,
@@ -285,7 +284,7 @@ def _also(found: Diagnosis, at: EffectAt) -> Any:
         parameters=[
             _of_gap(name, value)
             for name, value in found.parameters.items()
-            if name.startswith(prefix)
+            if name.startswith(at.prefix)
         ],
     )
 

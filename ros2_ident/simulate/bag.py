@@ -67,8 +67,7 @@ class Added:
 
     def values_at(self, at: EffectAt) -> dict[str, float]:
         """Return its values by the full names of a model's parameters at one of its places."""
-        prefix = at.effect if at.where == 'all' else f'{at.where}.{at.effect}'
-        return {f'{prefix}.{name}': value for name, value in self.values.items()}
+        return {f'{at.prefix}{name}': value for name, value in self.values.items()}
 
 
 def read_effect(text: str) -> Added:

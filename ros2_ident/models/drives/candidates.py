@@ -209,14 +209,13 @@ class Candidates:
     def _of_effect(self, effect: Effect, at: EffectAt) -> list[tuple[Parameter, Target]]:
         places = self._places(at)
         kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
-        prefix = effect.id if at.where == 'all' else f'{at.where}.{effect.id}'
         turns = self.travels[places[0]] == 'rad'
         # A machine of joints that turn may have one that slides.
         linear = 'N' if self.machine.travel_unit == 'rad' else self.machine.model_unit
         effort = 'N m' if turns else linear
         out: list[tuple[Parameter, Target]] = []
         for p in self.scaled(at):
-            name = f'{prefix}.{p.name}'
+            name = f'{at.prefix}{p.name}'
             unit = p.unit.replace('effort', effort).replace('force', 'N m' if turns else 'N')
             absent = p.neutral if p.role == 'size' else None
             declared = Parameter(name, unit, p.low, p.high, kind, effect.source, absent)

@@ -65,10 +65,9 @@ class Step:
 def _law(at: EffectAt, parameters: Mapping[str, Value]) -> Law:
     """Return an effect of the catalogue as an equation with its numbers."""
     effect = CATALOGUE[at.effect]
-    place = '' if at.where == 'all' else f'{at.where}.'
     rows = []
     for p in effect.parameters:
-        v = parameters.get(f'{place}{effect.id}.{p.name}')
+        v = parameters.get(f'{at.prefix}{p.name}')
         if v is not None:
             rows.append((p.symbol, p.meaning or p.name.replace('_', ' '), _value(v)))
     return Law(effect, at.title, tuple(rows))
