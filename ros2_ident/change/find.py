@@ -17,34 +17,25 @@ from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, V
 from ros2_ident.change.sides import AFTER, Marginal, Sides
 from ros2_ident.errors import IdentError
 from ros2_ident.gates import examine
-from ros2_ident.identify.hidden import (
-    alternatives,
-    answers_of,
-    residuals_at,
-    Rows,
-    rows_to_weigh,
-    slopes_of,
-)
+from ros2_ident.identify.hidden import missing_beside, residuals_at, Rows
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, FullModel
-from ros2_ident.models.registry import scales_of, stated_numbers
+from ros2_ident.models.registry import scales_of, stated_numbers, STATED_WITHIN
 from ros2_ident.recording import Dataset
 from ros2_ident.search.changes import (
     Changes,
     evidence_of,
     Logs,
-    price_of,
     shown_from,
     weigh_changes,
 )
+from ros2_ident.search.evidence import price_of
 from ros2_ident.search.jacobian import Box, COARSE_STEP
 from ros2_ident.search.least_squares import descent, Point
 
 # Changes of one comparison, at most; suspects of a round that are fitted, at most, and the share
 # of the best one's gain from which on. As of a diagnosis.
 _MOST, _FITS, _PROMISING = 4, 4, 0.5
-# A stated number is looked for within this factor either way.
-_FACTOR = 10.0
 # Steps of a fit that begins where straight lines lead, and their relative gain that is none.
 _STEPS, _SETTLED = 6, 1e-5
 # Evidence by which two suspects may differ and explain as much; or share of the better one's.
@@ -197,12 +188,8 @@ def _round(
     first, taken = sides.models[0], {at for at, _ in sides.effects}
     candidates = [at for at in first.extensions() if at not in taken and at.effect not in without]
     # Twice: what is common, and what changed.
-    rows = rows_to_weigh(sides, candidates, 2)
-    residual, jacobian = slopes_of(sides, theta, rows)
-    there = alternatives(sides, theta, candidates, rows, residual, jacobian, stopped, threads)
-    answers = answers_of(sides.models, rows)
-    missing = np.concatenate([answers, *(one.changes for one in there)]).T
-    most = np.concatenate([np.full(len(answers), np.inf), *(one.most for one in there)])
+    seen = missing_beside(sides, theta, candidates, stopped, threads, times=2)
+    rows, residual, jacobian = seen.rows, seen.residual, seen.slopes
     nominal = jacobian[:, : sides.nominal]
     columns: list[_Column] = []
     changed: list[Array] = []
@@ -226,7 +213,7 @@ def _round(
         usual.append(0.0)
         suspect = Suspect('constant', name)
         add(_Column(suspect, (), (name,), (unit,), np.array([value]), value), [slope])
-    for one in there:
+    for one in seen.alternatives:
         wide = first.extended((*first.effects, one.at))
         own = wide.scaled(one.at)
         units = [p.unit for p in wide.parameters[-len(own) :]]
@@ -251,8 +238,8 @@ def _round(
     side = np.concatenate([np.full(kept.start, True), sides.later[sides.nominal :]])
     logs = _logs(sides, rows, log, paired)
     weighed = weigh_changes(
-        residual, nominal, missing, np.array(changed).T, rows.runs, rows.blocks, logs,
-        most=most, usual=np.array(usual), side=side, kept=kept, share=rows.share,
+        residual, nominal, seen.columns, np.array(changed).T, rows.runs, rows.blocks, logs,
+        most=seen.most, usual=np.array(usual), side=side, kept=kept, share=rows.share,
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
     marginal = Marginal.of(weighed, rows, logs, apart)
@@ -366,7 +353,8 @@ def _with(now: _Round, c: _Column, base: Point, stopped: Callable[[], bool]) -> 
     suspect, sides, theta = c.suspect, now.sides, base.theta
     own = estimate * c.scales
     if suspect.kind == 'constant':
-        factor = math.exp(float(np.clip(estimate[0], -math.log(_FACTOR), math.log(_FACTOR))))
+        most = math.log(STATED_WITHIN)
+        factor = math.exp(float(np.clip(estimate[0], -most, most)))
         sides, own = sides.stating(suspect.name, c.value * factor), np.empty(0)
     elif c.at is None:
         sides = sides.also(name=suspect.name)

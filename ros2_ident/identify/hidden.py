@@ -158,25 +158,14 @@ def weigh_fit(
         stopped: Asked often; True leaves the rest of the catalogue out.
         threads: That simulate; one for each processor where None.
     """
-    models = fitted.models
-    candidates = [at for at in models[0].extensions() if at not in models[0].effects]
-    rows = rows_to_weigh(fitted, candidates)
-    residual, jacobian = slopes_of(fitted, theta, rows)
-    there = alternatives(fitted, theta, candidates, rows, residual, jacobian, stopped, threads)
-    answers = answers_of(models, rows)
-    missing = np.concatenate([answers, *(one.changes for one in there)]).T
-    most = np.concatenate([np.full(len(answers), np.inf), *(one.most for one in there)])
-    evidence = weigh(
-        residual, jacobian, missing, rows.runs, rows.blocks, most=most, share=rows.share
-    )
-    return Weighed(evidence, rows, jacobian, residual)
-
-
-def rows_to_weigh(fitted: Layout, candidates: Sequence[EffectAt], times: int = 1) -> Rows:
-    """Return as many rows as can be weighed against some effects, each so many times."""
     first = fitted.models[0]
-    count = sum(len(_tried(first.extended((*first.effects, at)), at)[0]) for at in candidates)
-    return rows_of(fitted.models, _MOST // (times * max(200, count)))
+    candidates = [at for at in first.extensions() if at not in first.effects]
+    seen = missing_beside(fitted, theta, candidates, stopped, threads)
+    rows, residual, slopes = seen.rows, seen.residual, seen.slopes
+    evidence = weigh(
+        residual, slopes, seen.columns, rows.runs, rows.blocks, most=seen.most, share=rows.share
+    )
+    return Weighed(evidence, rows, slopes, residual)
 
 
 @dataclass(frozen=True)
@@ -198,35 +187,57 @@ class Alternative:
     group: npt.NDArray[np.int64]
 
 
-def alternatives(
+@dataclass(frozen=True)
+class Missing:
+    """Residual of a fit, and what its models may lack.
+
+    Attributes:
+        rows: The R samples that are looked at.
+        residual: (R,) there, weighted.
+        slopes: (R, N) its derivative by the parameters' shares of their box.
+        alternatives: For each effect what it would change.
+        columns: (R, C) the changes by all of them, and how drives stray from an even motion.
+        most: (C,) how many times each may be there.
+    """
+
+    rows: Rows
+    residual: Array
+    slopes: Array
+    alternatives: tuple[Alternative, ...]
+    columns: Array
+    most: Array
+
+
+def missing_beside(
     fitted: Layout,
     theta: Array,
     candidates: Sequence[EffectAt],
-    rows: Rows,
-    residual: Array,
-    jacobian: Array,
     stopped: Callable[[], bool] = lambda: False,
     threads: int | None = None,
-) -> list[Alternative]:
-    """Return what each of some effects would change in the residual of a fit.
+    times: int = 1,
+) -> Missing:
+    """Return what the models of a fit may lack.
 
     Args:
         fitted: The models.
         theta: (N,) their parameters.
         candidates: Effects that the models do not have.
-        rows: The R samples looked at.
-        residual: (R,) there.
-        jacobian: (R, N) its derivative by the parameters.
         stopped: Asked often; True leaves the rest of the candidates empty.
         threads: That simulate; one for each processor where None.
+        times: How often each column is weighed.
     """
-    basis = np.linalg.qr(jacobian)[0]
+    first, *others = models = fitted.models
+    wide = [first.extended((*first.effects, at)) for at in candidates]
+    tried = sum(len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
+    rows = rows_of(models, _MOST // (times * max(200, tried)))
+    residual, slopes = slopes_of(fitted, theta, rows)
+    basis = np.linalg.qr(slopes)[0]
     free = residual - basis @ (basis.T @ residual)
 
-    def of(at: EffectAt) -> Alternative:
-        wide = [m.extended((*m.effects, at)) for m in fitted.models]
+    def of(at: EffectAt, model: FullModel) -> Alternative:
+        several = (model, *(m.extended((*m.effects, at)) for m in others))
         points, most, group = np.empty((0, 0)), 0.0, np.empty(0, np.int64)
-        masked = [m.restricted(x) for m, x in zip(wide, rows.masks, strict=True)]
+        masked = [m.restricted(x) for m, x in zip(several, rows.masks, strict=True)]
 
         def changed(points: Array) -> Array:
             base = np.repeat(theta[None], len(points), axis=0)
@@ -235,18 +246,22 @@ def alternatives(
             return np.hstack(out) - residual
 
         if not stopped():
-            orders = orders_shown(wide[0], at, changed, free, basis, clear=True)
-            points, most, group = _tried(wide[0], at, orders)
+            orders = orders_shown(model, at, changed, free, basis, clear=True)
+            points, most, group = _tried(model, at, orders)
         out = changed(points) if len(points) else np.empty((0, residual.size))
         there = np.isfinite(out).all(axis=1)
         out = out if there.all() else out[there]
         return Alternative(at, points[there], out, np.full(len(out), most), group[there])
 
     with ThreadPoolExecutor(threads or processors()) as pool:
-        return list(pool.map(of, candidates))
+        found = tuple(pool.map(of, candidates, wide))
+    answers = _answers(models, rows)
+    columns = np.concatenate([answers, *(one.changes for one in found)]).T
+    most = np.concatenate([np.full(len(answers), np.inf), *(one.most for one in found)])
+    return Missing(rows, residual, slopes, found, columns, most)
 
 
-def answers_of(models: Sequence[FullModel], rows: Rows) -> Array:
+def _answers(models: Sequence[FullModel], rows: Rows) -> Array:
     """Return (D, R) how each drive strays from an even motion; (0, R) where set-points are logged.
 
     A controller that is to hold a speed answers with effort: then the effort follows the motion,

@@ -260,6 +260,8 @@ def drives_moved(
     return rows
 
 
+# A stated number that is wrong is looked for within this factor either way.
+STATED_WITHIN = 10.0
 # A model's own number, and one that is the same everywhere.
 _CERTAIN = frozenset({'coulomb_regularisation', 'gravity'})
 

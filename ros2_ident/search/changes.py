@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from ros2_ident.search.evidence import CHANCE, of_one_size, Rows, SIZES, Sums
+from ros2_ident.search.evidence import of_one_size, Rows, SIZES, Sums
 from ros2_ident.search.noise import NoiseModel, Run, Whitening
 from ros2_ident.search.operators import Array
 
@@ -156,11 +156,6 @@ def evidence_of(gain: float, count: int) -> float:
         count: Numbers.
     """
     return 0.5 * (gain - count - count * math.log(gain / count)) if gain > count else 0.0
-
-
-def price_of(choices: int) -> float:
-    """Return the evidence that choosing the best among so many may gain by chance."""
-    return max(CHANCE, math.log(max(choices, 1)))
 
 
 def shown_from(price: float) -> float:

@@ -40,7 +40,7 @@ OWN = 0.05
 # Share of what the rows hold from which on coefficients may well follow noise.
 _MUCH = 0.25
 # Logarithm of the evidence that chance alone may gain.
-CHANCE = 3.0
+_CHANCE = 3.0
 # From here on it is clear that something is predicted.
 _CLEAR = 30.0
 # Sizes tried, as shares of the residual: every fourth, then those about the best. And how many
@@ -293,7 +293,7 @@ class Sums:
         none, own = np.minimum(scale * SIZES[0], self.limit), np.zeros(len(self.limit))
         size, evidence = self._of_all(own, scale * SIZES)
         least = self.evidence(none)
-        if not evidence - least > CHANCE:
+        if not evidence - least > _CHANCE:
             # What chance gains is no evidence that anything is missing.
             return none, evidence - least, least
         for _ in range(_ROUNDS):
@@ -333,7 +333,7 @@ class Sums:
         """
         own = slice(self.count, None)
         covariance, mean = self.covariance(sizes), self.solve(sizes)
-        square, least = sizes**2, max(CHANCE, math.log(max(sizes.size, 1)))
+        square, least = sizes**2, price_of(sizes.size)
         for _ in range(sizes.size):
             spread = np.diag(covariance)[own]
             # What the rows and the other coefficients say of one: precision, and its mean by that.
@@ -435,6 +435,11 @@ class Sums:
             # More columns than samples, and rounding took the prior from those that are alike.
             precision = precision + _ROUNDED * np.eye(len(scale))
             return scipy.linalg.cholesky(precision, lower=True), scale
+
+
+def price_of(choices: int) -> float:
+    """Return the evidence that choosing the best among so many may gain by chance."""
+    return max(_CHANCE, math.log(max(choices, 1)))
 
 
 def _of_one(square: Array, told: Array, precision: Array) -> Array:

@@ -8,10 +8,10 @@ from ros2_ident.search.changes import (
     Changes,
     evidence_of,
     Logs,
-    price_of,
     shown_from,
     weigh_changes,
 )
+from ros2_ident.search.evidence import price_of
 from ros2_ident.search.noise import Run
 
 # Rows of a log, and columns of everything that may change.

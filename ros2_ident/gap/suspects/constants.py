@@ -13,13 +13,10 @@ from ros2_ident.gap.fits import Fits, PROMISING
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.result import WrongConstant
 from ros2_ident.gap.selection import Selector
-from ros2_ident.models.registry import stated_numbers
+from ros2_ident.models.registry import stated_numbers, STATED_WITHIN
 from ros2_ident.search.jacobian import Box, COARSE_STEP
 from ros2_ident.search.least_squares import least_squares
 from ros2_ident.search.uncertainty import intervals
-
-# A stated number is looked for within this factor either way; its interval ends there.
-_FACTOR = 10.0
 
 
 def fitted_constants(fits: Fits, base: Hypothesis) -> Iterator[tuple[WrongConstant, Hypothesis]]:
@@ -50,7 +47,7 @@ class _WithConstant:
 
     def __init__(self, fits: Fits, base: Hypothesis, name: str, stated: float) -> None:
         self.fits, self.base, self.name, self.stated = fits, base, name, stated
-        joint, ends = fits.split.fit.with_effects(()), math.log(_FACTOR)
+        joint, ends = fits.split.fit.with_effects(()), math.log(STATED_WITHIN)
         self.box = Box.of(np.append(joint.low, -ends), np.append(joint.high, ends))
 
     def promise(self) -> float:
@@ -74,7 +71,7 @@ class _WithConstant:
         there = self._at(best.theta[-1])
         value, rows = self.stated * math.exp(best.theta[-1]), len(self.fits.weight)
         scale = np.append(np.ones(len(low) - 1), value)
-        bounds = sorted((self.stated / _FACTOR, self.stated * _FACTOR))
+        bounds = sorted((self.stated / STATED_WITHIN, self.stated * STATED_WITHIN))
         found = intervals(
             best.jacobian[:rows] / (self.box.width * scale),
             best.residual[:rows],
