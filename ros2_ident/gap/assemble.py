@@ -85,9 +85,8 @@ def assemble(
     last = len(found.chain) - 1
     share = blocks.share_closed(0, last, floor) if last else Interval(0.0, math.nan, math.nan)
     # What was judged on blocks held out is reported from all samples, as by an identification.
-    every = selector.on_all()
-    first = every.refit((), found.chain[0].theta)
-    known = every.refit(final.effects, final.theta) if final.effects else first
+    first, every = selector.on_all(found.chain[0])
+    known = selector.on_all(final)[0] if final.effects else first
     evidence = selector.noise_of(known).evidence if found.complete else None
     per_drive, whole = _per_drive(selector, found, blocks)
     values = _values(selector, known, evidence, every) | _steps(verdict.encoders)

@@ -313,9 +313,9 @@ class Split:
         return self
 
     def together(self) -> 'Split':
-        """Return the split that is fitted on the blocks held out as well, where these are held."""
+        """Return the split that is fitted on the blocks held out as well."""
         other = copy.copy(self)
-        other.fit = self.whole if self.held_out == 'blocks' else self.fit
+        other.fit = self.whole
         return other
 
     def stating(self, name: str, value: float) -> 'Split':

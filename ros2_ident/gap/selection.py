@@ -55,9 +55,15 @@ class Selector(Fitter):
         self.steps = steps
         self._seen: dict[frozenset[EffectAt], tuple[Hypothesis, Floor]] = {}
 
-    def on_all(self) -> Fits:
-        """Return fits on the blocks held out as well, as identifications are; a bag stays out."""
-        return Fits(self.split.together(), self.fits.floor, self.stopped, self.fits.missed)
+    def on_all(self, e: Hypothesis) -> tuple[Hypothesis, Fits]:
+        """Return a fit made on the blocks held out as well, and those it is one of.
+
+        As identifications are; a bag that is held out stays out.
+        """
+        if self.split.held_out != 'blocks':
+            return e, self.fits
+        fits = Fits(self.split.together(), self.fits.floor, self.stopped, self.fits.missed)
+        return fits.refit(e.effects, e.theta), fits
 
     def ends(
         self, e: Hypothesis, evidence: Evidence | None, fits: Fits | None = None
