@@ -61,7 +61,7 @@ def check_both(
         The report; a finding that a line of the machine file can mend names it.
     """
     machine = file.machine
-    aside = machine is not None and not kind_of(machine).follows
+    aside = machine is not None and not kind_of(machine).follows(machine)
     if aside:
         recordings = [replace(recording, command=None) for recording in recordings]
     own = check_machine(file)

@@ -138,7 +138,7 @@ def _hindered(model: FullModel) -> str:
     """Return why a model does not run freely, and what to log for one that does."""
     if model.machine is None:
         return "a user's own model does not say that it runs freely (`free_run`)"
-    if not kind_of(model.machine).follows:
+    if not kind_of(model.machine).follows(model.machine):
         return (
             f'a {model.name} is simulated along its recorded motion; for a free run log the '
             "drives' set-points, and describe the machine as `machine: mujoco`, whose actuators "

@@ -33,6 +33,7 @@ for name; do
     mujoco_blind)
       with_peers -m checks.blind --generator mujoco --cases 200 --seed 2026 --out build/mujoco_blind
       ;;
+    arm) with_peers checks/benchmarks/arm.py ;;
     simulators) with_peers -m checks.simulators --out build/simulators ;;
     *) python "checks/benchmarks/$name.py" ;;
   esac || { echo "bench: $name failed." >&2; failed=1; }

@@ -100,8 +100,8 @@ def _runs(args: argparse.Namespace, estimate: 'Estimate') -> 'list[Run]':
     machine = machine_behind(args, estimate)
     drives = estimate.drives or None
     # A position is all that a free run has to have beside what drives it.
-    pushed = kind_of(machine).follows and not follows(machine)
-    quantities = ('position',) if kind_of(machine).follows else None
+    pushed = kind_of(machine).follows(machine) and not follows(machine)
+    quantities = ('position',) if kind_of(machine).follows(machine) else None
     data = read_data(
         args.bag, machine, drives, topics=topics_of(args), samples=_ALL, quantities=quantities
     ).datasets

@@ -259,7 +259,7 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
         found.append(Gate('limit', drive, 'fail' if bad else 'ok', top / limit, '1', text, bad))
     try:
         # The other links of an arm may drive a joint against its own friction.
-        sign = sign_of(motion_in(data, drive), alone=not kind_of(machine).follows)
+        sign = sign_of(motion_in(data, drive), alone=not kind_of(machine).follows(machine))
     except IdentError:
         return found
     bad = sign in WRONG

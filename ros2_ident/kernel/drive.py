@@ -34,7 +34,7 @@ from ros2_ident.lanes import (
 
 W = WIDTH
 CLOSED_LOOP, PRESCRIBED = 0, 1
-VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS, POSITION = range(3)
+VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS, POSITION, PID = range(4)
 # A motor this many regularisations fast does not feel how steep friction is at standstill.
 FAST = 8.0
 # Rounds to where a motor stands at rest: a wavering gear leaves a tenth of the error each.
@@ -292,13 +292,14 @@ def begin(mem, own, law, z, v, cycle, torque):
 
 @inlined
 def control(
-    par, first, mem, own, on, law, cycle, z, v, command, d, drives, count, k, delayed, time
+    par, first, mem, own, on, law, cycle, z, v, command, d, drives, count, k, delayed, time, ahead
 ):
     """Run cycle `k` of drive `d`'s controller; return the torque it logs, keep what it asks.
 
     Under the law POSITION that is a share of the supply voltage.
 
-    `command` (2 * drives * count,) holds the set-points of all drives, then their rates.
+    `command` (2 * drives * count,) holds the set-points of all drives, then their rates. `ahead`
+    (drives * count,) is what the controllers add to their torque; empty or None for nothing.
     """
     delay = load(par, (first + DRIVE.set_point_delay) * W)
     zc = set_point(command, d * count, count, k, delay, cycle, delayed)
@@ -319,15 +320,22 @@ def control(
         store(mem, (own + MEMORY.last_read) * W, read)
     # Not fused: which of the two products the compiler would fuse is its own choice.
     wanted = product(load(par, (first + DRIVE.position_gain) * W), zc - read)
-    if law == POSITION:
-        ahead = load(par, (first + DRIVE.feedforward) * W) * vc - rate
-        torque = wanted + load(par, (first + DRIVE.velocity_gain) * W) * ahead
+    if law in (POSITION, PID):
+        late = load(par, (first + DRIVE.feedforward) * W) * vc - rate
+        torque = wanted + load(par, (first + DRIVE.velocity_gain) * W) * late
+        if law == PID:
+            torque = torque + load(mem, (own + MEMORY.integral) * W)
+            growth = load(par, (first + DRIVE.integral_gain) * W) * cycle * (zc - read)
+            integral = load(mem, (own + MEMORY.integral) * W) + growth
+            store(mem, (own + MEMORY.integral) * W, integral)
     else:
         error = wanted + load(par, (first + DRIVE.feedforward) * W) * vc - rate
         before = load(mem, (own + MEMORY.integral) * W)
         integral = before + load(par, (first + DRIVE.integral_gain) * W) * cycle * error
         store(mem, (own + MEMORY.integral) * W, integral)
         torque = load(par, (first + DRIVE.velocity_gain) * W) * error + integral
+    if ahead is not None and ahead.shape[0]:
+        torque = torque + ahead[d * count + k]
     limit = load(par, (first + DRIVE.torque_limit) * W)
     torque = clip(torque, -limit, limit)
     asked = torque

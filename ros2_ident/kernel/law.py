@@ -23,7 +23,7 @@ def room(drives: int) -> int:
 
 def _build(digest):
     @kernel
-    def replay(blocks, rows, room, command, motion, hold, on, delayed, cycle, law, task):
+    def replay(blocks, rows, room, command, motion, hold, on, delayed, ahead, cycle, law, task):
         """Run the controllers of blocks of candidates along a recorded motion.
 
         Args:
@@ -35,6 +35,7 @@ def _build(digest):
             hold: (D,) torque at the start, for the integral part [N m].
             on: (D,) flags of the effects.
             delayed: Whether command delays are on.
+            ahead: (D * K,) what the controllers add to their torque; None for nothing.
             cycle: Controller cycle [s].
             law: (D,) VELOCITY_FROM_STATE or VELOCITY_FROM_POSITIONS.
             task: A `Task`; its weights and limits are not looked at.
@@ -61,7 +62,7 @@ def _build(digest):
                     v = spread(motion[(drives + d) * count + k])
                     torque = dk.control(
                         par, first, mem, d * MEMORY_COUNT, on[d], law[d], cycle, z, v,
-                        command, d, drives, count, k, delayed, spread(k * cycle),
+                        command, d, drives, count, k, delayed, spread(k * cycle), ahead,
                     )  # fmt: skip
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
                 if piece == measurement.PIECE - 1 or k == count - 1:

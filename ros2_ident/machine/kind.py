@@ -188,7 +188,8 @@ class Kind:
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
         alike: Whether its drives are of one make and logged alike, so that one noise is that of
             all.
-        follows: Whether its controllers follow a set-point; where not, a logged one is left out.
+        follows: Whether a machine's controllers follow a set-point; where not, a logged one is
+            left out.
         read: Reads a machine's description as its model does; None where it has none.
         joints: Returns the joints of a description, which its key that names a file holds; None
             where it has no such key.
@@ -224,7 +225,7 @@ class Kind:
     efforts: Callable[[Machine], Array] | None = None
     scene: Callable[[Machine, Array], Figure | None] | None = None
     alike: bool = False
-    follows: bool = True
+    follows: Callable[[Machine], bool] = lambda machine: True
     read: Callable[[Machine], Any] | None = None
     joints: Callable[[str], tuple[str, ...]] | None = None
     extent: Callable[[str], tuple[float, float]] | None = None

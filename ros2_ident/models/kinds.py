@@ -160,7 +160,7 @@ def _judge_serial(draft: Draft) -> Iterator[Remark]:
 
 SERIAL = Kind(
     name='serial',
-    title='an arm of links and joints, driven by its recorded motion',
+    title='an arm of links and joints, under PID on position or driven by its recorded motion',
     keys=keys_of('serial'),
     model=later('ros2_ident.models.serial.model:Serial'),
     judge=_judge_serial,
@@ -168,7 +168,8 @@ SERIAL = Kind(
     asked=later('ros2_ident.models.serial.parameters:asked'),
     tilt=later('ros2_ident.models.serial.arm:base_tilt'),
     travel='rad',
-    follows=False,
+    starts_in_motion=True,
+    follows=lambda machine: machine.known('position_gain'),
     scene=later('ros2_ident.models.serial.arm:figure'),
     read=later('ros2_ident.models.serial.arm:arm_of'),
     joints=joints_in,

@@ -211,7 +211,9 @@ def followed_file(
 
 def arm_kind(follows: bool) -> Kind:
     """Return the kind of an arm that follows set-points, or that its recorded motion drives."""
-    return next(x for x in KINDS.values() if x.joints is not None and x.follows is follows)
+    return next(
+        x for x in KINDS.values() if x.joints is not None and (x.extent is None) is follows
+    )
 
 
 def ways(kind: Kind, log: Recording) -> str:
@@ -222,7 +224,7 @@ def ways(kind: Kind, log: Recording) -> str:
     points = command is not None and command.position is not None
     along = 'along its recorded motion (--kind serial), by the logged effort'
     freely = 'freely under its controllers (--kind mujoco), by the logged set-points'
-    if kind.follows and points:
+    if kind.extent is None and points:
         if not effort:
             return f'this log lets the arm run {freely}; along its recorded motion needs an effort'
         both = 'compare both, --outputs position,effort'

@@ -165,7 +165,7 @@ def set_points_of(machine: Machine, points: 'Array', speeds: 'Array') -> 'tuple[
 def follows(machine: Machine) -> bool:
     """Return whether a machine's set-points count, where they are logged."""
     pushed = 'law' in machine.constants and 'effort' in machine.texts('law')
-    return kind_of(machine).follows and not pushed
+    return kind_of(machine).follows(machine) and not pushed
 
 
 def knows_gains(machine: Machine) -> bool:

@@ -63,6 +63,7 @@ _CONSTANTS = (
     'rail_radius', 'rod_length', 'arm_length', 'torque_constant', 'resistance', 'supply_voltage',
     'load_mass', 'load_length', 'arm_mass', 'load_inertia', 'load_angle', 'shaft_radius',
     'shaft_azimuth', 'arm_inertia', 'arm_moment', 'arm_zero', 'armature', 'duty_limit',
+    'set_point_delay',
 )  # fmt: skip
 SLOTS: Mapping[str, Slot] = dict(
     measurement_delay=Slot('log_delay', True, 'measurement', _PAPER),

@@ -112,7 +112,7 @@ class DriveModel(MachineModel):
         super().__init__(machine, data, **asked)
         self._compared: npt.NDArray[np.bool_] | None = None
         self.held = held
-        self.law = np.array([_LAWS[law] for law in machine.texts('law')], dtype=np.int64)
+        self.law = self._laws
         self.scales = self._asked_scales or scales_of(machine, [data])
         self.candidates = self._candidates()
         self._check_outputs()
@@ -134,6 +134,11 @@ class DriveModel(MachineModel):
             self.travels,
             self._own(),
         )
+
+    @property
+    def _laws(self) -> npt.NDArray[np.int64]:
+        """(D,) the controllers' laws, as the kernels number them."""
+        return np.array([_LAWS[law] for law in self.machine.texts('law')], dtype=np.int64)
 
     @property
     def _boxed(self) -> Machine:
@@ -344,7 +349,8 @@ class DriveModel(MachineModel):
                 values = machine.numbers(name)
                 of(SLOTS[name].row)[:] = np.where(np.isnan(values), 0.0, values)
         of('motor_turn')[:] = self.turns
-        of('integral_gain')[:, self.law != drive_kernel.VELOCITY_FROM_STATE] = 0.0  # P on velocity
+        integral = drive_kernel.VELOCITY_FROM_STATE, drive_kernel.PID
+        of('integral_gain')[:, ~np.isin(self.law, integral)] = 0.0
         if not self._closed and not machine.stated('coulomb_regularisation'):
             # Nothing is integrated here: friction turns over as the speed is known to.
             width, position = np.zeros(len(machine.drives)), self.data.position
@@ -549,6 +555,16 @@ class DriveModel(MachineModel):
         return 0.0 if self._closed else hold / self.cycle
 
     @property
+    def _delayed(self) -> bool:
+        """Whether set-points may be late."""
+        return self.candidates.delayed
+
+    @property
+    def _added(self) -> Array | None:
+        """(D * K,) effort that the controllers add to their law's, known along the log."""
+        return None
+
+    @property
     @abstractmethod
     def _kernel(self) -> Compiled:
         """The compiled simulation of a part of the log; see `tripod.kernel.simulate`."""
@@ -644,7 +660,8 @@ class DriveModel(MachineModel):
             seen.values,
             seen.hold,
             self.candidates.on,
-            self.candidates.delayed,
+            self._delayed,
+            self._added,
             self.cycle,
             self.law,
             task,

@@ -24,6 +24,7 @@ from ros2_ident.models.drives.kernel import simulate, sizes
 from ros2_ident.models.drives.model import Compiled, DriveModel
 from ros2_ident.models.kinds import CURRENT, DUTY, VOLTAGE
 from ros2_ident.models.protocol import Output
+from ros2_ident.recording import Dataset
 
 # A set-point slower than this share of its fastest at the log's start counts as rest.
 _REST = 0.02
@@ -82,17 +83,6 @@ class SeparateDrives(DriveModel):
             begin[d], begin[drives + d] = place, slope
         return begin
 
-    def _seen(self, begin: Array) -> Array:
-        """Return starts (2 * D,) as the first measured positions say, where there are some."""
-        drives = len(self.machine.drives)
-        for d, name in enumerate(self.machine.drives if self.data.position is not None else ()):
-            assert self.data.position is not None
-            row = self.data.position[self.data.names.index(name)]
-            there = np.flatnonzero(np.isfinite(row))[:_BEGINNING]
-            if len(there) == _BEGINNING:
-                begin[d], begin[drives + d] = _beginning(self.data.time[there], row[there])
-        return begin
-
     @property
     def _supply(self) -> Array | None:
         """(D * K,) share of a servo's supply at every cycle; None where efforts are commanded."""
@@ -104,6 +94,17 @@ class SeparateDrives(DriveModel):
         inputs = self._command, self._motion, self._begin, self._mode, effects.on, self._supply
         given = *inputs, effects.delayed, self.stiff, self.cycle, self.law
         return simulate, sizes(len(self.machine.drives)), given
+
+
+def first_seen(drives: Sequence[str], data: Dataset, begin: Array) -> Array:
+    """Return starts (2 * D,) as the first measured positions say, where there are some."""
+    for d, name in enumerate(drives if data.position is not None else ()):
+        assert data.position is not None
+        row = data.position[data.names.index(name)]
+        there = np.flatnonzero(np.isfinite(row))[:_BEGINNING]
+        if len(there) == _BEGINNING:
+            begin[d], begin[len(drives) + d] = _beginning(data.time[there], row[there])
+    return begin
 
 
 def _beginning(time: Array, seen: Array) -> tuple[float, float]:
@@ -165,7 +166,7 @@ class LinearAxis(SeparateDrives):
     def _start(self, command: Array, motion: Array) -> Array:
         if not self.pushed:
             return super()._start(command, motion)
-        return self._seen(np.zeros(2 * len(self.machine.drives)))
+        return first_seen(self.machine.drives, self.data, np.zeros(2 * len(self.machine.drives)))
 
     def _constants(self) -> Array:
         base = super()._constants()
@@ -267,4 +268,4 @@ class Servo(SeparateDrives):
 
         A law without an integral part never stands where its set-point is.
         """
-        return self._seen(super()._start(command, motion))
+        return first_seen(self.machine.drives, self.data, super()._start(command, motion))

@@ -156,6 +156,44 @@ class Arm:
         ]
         return np.array(rows).T[np.argsort(order)]
 
+    def mass(self, position: Array) -> Array:
+        """Return the (D, D) mass matrix of the described links at positions (D,), kg m^2 or kg."""
+        data = self.model.createData()
+        order = np.argsort(self.joints)
+        found = _pinocchio().crba(self.model, data, self._places(position[:, None])[0])
+        back = np.argsort(order)
+        whole = np.triu(found) + np.triu(found, 1).T
+        return np.asarray(whole[np.ix_(back, back)])
+
+    @property
+    def hangs(self) -> tuple[Array, Array, Array]:
+        """Return how each joint's frame hangs in that of the joint which carries it.
+
+        Its z axis is turned into the one that the joint acts along.
+
+        Returns:
+            (D, 3, 3) orientation at position 0, (D, 3) origin [m], and (D, 3, 3) the turn of each
+            frame from that in which `inertials` are.
+        """
+        pin = _pinocchio()
+        z = np.array([0.0, 0.0, 1.0])
+        turns = {0: np.eye(3)}
+        for number in self.joints.tolist():
+            joint = self.model.joints[number]
+            data = joint.createData()
+            joint.calc(data, pin.neutral(self.model), np.zeros(self.model.nv))
+            along = np.abs(data.S).ravel() > 0.0
+            axis = data.S.ravel()[:3] if along[:3].any() else data.S.ravel()[3:]
+            turns[number] = pin.Quaternion.FromTwoVectors(z, axis).matrix()
+        places = [self.model.jointPlacements[number] for number in self.joints.tolist()]
+        before = [turns[int(self.model.parents[number])] for number in self.joints.tolist()]
+        own = [turns[number] for number in self.joints.tolist()]
+        return (
+            np.array([b.T @ x.rotation @ o for b, x, o in zip(before, places, own, strict=True)]),
+            np.array([b.T @ x.translation for b, x in zip(before, places, strict=True)]),
+            np.array(own),
+        )
+
     @property
     def parents(self) -> npt.NDArray[np.int64]:
         """(D,) the drive whose joint carries each joint; -1 where that is the base."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An arm of links and joints that a recorded motion drives."""
+"""An arm of links and joints, driven by its recorded motion or run freely by its controllers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -10,23 +10,38 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import Context
+from ros2_ident.kernel import drive as drive_kernel
+from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.model import Compiled, DriveModel
+from ros2_ident.models.drives.separate import first_seen
 from ros2_ident.models.protocol import Output
-from ros2_ident.models.serial.arm import Arm, arm_of
-from ros2_ident.models.serial.kernel import simulate, sizes
-from ros2_ident.models.serial.parameters import Inertials, Transmission
+from ros2_ident.models.serial import kernel, kernel_free
+from ros2_ident.models.serial.arm import Arm, arm_of, INERTIALS
+from ros2_ident.models.serial.linkage import Tree
+from ros2_ident.models.serial.parameters import Inertials, Transmission, turned
+from ros2_ident.recording.motion import fill_gaps
 
 # What a model and all that extend it have in common, made once: for 20 s of seven joints it takes
 # longer than a hundred candidates.
-_COMMON = ('arm', 'inertials', 'transmission', '_recorded', '_driven', '_terms', '_firsts')
+_COMMON = ('arm', 'inertials', 'transmission', '_recorded')
+_ALONG, _FREE = (
+    ('_driven', '_terms', '_firsts'),
+    ('tree', '_turns', '_begin', '_added', '_inertia'),
+)
+# Longest step [s] over which links are taken as they are at its middle, see `docs/arm.md`.
+_STEP = 0.0025
 
 
 class Serial(DriveModel):
-    """The effort of every joint along the recorded motion; see `DriveModel`.
+    """An arm's joints; see `DriveModel`.
 
-    A set-point that the log holds is not looked at: what an arm's controllers are is not known.
+    Where the controllers' gains are known they follow the set-point: PID on position, and what the
+    description says of gravity or dynamics added. Else the recorded motion drives the joints, and
+    a set-point is not looked at.
     """
+
+    gains = ('position_gain',)
 
     @functools.cached_property
     def arm(self) -> Arm:
@@ -49,7 +64,8 @@ class Serial(DriveModel):
 
     def _take_over(self, like: DriveModel) -> None:
         super()._take_over(like)
-        self.__dict__.update({name: getattr(like, name) for name in _COMMON})
+        names = *_COMMON, *(_FREE if like._closed else _ALONG)
+        self.__dict__.update({name: getattr(like, name) for name in names})
 
     def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         return self._recorded
@@ -92,6 +108,8 @@ class Serial(DriveModel):
     def _lead(self) -> float:
         """How long before its motion an effort may stand in the log, s."""
         name = 'measurement_delay'
+        if self._closed:
+            return 0.0
         low = self.machine.bounds[name][0] if name in self.machine.bounds else 0.0
         return max(0.0, -min(low, self.fixed.get(name, 0.0)))
 
@@ -99,6 +117,99 @@ class Serial(DriveModel):
     def _ahead(self) -> float:
         # Its cycle is that of the log: an arm's controllers are faster, and hold hardly anything.
         return self._lead / self.cycle
+
+    # ------------------------------------------------------------------ under its controllers
+
+    @property
+    def _closed(self) -> bool:
+        return super()._closed and self.machine.known('position_gain')
+
+    @property
+    def _laws(self) -> npt.NDArray[np.int64]:
+        return np.full(len(self.machine.drives), drive_kernel.PID, dtype=np.int64)
+
+    def _constants(self) -> Array:
+        base = super()._constants()
+        if self._closed and not self.machine.known('coulomb_regularisation'):
+            self_of = functools.partial(rows.of, base[None], drives=len(self.machine.drives))
+            self_of('regularisation')[:] = 0.0  # friction that holds at rest
+        return base
+
+    def _set_points(self, order: Sequence[int]) -> Array:
+        """Return (2 * D * K,) set-points of the motors, then their rates."""
+        both = super()._set_points(order).reshape(2, len(order), -1)
+        return np.ascontiguousarray(self.transmission.motors @ both).ravel()
+
+    @functools.cached_property
+    def _begin(self) -> Array:
+        """(2 * D,) where the motors start and how fast, by their first measured positions."""
+        drives = len(self.machine.drives)
+        begin = np.zeros((2, drives))
+        begin[0] = self._joints(self._command.reshape(2, drives, -1))[0, :, 0]
+        begin = first_seen(self.machine.drives, self.data, begin.ravel()).reshape(2, drives)
+        return np.ascontiguousarray((self.transmission.motors @ begin[:, :, None]).ravel())
+
+    def _joints(self, motors: Array) -> Array:
+        """Return (..., D, K) what joints do by what their motors do."""
+        return np.asarray(np.linalg.inv(self.transmission.motors) @ motors)
+
+    @functools.cached_property
+    def _added(self) -> Array:
+        """(D * K,) effort that the controllers add by the description, of the motors."""
+        how = self.machine.text('compensation')
+        if how == 'none':
+            return np.empty(0)
+        drives = len(self.machine.drives)
+        place, speed = self._joints(self._command.reshape(2, drives, -1))
+        zero = np.zeros_like(place)
+        if how == 'dynamics':
+            asked = self.arm.efforts(place, speed, np.gradient(speed, self.cycle, axis=1))
+        else:
+            if self.data.position is not None:
+                order = [self.data.names.index(name) for name in self.machine.drives]
+                seen = self.data.position[order]
+                place = np.stack([
+                    fill_gaps(x) if np.isfinite(x).any() else p
+                    for x, p in zip(seen, place, strict=True)
+                ])  # fmt: skip
+            asked = self.arm.efforts(place, zero, zero)
+        gear = self.machine.numbers('gear_factor')[:, None]
+        return np.ascontiguousarray(self.transmission.at_motors(asked) / gear).ravel()
+
+    @functools.cached_property
+    def tree(self) -> Tree:
+        """The links as the kernel has them, each behind the one that carries it."""
+        arm, order = self.arm, np.argsort(self.arm.joints)
+        back = np.argsort(order)
+        hung, places, _ = arm.hangs
+        drives = np.linalg.inv(self.transmission.motors)
+        plain = not self.transmission.coupled and (order == np.arange(len(order))).all()
+        balances = self.transmission.balances
+        balances[:, 0] = back[balances[:, 0].astype(int)]
+        parents = arm.parents[order]
+        return Tree(
+            (0,) * len(order),
+            np.where(parents < 0, -1, back[parents]),
+            hung[order].reshape(len(order), 9),
+            places[order],
+            arm.prismatic[order],
+            np.array(arm.model.gravity.linear),
+            np.ascontiguousarray(drives[order][: 0 if plain else None]),
+            np.ascontiguousarray(drives),
+            np.ascontiguousarray(balances, dtype=float),
+        )
+
+    @functools.cached_property
+    def _turns(self) -> Array:
+        """(D, 3, 3) the turns into the kernel's frames."""
+        return self.arm.hangs[2]
+
+    @functools.cached_property
+    def _inertia(self) -> Array:
+        """(D, D) mass matrix of the described links at the motors where the log begins."""
+        drives = np.linalg.inv(self.transmission.motors)
+        place = self._joints(self._begin.reshape(2, -1)[:, :, None])[0, :, 0]
+        return np.asarray(drives.T @ self.arm.mass(place) @ drives)
 
     def effort_delay(self, theta: Array) -> Array:
         """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""
@@ -122,10 +233,6 @@ class Serial(DriveModel):
         """A joint and its rotor move as one."""
         return True
 
-    @property
-    def _closed(self) -> bool:
-        return False
-
     @functools.cached_property
     def travels(self) -> tuple[str, ...]:
         """(D,) `m` where a joint slides, else `rad`."""
@@ -133,12 +240,11 @@ class Serial(DriveModel):
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        """The efforts, N m or N."""
-        found = super().outputs
-        units = {'m': 'N', 'rad': 'N m'}
+        """Compared outputs: quantity by quantity, drive by drive within."""
+        turning, sliding = self.signals.described('N m', 'rad'), self.signals.described('N', 'm')
         return tuple(
-            replace(output, unit=units[self.travels[place]])
-            for output, place in zip(found, self.signals.places, strict=True)
+            s if self.travels[place] == 'm' else t
+            for place, s, t in zip(self.signals.sources, sliding, turning, strict=True)
         )
 
     @property
@@ -155,17 +261,52 @@ class Serial(DriveModel):
         return {**self.inertials.parameters, **self.transmission.parameters}
 
     def rows(self, theta: Array) -> Array:
-        """Return (S, R + B) kernel rows of (S, N) candidates, coefficients of the links behind."""
+        """Return (S, R + B) kernel rows of (S, N) candidates, what the links are behind.
+
+        Coefficients of their terms, or their inertials where the arm runs freely.
+        """
         block = self.candidates.rows(theta)
         self.candidates.of(block, 'log_delay')[:] += self._lead
         own, count = self.candidates.own_values(theta), len(block)
         balance = np.reshape(self.transmission.coefficients(own, count), (-1, count)).T
-        return np.concatenate([block, self.inertials.coefficients(own, count), balance], axis=1)
+        if not self._closed:
+            links = self.inertials.coefficients(own, count)
+        else:
+            each = self.inertials.whole(own, count).reshape(count, -1, INERTIALS)
+            order = np.argsort(self.arm.joints)
+            links = turned(each, self._turns)[:, order].reshape(count, -1)
+        return np.concatenate([block, links, balance], axis=1)
 
     def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
-        return np.ones(len(block), dtype=np.int64)
+        """Return (S,) steps in a cycle, by the links' motion and what is stiff in each candidate.
+
+        The scheme's own limit for what brakes is 2; what swings it makes larger, by a four
+        thousandth in a step of a fifth of a radian.
+        """
+        if not self._closed or self.substeps is not None:
+            return np.full(len(block), self.substeps or 1, dtype=np.int64)
+        of = functools.partial(self.candidates.of, block)
+        whole = self._inertia + of('motor_mass')[:, :, None] * np.eye(len(self.machine.drives))
+        with np.errstate(all='ignore'):  # of a candidate that is no number, or weighs nothing
+            light = np.abs(np.diagonal(np.linalg.inv(whole), axis1=1, axis2=2))
+            braked = self.cycle * light * of('gear') * of('viscous') / 1.5
+            sprung = self.cycle * np.sqrt(self.candidates.contact(block) * light) / 0.2
+            need = np.maximum(np.maximum(braked, sprung).max(axis=1), self.cycle / _STEP)
+            counts = np.nan_to_num(np.clip(np.ceil(need), 1, 64), nan=1.0)
+            return np.asarray(counts.astype(np.int64))
 
     @property
     def _kernel(self) -> Compiled:
-        given = self._terms, self._firsts, self._driven, self.candidates.on, self.cycle
-        return simulate, sizes(len(self.machine.drives)), given
+        drives, effects = len(self.machine.drives), self.candidates
+        if not self._closed:
+            given = self._terms, self._firsts, self._driven, effects.on, self.cycle
+            return kernel.simulate, kernel.sizes(drives), given
+        inputs = self._command, self._added, self._motion, self._begin, self._mode, effects.on
+        free = *inputs, self._delayed, self.cycle, self.law, self.tree
+        return kernel_free.simulate, kernel_free.sizes(drives), free
+
+    @property
+    def _delayed(self) -> bool:
+        """Whether set-points are late."""
+        known = self.machine.known('set_point_delay')
+        return self.candidates.delayed or known

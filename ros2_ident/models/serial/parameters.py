@@ -138,6 +138,18 @@ class Inertials:
         known = [given.get(n, v) for n, v in zip(names, self._known[self._listed], strict=True)]
         return dict(zip(self.names, (self._grouping @ known).tolist(), strict=True))
 
+    def whole(self, values: Mapping[str, Array], count: int) -> Array:
+        """Return (S, 10 D) inertials of candidates; arguments as of `coefficients`.
+
+        Those that base parameters leave open are as described.
+        """
+        out = np.repeat(self._known[None], count, axis=0)
+        changed = self.coefficients(values, count)
+        out[:, self._base] += changed[:, : len(self._base)]
+        if self._carries:
+            out[:, -INERTIALS:] += changed[:, len(self._base) : -1]
+        return out
+
     def coefficients(self, values: Mapping[str, Array], count: int) -> Array:
         """Return (S, B) coefficients of candidates.
 
@@ -185,6 +197,18 @@ def _shown(machine: Machine, arm: Arm) -> tuple[Array, Array]:
     sought = 'drive_inertia' in machine.bounds
     rows = sum(moves) * shape[1]
     return terms.reshape(rows, -1), rotors.reshape(rows, -1)[:, : shape[0] if sought else 0]
+
+
+def turned(inertials: Array, turns: Array) -> Array:
+    """Return inertials (S, D, 10) in frames that are turned by (D, 3, 3)."""
+    out = inertials.copy()
+    out[..., 1:4] = np.einsum('dji,sdj->sdi', turns, inertials[..., 1:4])
+    rows, columns = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
+    whole = np.empty((*inertials.shape[:2], 3, 3))
+    whole[..., rows, columns] = whole[..., columns, rows] = inertials[..., 4:]
+    whole = np.einsum('dji,sdjk,dkl->sdil', turns, whole, turns, optimize=True)
+    out[..., 4:] = whole[..., rows, columns]
+    return out
 
 
 def point_mass(mass: Array, place: Array) -> list[Array]:
@@ -277,6 +301,12 @@ class Transmission:
     def coupled(self) -> bool:
         """Whether a motor turns with another joint than its own."""
         return bool((self.motors != np.eye(len(self.motors))).any())
+
+    @property
+    def balances(self) -> Array:
+        """(P, 5) joint, base, arm [m], angle [rad] and stroke [m] of each counterbalance."""
+        of = self._base, self._arm, self._angle, self._stroke
+        return np.stack([self._joints, *(x[self._joints] for x in of)], axis=1)
 
     @property
     def balanced(self) -> bool:

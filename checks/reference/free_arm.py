@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An arm under PID controllers, plainly: one candidate, one step after the other.
+
+Mass matrix and load column by column from recursive Newton-Euler in the base's frame (`arm.py`),
+linear systems by numpy, friction at rest by rounds until nothing changes. What the fast model and
+this have in common is the scheme: both take the links at a step's predicted middle and integrate
+over it by the midpoint rule, so that they agree to rounding.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from checks.reference import arm
+from checks.reference.plant import Array
+from checks.reference.serial import bodies_of
+from ros2_ident.machine.machine import Machine
+
+# Of a friction force, what may still change from round to round, and rounds to get there.
+_SETTLED, _ROUNDS = 1e-14, 100_000
+
+
+@dataclass
+class FreeArm:
+    """An arm's bodies, motors and controllers; efforts and positions are those of the joints.
+
+    Attributes:
+        bodies: Links, each behind the one that carries it.
+        fall: (3,) acceleration of free fall in the base, m/s^2.
+        rotor: (D,) inertia of the motors, kg m^2.
+        coulomb: (D,) friction that holds at rest, N m.
+        viscous: (D,) N m s/rad.
+        constant: (D,) pull against the positive direction, N m.
+        gains: (3, D) of position, velocity and integral.
+        motors: (D, D) angles of the motors by those of the joints; friction, inertia and control
+            are the motors'.
+        cycle: Of the controllers, s.
+        steps: Integration steps in it.
+    """
+
+    bodies: Sequence[arm.Body]
+    fall: Array
+    rotor: Array
+    coulomb: Array
+    viscous: Array
+    constant: Array
+    gains: Array
+    motors: Array
+    cycle: float
+    steps: int
+    integral: Array = field(init=False)
+
+    def links(self, place: Array, rate: Array) -> tuple[Array, Array]:
+        """Return mass matrix (D, D) and load (D,) of the links at the motors."""
+        back = np.linalg.inv(self.motors)
+        q, w = back @ place, back @ rate
+        still = np.zeros_like(q)
+        load = arm.inverse_dynamics(self.bodies, self.fall, q, w, still)
+        alone = [
+            arm.inverse_dynamics(self.bodies, np.zeros(3), q, still, one) for one in np.eye(q.size)
+        ]
+        return back.T @ np.array(alone).T @ back, back.T @ load
+
+    def run(self, target: Array, place: Array, rate: Array) -> tuple[Array, Array]:
+        """Return positions and efforts (D, K) at the controllers' instants.
+
+        Args:
+            target: (D, K) set-points of the joints.
+            place: (D,) positions of the joints at the start.
+            rate: (D,) their rates.
+        """
+        wanted, place, rate = self.motors @ target, self.motors @ place, self.motors @ rate
+        _, load = self.links(place, np.zeros_like(rate))
+        first = self.gains[0] * (wanted[:, 0] - place)
+        holding = np.where(self.gains[2] > 0.0, load + self.constant - first, 0.0)
+        self.integral, bend = holding, np.zeros_like(place)
+        positions, efforts = np.empty_like(target), np.empty_like(target)
+        h = self.cycle / self.steps
+        for k in range(target.shape[1]):
+            error = wanted[:, k] - place
+            torque = self.gains[0] * error - self.gains[1] * rate + self.integral
+            self.integral = self.integral + self.gains[2] * self.cycle * error
+            positions[:, k], efforts[:, k] = place, torque
+            for _ in range(self.steps):
+                place, rate, bend = self._step(torque, place, rate, bend, h)
+        return np.linalg.inv(self.motors) @ positions, efforts
+
+    def _step(
+        self, torque: Array, place: Array, rate: Array, bend: Array, h: float
+    ) -> tuple[Array, Array, Array]:
+        """Return positions, rates and accelerations after a step of `h` seconds."""
+        middle = place + 0.5 * h * rate + 0.125 * h * h * bend
+        mass, load = self.links(middle, rate + 0.5 * h * bend)
+        light = np.linalg.inv(mass + np.diag(self.rotor))
+        pushed = torque - self.constant - load
+        free: Array = rate + h * light @ (pushed - self.viscous * rate)
+        friction = self._held(free, np.asarray(h * light, dtype=np.float64))
+
+        a = light @ (pushed - friction - self.viscous * rate)
+        b = light @ (pushed - friction - self.viscous * (rate + 0.5 * h * a))
+        return place + h * rate + h * h / 6.0 * (a + 2.0 * b), rate + h * b, 2.0 * b - a
+
+    def _held(self, free: Array, slowing: Array) -> Array:
+        """Return friction (D,): as much of it as stops a motor, all of it of those it cannot.
+
+        Args:
+            free: (D,) rates at the step's end without it.
+            slowing: (D, D) by how much friction slows them.
+        """
+        friction = self.coulomb * np.sign(free)
+        for _ in range(_ROUNDS):
+            before = friction.copy()
+            for d in range(free.size):
+                left = free[d] - slowing[d] @ friction
+                wanted = friction[d] + left / slowing[d, d]
+                friction[d] = min(self.coulomb[d], max(-self.coulomb[d], wanted))
+            if np.abs(friction - before).max() <= _SETTLED * max(1e-300, self.coulomb.max()):
+                break
+        return friction
+
+
+def free_arm(machine: Machine, parameters: Mapping[str, float], steps: int) -> FreeArm:
+    """Return the arm of a machine file with parameters by name, `elbow.drive_inertia`.
+
+    Its gears have a factor of 1.
+    """
+    names = machine.drives
+
+    def of(name: str) -> Array:
+        stated = machine.numbers(name) if name in machine.constants else np.zeros(len(names))
+        given = [parameters.get(f'{n}.{name}', x) for n, x in zip(names, stated, strict=True)]
+        return np.nan_to_num(np.array(given, dtype=np.float64))
+
+    motors = np.eye(len(names))
+    for d, drive in enumerate(names):
+        if (other := machine.text('coupled_to', drive)) != 'none':
+            motors[d, names.index(other)] = machine.number('coupling', drive)
+    fall = (machine.number(name) for name in ('free_fall', 'base_roll', 'base_pitch'))
+    return FreeArm(
+        bodies_of(machine, parameters),
+        arm.gravity_in_base(*fall),
+        of('drive_inertia'),
+        of('coulomb_torque'),
+        of('viscous_torque'),
+        of('constant_force'),
+        np.array([of(f'{name}_gain') for name in ('position', 'velocity', 'integral')]),
+        motors,
+        machine.number('cycle'),
+        steps,
+    )

@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An arm under its controllers, all joints coupled, a block of candidates at once.
+
+A joint and its motor are one mass. Mass matrix and load of the links are taken once a step, at its
+predicted middle, and the joints are integrated over it by the midpoint rule: errors are of second
+order, and the torque of the controllers, which holds over a cycle, is in neither of them.
+"""
+# mypy: ignore-errors
+
+from ros2_ident.kernel import drive as dk
+from ros2_ident.kernel import measurement
+from ros2_ident.kernel.hooks import sources_digest
+from ros2_ident.kernel.rows import DRIVE, DRIVE_COUNT, MACHINE_COUNT, MEMORY, MEMORY_COUNT
+from ros2_ident.lanes import (
+    absolute,
+    any_lane,
+    called,
+    clip,
+    copied,
+    inlined,
+    kernel,
+    load,
+    maximum,
+    parted,
+    spread,
+    store,
+    where,
+    WIDTH,
+    with_sign,
+)
+from ros2_ident.models.serial.linkage import inverted, mass_and_load, ROOM
+
+W = WIDTH
+# Rounds in which friction of all joints settles at rest, at most: in each an error becomes smaller
+# by how little the mass matrix couples them. What counts as settled, as a share of a friction, is
+# beyond what a step's position shows.
+ROUNDS, SETTLED = 64, 1e-9
+# Numbers of each joint that only a step needs, see `_step`.
+_OF_STEP = 10
+
+
+def sizes(drives: int) -> tuple[int, int]:
+    """Return how many numbers of a block go on from a part of the log to the next, and of room."""
+    state = drives * (4 + MEMORY_COUNT + measurement.KEPT)
+    own = drives * (_OF_STEP + drives + (1 + measurement.MOTIONS) * measurement.PIECE + ROOM)
+    return W * state, W * (state + own + measurement.ROOM)
+
+
+@called
+def _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, elapsed):
+    """Write the force [N m or N] on each joint besides what the links ask.
+
+    What a gear carries is that of the evaluation before. Joints that follow a recorded motion need
+    no force: their acceleration is what their links ask, see `_prescribed`.
+
+    Args:
+        elapsed: Since the cycle's beginning at `time`, s.
+    """
+    now = time + elapsed
+    for d in range(len(size)):
+        first = MACHINE_COUNT + d * DRIVE_COUNT
+        own = d * MEMORY_COUNT
+        if mode[d] != dk.CLOSED_LOOP:
+            store(push, d * W, spread(0.0))
+            store(pulls, d * W, spread(0.0))
+            continue
+        z = load(place, d * W)
+        v = load(rate, d * W)
+        force = load(carried, d * W)
+        torque = dk.motor_torque(
+            par, first, mem, own, on[d], z, v, z, force, now, elapsed, load(aim, d * W)
+        )
+        pull = dk.carriage_force(par, first, mem, own, on[d], z, v, z, now)
+        store(push, d * W, load(par, (first + DRIVE.gear) * W) * torque + pull)
+        store(pulls, d * W, pull)
+
+
+@inlined
+def _prescribed(mode, motion, k, count, mass, asked, size):
+    """Put the recorded accelerations of joints into mass matrix and load of the others."""
+    drives = len(size)
+    for d in range(drives):
+        if mode[d] != dk.CLOSED_LOOP:
+            a = motion[(2 * drives + d) * count + k]
+            for e in range(drives):
+                shared = load(asked, e * W) + load(mass, (e * drives + d) * W) * a
+                store(asked, e * W, shared)
+                store(mass, (e * drives + d) * W, spread(0.0))
+                store(mass, (d * drives + e) * W, spread(0.0))
+            store(mass, (d * drives + d) * W, spread(1.0))
+    for d in range(drives):
+        if mode[d] != dk.CLOSED_LOOP:
+            store(asked, d * W, spread(-motion[(2 * drives + d) * count + k]))
+
+
+@inlined
+def _of_joint(tree, motors, d):
+    """Return position or rate of joint `d` by those of the motors."""
+    if not tree.joints.shape[0]:
+        return load(motors, d * W)
+    total = spread(0.0)
+    for e in range(len(tree.size)):
+        total = total + tree.drives[d, e] * load(motors, e * W)
+    return total
+
+
+@inlined
+def _bent(inverse, push, asked, d, size):
+    """Return the acceleration of joint `d`."""
+    drives = len(size)
+    total = spread(0.0)
+    for e in range(drives):
+        force = load(push, e * W) - load(asked, e * W)
+        total = total + load(inverse, (d * drives + e) * W) * force
+    return total
+
+
+@called
+def _hold(
+    par, mem, on, mode, place, rate, carried, aim, push, pulls, most, inverse, asked, size, time,
+    since, h,
+):  # fmt: skip
+    """Write the directions of friction, -1..1, over a step of `h` seconds.
+
+    Those that stop as many joints at the step's end as friction can, all of them together:
+    Coulomb's set-valued law in an implicit Euler step, by projected Gauss-Seidel. Source:
+    Kikuuwe et al., Fixed-step friction simulation, IROS 2005.
+
+    Args:
+        most: (D * W,) largest friction, N m or N; room, as `push` and `pulls`.
+    """
+    drives = len(size)
+    zero = spread(0.0)
+    for d in range(drives):
+        store(aim, d * W, zero)
+    _pushes(par, mem, on, mode, place, rate, carried, aim, most, pulls, size, time, since)
+    for d in range(drives):
+        free = load(rate, d * W) + h * _bent(inverse, most, asked, d, size)
+        store(aim, d * W, with_sign(spread(1.0), free))
+    _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, since)
+    for d in range(drives):
+        force = absolute(load(most, d * W) - load(push, d * W))
+        sticks = dk.sticks(par, MACHINE_COUNT + d * DRIVE_COUNT)
+        store(most, d * W, where(sticks, force, zero))
+        # Rates at the step's end with all of it in these directions.
+        store(pulls, d * W, load(rate, d * W) + h * _bent(inverse, push, asked, d, size))
+    turned = zero >= zero
+    turn = 0
+    while turn < ROUNDS and any_lane(turned):
+        turn += 1
+        turned = zero > zero
+        for d in range(drives):
+            limit = load(most, d * W)
+            own = h * load(inverse, (d * drives + d) * W)
+            old = load(aim, d * W) * limit
+            wanted = old + load(pulls, d * W) / where(own > zero, own, spread(1.0))
+            new = clip(wanted, -limit, limit)
+            turned = turned | (absolute(new - old) > SETTLED * limit)
+            share = new / maximum(limit, spread(1e-300))
+            store(aim, d * W, where(limit > zero, share, load(aim, d * W)))
+            for e in range(drives):
+                rest = load(pulls, e * W)
+                rest = rest - h * load(inverse, (e * drives + d) * W) * (new - old)
+                store(pulls, e * W, rest)
+
+
+@called
+def _step(
+    par, base, mem, on, mode, motion, tree, place, rate, drift, carried, room, k, count, time,
+    since, h, active,
+):  # fmt: skip
+    """Integrate over a step of `h` seconds that begins `since` seconds into cycle `k`.
+
+    Args:
+        drift: (D * W,) accelerations at the end of the step before.
+        carried: (D * W,) what the gears carry, N m or N.
+        room: To work in, see `sizes`.
+    """
+    size = tree.size
+    drives = len(size)
+    aim, rest = parted(room, drives)
+    push, rest = parted(rest, drives)
+    pulls, rest = parted(rest, drives)
+    spare, rest = parted(rest, drives)
+    asked, rest = parted(rest, drives)
+    middle, rest = parted(rest, drives)
+    going, rest = parted(rest, drives)
+    bend, rest = parted(rest, drives)
+    inverse, links = parted(rest, drives * drives)
+    zero = spread(0.0)
+    half = 0.5 * h
+    for d in range(drives):
+        v = load(rate, d * W)
+        a = load(drift, d * W)
+        store(middle, d * W, load(place, d * W) + half * (v + 0.5 * half * a))
+        store(going, d * W, v + half * a)
+        store(aim, d * W, with_sign(spread(1.0), v))
+    mass_and_load(par, base, tree, middle, going, inverse, asked, links)
+    for d in range(drives):
+        mass = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.motor_mass) * W)
+        store(inverse, (d * drives + d) * W, load(inverse, (d * drives + d) * W) + mass)
+    _prescribed(mode, motion, k, count, inverse, asked, size)
+    inverted(inverse, size, spare)
+    # Friction against the motion is right where no joint turns over.
+    _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, since)
+    turned = zero > zero
+    for d in range(drives):
+        ahead = load(rate, d * W) + h * _bent(inverse, push, asked, d, size)
+        turned = turned | (ahead * load(aim, d * W) < zero)
+    if any_lane(turned):
+        _hold(
+            par, mem, on, mode, place, rate, carried, aim, push, pulls, spare, inverse, asked,
+            size, time, since, h,
+        )  # fmt: skip
+        _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, since)
+    for d in range(drives):
+        a = _bent(inverse, push, asked, d, size)
+        v = load(rate, d * W)
+        store(bend, d * W, a)
+        store(middle, d * W, load(place, d * W) + half * (v + 0.5 * half * a))
+        store(going, d * W, v + half * a)
+    _pushes(par, mem, on, mode, middle, going, carried, aim, push, pulls, size, time, since + half)
+    for d in range(drives):
+        first = load(bend, d * W)
+        a = _bent(inverse, push, asked, d, size)
+        v = load(rate, d * W)
+        # As if the acceleration changed evenly over the step.
+        way = h * (v + h * (1.0 / 6.0) * (first + 2.0 * a))
+        store(place, d * W, load(place, d * W) + way)
+        store(rate, d * W, v + h * a)
+        store(drift, d * W, where(active, 2.0 * a - first, load(drift, d * W)))
+        rotor = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.motor_mass) * W) * a
+        geared = load(push, d * W) - load(pulls, d * W) - rotor
+        store(carried, d * W, where(active, geared, load(carried, d * W)))
+
+
+@inlined
+def _begun(par, base, mem, start, command, ahead, tree, law, cycle, place, rate, carried, room):
+    """Write the state at the log's beginning: gears carry, and integral parts ask, what holds."""
+    drives = len(tree.size)
+    count = command.shape[0] // (2 * drives)
+    asked, rest = parted(room, drives)
+    mass, links = parted(rest, drives * drives)
+    for d in range(drives):
+        store(place, d * W, spread(start[d]))
+    mass_and_load(par, base, tree, place, rate, mass, asked, links)
+    for d in range(drives):
+        first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
+        hold = load(asked, d * W) + load(par, (first + DRIVE.constant_load) * W)
+        torque = dk.at_motor(par, first, hold)
+        z, v = load(place, d * W), spread(start[drives + d])
+        store(carried, d * W, hold)
+        store(rate, d * W, v)
+        dk.begin(mem, own, law[d], z, v, cycle, torque)
+        error = command[d * count] - z
+        wanted = load(par, (first + DRIVE.position_gain) * W) * error
+        if ahead.shape[0]:
+            wanted = wanted + ahead[d * count]
+        there = load(par, (first + DRIVE.integral_gain) * W) > spread(0.0)
+        store(mem, (own + MEMORY.integral) * W, where(there, torque - wanted, spread(0.0)))
+
+
+def _build(digest):
+    @kernel
+    def simulate(
+        group, room, begin, end, command, ahead, motion, start, mode, on, delayed, cycle, law,
+        tree, task,
+    ):  # fmt: skip
+        """Simulate blocks of candidates; arguments as in the tripod's kernel, but for these.
+
+        Args:
+            group: A `Group`, its blocks (G, (R + B) * W), links behind the rows as `linkage` has
+                them; its state and `room` as large as `sizes` has it.
+            command: (2 * D * K,) set-point positions of the drives, then their rates.
+            ahead: (D * K,) effort that the controllers add, known along the log; else (0,).
+            motion: (3 * D * K,) recorded position, velocity and acceleration of prescribed drives,
+                else empty.
+            start: (2 * D,) where the drives start, then how fast.
+            mode: (D,) CLOSED_LOOP or PRESCRIBED.
+            on: (D,) flags of the effects.
+            law: (D,) all PID.
+            tree: A `linkage.Tree`.
+        """
+        _ = digest
+        blocks, rows, substeps, state = group
+        drives = len(tree.size)
+        count = command.shape[0] // (2 * drives)
+        base = MACHINE_COUNT + drives * DRIVE_COUNT
+        going = room[: state.shape[1]]
+        place, more = parted(room, drives)
+        rate, more = parted(more, drives)
+        drift, more = parted(more, drives)
+        carried, more = parted(more, drives)
+        mem, more = parted(more, drives * MEMORY_COUNT)
+        kept, rest = parted(more, drives * measurement.KEPT)
+        torques, rest = parted(rest, drives * measurement.PIECE)
+        moves, rest = parted(rest, 2 * drives * measurement.PIECE)
+        late, spare = parted(rest, measurement.ROOM)
+        zero = spread(0.0)
+        for g in range(blocks.shape[0]):
+            par = blocks[g]
+            # Divided here, not in every cycle.
+            whole = cycle / load(substeps[g], W)
+            if begin > 0:
+                copied(state[g], going)
+            else:
+                going[:] = 0.0
+                _begun(
+                    par, base, mem, start, command, ahead, tree, law, cycle, place, rate, carried,
+                    spare,
+                )  # fmt: skip
+            for k in range(begin, end):
+                time = spread(k * cycle)
+                piece = k % measurement.PIECE
+                for d in range(drives):
+                    first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
+                    at = d * measurement.PIECE + piece
+                    if mode[d] == dk.CLOSED_LOOP:
+                        z, v = load(place, d * W), load(rate, d * W)
+                        torque = dk.control(
+                            par, first, mem, own, on[d], law[d], cycle, z, v,
+                            command, d, drives, count, k, delayed, time, ahead,
+                        )  # fmt: skip
+                        store(torques, at * W, torque)
+                    else:
+                        store(place, d * W, spread(motion[d * count + k]))
+                        store(rate, d * W, spread(motion[(drives + d) * count + k]))
+                        store(drift, d * W, spread(motion[(2 * drives + d) * count + k]))
+                if task.wanted.shape[0] > 1:
+                    for d in range(drives):
+                        at = d * measurement.PIECE + piece
+                        store(moves, at * W, _of_joint(tree, place, d))
+                        at = at + drives * measurement.PIECE
+                        store(moves, at * W, _of_joint(tree, rate, d))
+                sub = 0.0
+                active = load(substeps[g], W) > zero
+                while any_lane(active):
+                    # A lane that is through makes steps of no length.
+                    h = where(active, whole, zero)
+                    _step(
+                        par, base, mem, on, mode, motion, tree, place, rate, drift, carried, spare,
+                        k, count, time, sub * whole, h, active,
+                    )  # fmt: skip
+                    for d in range(drives):
+                        first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
+                        z, v = load(place, d * W), load(rate, d * W)
+                        dk.keep_step(par, first, mem, own, on[d], z, v, active)
+                    sub += 1.0
+                    active = load(substeps[g], W) > spread(sub)
+                for d in range(drives):
+                    first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
+                    z, v = load(place, d * W), load(rate, d * W)
+                    dk.keep_cycle(par, first, mem, own, on[d], z, v, z, time, cycle)
+                if piece == measurement.PIECE - 1 or k == end - 1:
+                    measurement.hand_on(
+                        par, torques, moves, k - piece, piece + 1, cycle, task, rows[g], kept, late
+                    )
+                    if measurement.give_up(task, rows[g], kept):
+                        break
+            copied(going, state[g])
+            if end == count:
+                measurement.conclude(par, going[: 2 * drives * W], task, rows[g], kept)
+
+    return simulate
+
+
+simulate = _build(sources_digest())
