@@ -3,9 +3,8 @@
 
 UR10, Panda and Z1 of `example-robot-data`, 64 candidates, one core, processor time, the least of
 the rounds, all in turn. Errors are those of position (RMS over joints) in 2 s of sines, of each
-program against its own run in fine steps, and of ours against MuJoCo's: there the controller's
-torque holds for a cycle in both, and dry friction of MuJoCo is as firm as its steps let it. Needs
-MuJoCo.
+program against its own run in fine steps, and of ours against MuJoCo's: there dry friction of
+MuJoCo is as firm as its steps let it. Needs MuJoCo.
 
     python checks/benchmarks/arm.py [--robots FOLDER] [--rounds 5]
 """
@@ -93,7 +92,7 @@ class Case:
         return model, np.repeat([values], CANDIDATES, axis=0)
 
     def mujoco(self, friction: float, integrator, steps: int):
-        """Return MuJoCo's model with motors; gains are an actuator's where it runs by itself."""
+        """Return MuJoCo's model with position actuators."""
         root = judged_tree(self.description, shapes=False)
         for joint in root.iterfind('joint'):
             if joint.get('name') not in self.names:
@@ -110,28 +109,26 @@ class Case:
         model = spec.compile()
         model.dof_armature[:], model.dof_damping[:] = ROTOR, VISCOUS
         model.dof_frictionloss[:] = friction
+        model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_AFFINE
+        model.actuator_gainprm[:, 0] = self.gains
+        model.actuator_biasprm[:, 1:3] = -np.stack([self.gains, self.gains / 20.0], axis=1)
         mujoco.mj_setConst(model, mujoco.MjData(model))
         order = [model.joint(name).id for name in self.names]
         assert order == list(range(len(order)))
         return model
 
-    def held(self, model, steps: int):
-        """Return positions (D, K) of MuJoCo's model whose torques hold for a cycle."""
+    def run(self, model, steps: int):
+        """Return positions (D, K) of MuJoCo's model whose set-points hold for a cycle."""
         data = mujoco.MjData(model)
         data.qpos[:] = self.command[:, 0]
         out = np.empty_like(self.command)
         for k in range(CYCLES):
-            out[:, k] = data.qpos
-            error = self.command[:, k] - data.qpos
-            data.ctrl[:] = self.gains * error - self.gains / 20.0 * data.qvel
+            out[:, k], data.ctrl[:] = data.qpos, self.command[:, k]
             mujoco.mj_step(model, data, nstep=steps)
         return out
 
     def rollout(self, model, steps: int):
-        """Return a job that rolls out candidates under actuators with the same gains."""
-        model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_AFFINE
-        model.actuator_gainprm[:, 0] = self.gains
-        model.actuator_biasprm[:, 1:3] = -np.stack([self.gains, self.gains / 20.0], axis=1)
+        """Return a job that rolls out candidates."""
         roller, spare = mujoco.rollout.Rollout(nthread=0), mujoco.MjData(model)
         size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         start = np.zeros((CANDIDATES, size))
@@ -166,14 +163,14 @@ def report(name: str, case: Case, rounds: int) -> None:
         fine, _ = case.ours(friction, steps=FINE)
         own = rms(model.simulate(theta[:1])[0], fine.simulate(theta[:1])[0])
         best = case.mujoco(friction, FOURTH_ORDER, FINE)
-        finest = case.held(best, FINE)
+        finest = case.run(best, FINE)
         best.dof_solref[:] = 2.0 * best.opt.timestep, 1.0
         best.dof_solimp[:] = 0.9999, 0.9999, 1e-3, 0.5, 2.0
-        firm = case.held(best, FINE)
+        firm = case.run(best, FINE)
         halved = rms(twice.simulate(theta[:1])[0], fine.simulate(theta[:1])[0])
         errors = {'ours': own, 'ours, two steps': halved, 'ours, three effects': np.nan}
         for label, (integrator, steps) in kinds.items():
-            there = case.held(case.mujoco(friction, integrator, steps), steps)
+            there = case.run(case.mujoco(friction, integrator, steps), steps)
             errors[f'MuJoCo, {label}'] = rms(there, finest)
         base = times['ours'].least
         print(f'  Coulomb friction {friction:g} N m')

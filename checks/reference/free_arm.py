@@ -4,7 +4,7 @@
 Mass matrix and load column by column from recursive Newton-Euler in the base's frame (`arm.py`),
 linear systems by numpy, friction at rest by rounds until nothing changes. What the fast model and
 this have in common is the scheme: both take the links at a step's predicted middle and integrate
-over it by the midpoint rule, so that they agree to rounding.
+over it with the classical Runge-Kutta formulas, so that they agree to rounding.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,8 +35,8 @@ class FreeArm:
         gains: (3, D) of position, velocity and integral.
         motors: (D, D) angles of the motors by those of the joints; friction, inertia and control
             are the motors'.
-        cycle: Of the controllers, s.
-        steps: Integration steps in it.
+        cycle: How long a set-point holds, s.
+        steps: Integration steps in it, in each of which the controllers run.
     """
 
     bodies: Sequence[arm.Body]
@@ -78,16 +78,20 @@ class FreeArm:
         positions, efforts = np.empty_like(target), np.empty_like(target)
         h = self.cycle / self.steps
         for k in range(target.shape[1]):
-            error = wanted[:, k] - place
-            torque = self.gains[0] * error - self.gains[1] * rate + self.integral
-            self.integral = self.integral + self.gains[2] * self.cycle * error
-            positions[:, k], efforts[:, k] = place, torque
-            for _ in range(self.steps):
-                place, rate, bend = self._step(torque, place, rate, bend, h)
+            for step in range(self.steps):
+                torque = self._law(wanted[:, k], place, rate)
+                if step == 0:
+                    positions[:, k], efforts[:, k] = place, torque
+                place, rate, bend = self._step(torque, wanted[:, k], place, rate, bend, h)
         return np.linalg.inv(self.motors) @ positions, efforts
 
+    def _law(self, wanted: Array, place: Array, rate: Array) -> Array:
+        """Return the torques that the controllers ask for."""
+        error = wanted - place
+        return np.asarray(self.gains[0] * error - self.gains[1] * rate + self.integral)
+
     def _step(
-        self, torque: Array, place: Array, rate: Array, bend: Array, h: float
+        self, torque: Array, wanted: Array, place: Array, rate: Array, bend: Array, h: float
     ) -> tuple[Array, Array, Array]:
         """Return positions, rates and accelerations after a step of `h` seconds."""
         middle = place + 0.5 * h * rate + 0.125 * h * h * bend
@@ -96,10 +100,21 @@ class FreeArm:
         pushed = torque - self.constant - load
         free: Array = rate + h * light @ (pushed - self.viscous * rate)
         friction = self._held(free, np.asarray(h * light, dtype=np.float64))
+        start, first = place, rate
 
-        a = light @ (pushed - friction - self.viscous * rate)
-        b = light @ (pushed - friction - self.viscous * (rate + 0.5 * h * a))
-        return place + h * rate + h * h / 6.0 * (a + 2.0 * b), rate + h * b, 2.0 * b - a
+        def bent(at: Array, speed: Array) -> Array:
+            law = torque - self.gains[0] * (at - start) - self.gains[1] * (speed - first)
+            left = law - self.constant - load - friction - self.viscous * speed
+            return np.asarray(light @ left)
+
+        half = 0.5 * h
+        self.integral = self.integral + self.gains[2] * h * (wanted - place)
+        a = bent(place, rate)
+        b = bent(place + half * rate, rate + half * a)
+        c = bent(place + half * rate + half * half * a, rate + half * b)
+        d = bent(place + h * rate + h * half * b, rate + h * c)
+        place = place + h * rate + h * h / 6.0 * (a + b + c)
+        return place, rate + h / 6.0 * (a + 2.0 * b + 2.0 * c + d), d
 
     def _held(self, free: Array, slowing: Array) -> Array:
         """Return friction (D,): as much of it as stops a motor, all of it of those it cannot.

@@ -291,15 +291,26 @@ def begin(mem, own, law, z, v, cycle, torque):
 
 
 @inlined
+def _kept(mem, row, value, active):
+    """Write a number that is remembered, in active lanes; in all of them where None."""
+    if active is not None:
+        value = where(active, value, load(mem, row * W))
+    store(mem, row * W, value)
+
+
+@inlined
 def control(
-    par, first, mem, own, on, law, cycle, z, v, command, d, drives, count, k, delayed, time, ahead
-):
+    par, first, mem, own, on, law, cycle, z, v, command, d, drives, count, k, delayed, time, ahead,
+    step, active,
+):  # fmt: skip
     """Run cycle `k` of drive `d`'s controller; return the torque it logs, keep what it asks.
 
     Under the law POSITION that is a share of the supply voltage.
 
     `command` (2 * drives * count,) holds the set-points of all drives, then their rates. `ahead`
     (drives * count,) is what the controllers add to their torque; empty or None for nothing.
+    The law runs every `step` seconds; but for what is asked, only lanes that are `active`
+    remember, all of them where None.
     """
     delay = load(par, (first + DRIVE.set_point_delay) * W)
     zc = set_point(command, d * count, count, k, delay, cycle, delayed)
@@ -311,8 +322,8 @@ def control(
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, zero)
         read = hooks.reading_hook(z, state, on, par, first, mem, own)
         error = read - z
-        rate = v + (error - load(mem, (own + MEMORY.read_error) * W)) * (1.0 / cycle)
-        store(mem, (own + MEMORY.read_error) * W, error)
+        rate = v + (error - load(mem, (own + MEMORY.read_error) * W)) * (1.0 / step)
+        _kept(mem, own + MEMORY.read_error, error, active)
     if law == VELOCITY_FROM_POSITIONS:
         # Half the sum of two readings, differenced over a cycle: (q[k] - q[k-2]) / (2 cycle).
         rate = (read - load(mem, (own + MEMORY.last_but_one) * W)) * (0.5 / cycle)
@@ -325,9 +336,9 @@ def control(
         torque = wanted + load(par, (first + DRIVE.velocity_gain) * W) * late
         if law == PID:
             torque = torque + load(mem, (own + MEMORY.integral) * W)
-            growth = load(par, (first + DRIVE.integral_gain) * W) * cycle * (zc - read)
+            growth = load(par, (first + DRIVE.integral_gain) * W) * step * (zc - read)
             integral = load(mem, (own + MEMORY.integral) * W) + growth
-            store(mem, (own + MEMORY.integral) * W, integral)
+            _kept(mem, own + MEMORY.integral, integral, active)
     else:
         error = wanted + load(par, (first + DRIVE.feedforward) * W) * vc - rate
         before = load(mem, (own + MEMORY.integral) * W)
@@ -341,8 +352,8 @@ def control(
     asked = torque
     if on is not None and on & COMMAND_MASK:
         zero = spread(0.0)
-        state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, spread(cycle))
+        state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, spread(step))
         asked = hooks.command_hook(torque, state, on, par, first, mem, own)
-        hooks.command_keeps(torque, state, on, par, first, mem, own, None)
+        hooks.command_keeps(torque, state, on, par, first, mem, own, active)
     store(mem, (own + MEMORY.commanded) * W, asked)
     return torque

@@ -62,7 +62,8 @@ def _build(digest):
                     v = spread(motion[(drives + d) * count + k])
                     torque = dk.control(
                         par, first, mem, d * MEMORY_COUNT, on[d], law[d], cycle, z, v,
-                        command, d, drives, count, k, delayed, spread(k * cycle), ahead,
+                        command, d, drives, count, k, delayed, spread(k * cycle),
+                        ahead, cycle, None,
                     )  # fmt: skip
                     store(torques, (d * measurement.PIECE + piece) * W, torque)
                 if piece == measurement.PIECE - 1 or k == count - 1:

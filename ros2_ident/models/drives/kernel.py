@@ -233,7 +233,7 @@ def _build(digest):
                                 v = load(rate, CARRIAGE * W)
                             torque = dk.control(
                                 par, first, mem, 0, flags, law[d], cycle, z, v,
-                                command, d, drives, count, k, delayed, time, None,
+                                command, d, drives, count, k, delayed, time, None, cycle, None,
                             )  # fmt: skip
                             if supply is not None:
                                 share = supply[d * count + k]

@@ -2,13 +2,14 @@
 """An arm under its controllers, all joints coupled, a block of candidates at once.
 
 A joint and its motor are one mass. Mass matrix and load of the links are taken once a step, at its
-predicted middle, and the joints are integrated over it by the midpoint rule: errors are of second
-order, and the torque of the controllers, which holds over a cycle, is in neither of them.
+predicted middle (error of second order), and the joints are integrated over it by a Runge-Kutta
+step of fourth order. A set-point holds for a cycle; what controllers ask changes with the motion.
 """
 # mypy: ignore-errors
 
 from ros2_ident.kernel import drive as dk
 from ros2_ident.kernel import measurement
+from ros2_ident.kernel import runge_kutta as rk
 from ros2_ident.kernel.hooks import sources_digest
 from ros2_ident.kernel.rows import DRIVE, DRIVE_COUNT, MACHINE_COUNT, MEMORY, MEMORY_COUNT
 from ros2_ident.lanes import (
@@ -36,7 +37,7 @@ W = WIDTH
 # beyond what a step's position shows.
 ROUNDS, SETTLED = 64, 1e-9
 # Numbers of each joint that only a step needs, see `_step`.
-_OF_STEP = 10
+_OF_STEP = 8 + rk.STAGES
 
 
 def sizes(drives: int) -> tuple[int, int]:
@@ -46,33 +47,39 @@ def sizes(drives: int) -> tuple[int, int]:
     return W * state, W * (state + own + measurement.ROOM)
 
 
-@called
-def _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, elapsed):
-    """Write the force [N m or N] on each joint besides what the links ask.
+@inlined
+def _push(par, mem, on, z, v, carried, aim, push, pulls, d, now, elapsed):
+    """Write the force [N m or N] on joint `d` besides what its links ask.
 
-    What a gear carries is that of the evaluation before. Joints that follow a recorded motion need
-    no force: their acceleration is what their links ask, see `_prescribed`.
+    What a gear carries is that of the evaluation before.
 
     Args:
-        elapsed: Since the cycle's beginning at `time`, s.
+        elapsed: Since the cycle's beginning, s.
     """
-    now = time + elapsed
+    first = MACHINE_COUNT + d * DRIVE_COUNT
+    own = d * MEMORY_COUNT
+    torque = dk.motor_torque(
+        par, first, mem, own, on[d], z, v, z, load(carried, d * W), now, elapsed,
+        load(aim, d * W),
+    )  # fmt: skip
+    pull = dk.carriage_force(par, first, mem, own, on[d], z, v, z, now)
+    store(push, d * W, load(par, (first + DRIVE.gear) * W) * torque + pull)
+    store(pulls, d * W, pull)
+
+
+@called
+def _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, elapsed):
+    """Write the force on each joint, see `_push`.
+
+    Joints that follow a recorded motion need none: their acceleration is what their links ask, see
+    `_prescribed`.
+    """
     for d in range(len(size)):
-        first = MACHINE_COUNT + d * DRIVE_COUNT
-        own = d * MEMORY_COUNT
-        if mode[d] != dk.CLOSED_LOOP:
-            store(push, d * W, spread(0.0))
-            store(pulls, d * W, spread(0.0))
-            continue
-        z = load(place, d * W)
-        v = load(rate, d * W)
-        force = load(carried, d * W)
-        torque = dk.motor_torque(
-            par, first, mem, own, on[d], z, v, z, force, now, elapsed, load(aim, d * W)
-        )
-        pull = dk.carriage_force(par, first, mem, own, on[d], z, v, z, now)
-        store(push, d * W, load(par, (first + DRIVE.gear) * W) * torque + pull)
-        store(pulls, d * W, pull)
+        store(push, d * W, spread(0.0))
+        store(pulls, d * W, spread(0.0))
+        if mode[d] == dk.CLOSED_LOOP:
+            z, v = load(place, d * W), load(rate, d * W)
+            _push(par, mem, on, z, v, carried, aim, push, pulls, d, time + elapsed, elapsed)
 
 
 @inlined
@@ -91,6 +98,44 @@ def _prescribed(mode, motion, k, count, mass, asked, size):
     for d in range(drives):
         if mode[d] != dk.CLOSED_LOOP:
             store(asked, d * W, spread(-motion[(2 * drives + d) * count + k]))
+
+
+@called
+def _stage(
+    par, mem, on, mode, place, rate, bend, carried, aim, first, asked, commanded, push, pulls,
+    size, time, since, part, h,
+):  # fmt: skip
+    """Write the force on each joint, as `_pushes` does, at a later stage of a step.
+
+    From the step's beginning on a controller's torque changes by its gains. Of a joint without
+    effects so does all else.
+
+    Args:
+        first: (D * W,) force at the first stage, N m or N.
+        asked: (D * W,) torque of the controllers there.
+        commanded: (D * W,) likewise as effects leave it.
+    """
+    elapsed = since + rk.ahead(part) * h
+    for d in range(len(size)):
+        if mode[d] != dk.CLOSED_LOOP:
+            continue
+        row = MACHINE_COUNT + d * DRIVE_COUNT
+        z, v = rk.stage_state(place, rate, bend, len(size), d, part, h)
+        further = z - load(place, d * W)
+        faster = v - load(rate, d * W)
+        less = load(par, (row + DRIVE.position_gain) * W) * further
+        less = less + load(par, (row + DRIVE.velocity_gain) * W) * faster
+        free = absolute(load(asked, d * W)) < load(par, (row + DRIVE.torque_limit) * W)
+        less = where(free, less, spread(0.0))
+        if on[d] == 0 and not any_lane(load(par, (row + DRIVE.regularisation) * W) > spread(0.0)):
+            less = less + load(par, (row + DRIVE.viscous) * W) * faster
+            less = load(par, (row + DRIVE.gear) * W) * less
+            store(push, d * W, load(first, d * W) - less)
+        else:
+            store(mem, (d * MEMORY_COUNT + MEMORY.commanded) * W, load(commanded, d * W) - less)
+            _push(
+                par, mem, on, z, v, carried, aim, push, pulls, d, time + elapsed, elapsed
+            )  # fmt: skip
 
 
 @inlined
@@ -166,69 +211,80 @@ def _hold(
 
 @called
 def _step(
-    par, base, mem, on, mode, motion, tree, place, rate, drift, carried, room, k, count, time,
-    since, h, active,
+    par, base, mem, on, mode, law, cycle, command, ahead, motion, delayed, tree, place, rate,
+    drift, carried, room, torques, k, time, since, step, active,
 ):  # fmt: skip
-    """Integrate over a step of `h` seconds that begins `since` seconds into cycle `k`.
+    """Integrate over a step that begins `since` seconds into cycle `k`.
 
     Args:
         drift: (D * W,) accelerations at the end of the step before.
         carried: (D * W,) what the gears carry, N m or N.
         room: To work in, see `sizes`.
+        torques: (D * W,) gets what the controllers ask for at the step's beginning.
+        step: Its length [s]; lanes that are not `active` stay as they are.
     """
     size = tree.size
     drives = len(size)
+    count = command.shape[0] // (2 * drives)
     aim, rest = parted(room, drives)
     push, rest = parted(rest, drives)
     pulls, rest = parted(rest, drives)
     spare, rest = parted(rest, drives)
     asked, rest = parted(rest, drives)
-    middle, rest = parted(rest, drives)
-    going, rest = parted(rest, drives)
-    bend, rest = parted(rest, drives)
+    first, rest = parted(rest, drives)
+    commanded, rest = parted(rest, drives)
+    bend, rest = parted(rest, rk.STAGES * drives)
     inverse, links = parted(rest, drives * drives)
     zero = spread(0.0)
+    h = where(active, step, zero)
     half = 0.5 * h
     for d in range(drives):
         v = load(rate, d * W)
         a = load(drift, d * W)
-        store(middle, d * W, load(place, d * W) + half * (v + 0.5 * half * a))
-        store(going, d * W, v + half * a)
+        store(spare, d * W, load(place, d * W) + half * (v + 0.5 * half * a))
+        store(first, d * W, v + half * a)
         store(aim, d * W, with_sign(spread(1.0), v))
-    mass_and_load(par, base, tree, middle, going, inverse, asked, links)
+    mass_and_load(par, base, tree, spare, first, inverse, asked, links)
     for d in range(drives):
         mass = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.motor_mass) * W)
         store(inverse, (d * drives + d) * W, load(inverse, (d * drives + d) * W) + mass)
     _prescribed(mode, motion, k, count, inverse, asked, size)
     inverted(inverse, size, spare)
+    for d in range(drives):
+        if mode[d] == dk.CLOSED_LOOP:
+            torque = dk.control(
+                par, MACHINE_COUNT + d * DRIVE_COUNT, mem, d * MEMORY_COUNT, on[d], law[d], cycle,
+                load(place, d * W), load(rate, d * W), command, d, drives, count, k, delayed,
+                time + since, ahead, step, active,
+            )  # fmt: skip
+            store(torques, d * W, torque)
+            store(commanded, d * W, load(mem, (d * MEMORY_COUNT + MEMORY.commanded) * W))
     # Friction against the motion is right where no joint turns over.
     _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, since)
     turned = zero > zero
     for d in range(drives):
-        ahead = load(rate, d * W) + h * _bent(inverse, push, asked, d, size)
-        turned = turned | (ahead * load(aim, d * W) < zero)
+        end = load(rate, d * W) + h * _bent(inverse, push, asked, d, size)
+        turned = turned | (end * load(aim, d * W) < zero)
     if any_lane(turned):
         _hold(
             par, mem, on, mode, place, rate, carried, aim, push, pulls, spare, inverse, asked,
             size, time, since, h,
         )  # fmt: skip
         _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, since)
+    for part in range(rk.STAGES):
+        if part == 0:
+            copied(push, first)
+        else:
+            _stage(
+                par, mem, on, mode, place, rate, bend, carried, aim, first, torques, commanded,
+                push, pulls, size, time, since, part, h,
+            )  # fmt: skip
+        for d in range(drives):
+            store(bend, (part * drives + d) * W, _bent(inverse, push, asked, d, size))
+    rk.finish(place, rate, bend, drives, drives, h)
     for d in range(drives):
-        a = _bent(inverse, push, asked, d, size)
-        v = load(rate, d * W)
-        store(bend, d * W, a)
-        store(middle, d * W, load(place, d * W) + half * (v + 0.5 * half * a))
-        store(going, d * W, v + half * a)
-    _pushes(par, mem, on, mode, middle, going, carried, aim, push, pulls, size, time, since + half)
-    for d in range(drives):
-        first = load(bend, d * W)
-        a = _bent(inverse, push, asked, d, size)
-        v = load(rate, d * W)
-        # As if the acceleration changed evenly over the step.
-        way = h * (v + h * (1.0 / 6.0) * (first + 2.0 * a))
-        store(place, d * W, load(place, d * W) + way)
-        store(rate, d * W, v + h * a)
-        store(drift, d * W, where(active, 2.0 * a - first, load(drift, d * W)))
+        a = load(bend, ((rk.STAGES - 1) * drives + d) * W)
+        store(drift, d * W, where(active, a, load(drift, d * W)))
         rotor = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.motor_mass) * W) * a
         geared = load(push, d * W) - load(pulls, d * W) - rotor
         store(carried, d * W, where(active, geared, load(carried, d * W)))
@@ -295,7 +351,8 @@ def _build(digest):
         kept, rest = parted(more, drives * measurement.KEPT)
         torques, rest = parted(rest, drives * measurement.PIECE)
         moves, rest = parted(rest, 2 * drives * measurement.PIECE)
-        late, spare = parted(rest, measurement.ROOM)
+        late, rest = parted(rest, measurement.ROOM)
+        logged, spare = parted(rest, drives)
         zero = spread(0.0)
         for g in range(blocks.shape[0]):
             par = blocks[g]
@@ -313,16 +370,7 @@ def _build(digest):
                 time = spread(k * cycle)
                 piece = k % measurement.PIECE
                 for d in range(drives):
-                    first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
-                    at = d * measurement.PIECE + piece
-                    if mode[d] == dk.CLOSED_LOOP:
-                        z, v = load(place, d * W), load(rate, d * W)
-                        torque = dk.control(
-                            par, first, mem, own, on[d], law[d], cycle, z, v,
-                            command, d, drives, count, k, delayed, time, ahead,
-                        )  # fmt: skip
-                        store(torques, at * W, torque)
-                    else:
+                    if mode[d] != dk.CLOSED_LOOP:
                         store(place, d * W, spread(motion[d * count + k]))
                         store(rate, d * W, spread(motion[(drives + d) * count + k]))
                         store(drift, d * W, spread(motion[(2 * drives + d) * count + k]))
@@ -335,12 +383,16 @@ def _build(digest):
                 sub = 0.0
                 active = load(substeps[g], W) > zero
                 while any_lane(active):
-                    # A lane that is through makes steps of no length.
-                    h = where(active, whole, zero)
+                    since = sub * whole
                     _step(
-                        par, base, mem, on, mode, motion, tree, place, rate, drift, carried, spare,
-                        k, count, time, sub * whole, h, active,
+                        par, base, mem, on, mode, law, cycle, command, ahead, motion, delayed,
+                        tree, place, rate, drift, carried, spare, logged, k, time, since, whole,
+                        active,
                     )  # fmt: skip
+                    if sub == 0.0:
+                        for d in range(drives):
+                            at = d * measurement.PIECE + piece
+                            store(torques, at * W, load(logged, d * W))
                     for d in range(drives):
                         first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
                         z, v = load(place, d * W), load(rate, d * W)

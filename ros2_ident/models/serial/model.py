@@ -4,12 +4,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import functools
+import math
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import Context
+from ros2_ident.errors import IdentError
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine, Parameter
@@ -18,9 +20,16 @@ from ros2_ident.models.drives.separate import first_seen
 from ros2_ident.models.protocol import Output
 from ros2_ident.models.serial import kernel, kernel_free
 from ros2_ident.models.serial.arm import Arm, arm_of, INERTIALS
+from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
 from ros2_ident.models.serial.linkage import Tree
 from ros2_ident.models.serial.parameters import Inertials, Transmission, turned
-from ros2_ident.recording.motion import fill_gaps
+from ros2_ident.recording.motion import (
+    allowed_cutoff,
+    CUTOFF,
+    fill_gaps,
+    low_pass,
+    smooth_motion,
+)
 
 # What a model and all that extend it have in common, made once: for 20 s of seven joints it takes
 # longer than a hundred candidates.
@@ -29,7 +38,8 @@ _ALONG, _FREE = (
     ('_driven', '_terms', '_firsts'),
     ('tree', '_turns', '_begin', '_added', '_inertia'),
 )
-# Longest step [s] over which links are taken as they are at its middle, see `docs/arm.md`.
+# Longest step [s]: twice as long, links alone are 4e-7 rad off on the arms of
+# `checks/benchmarks/arm.py`.
 _STEP = 0.0025
 
 
@@ -176,6 +186,61 @@ class Serial(DriveModel):
         gear = self.machine.numbers('gear_factor')[:, None]
         return np.ascontiguousarray(self.transmission.at_motors(asked) / gear).ravel()
 
+    def regressed(self) -> tuple[dict[str, Array], Array]:
+        """Return what the log alone says of gains and motors, see `law.by_regression`.
+
+        Raises:
+            IdentError: BAD_VALUES where a joint has fewer than four positions.
+        """
+        data, machine = self.data, self.machine
+        assert data.position is not None
+        order = [data.names.index(name) for name in machine.drives]
+        gear = machine.numbers('gear_factor')
+        cutoff = allowed_cutoff(data.position[order], self.cycle, CUTOFF)
+        # A set-point holds for a cycle, in whose middle the law is at its mean.
+        seen, middle = (
+            np.array(smooth_motion(data.position[order], self.cycle, cutoff, ahead))
+            for ahead in (0.0, 0.5)
+        )
+        asked = self.transmission.at_motors(self.arm.efforts(*middle)) / gear[:, None]
+        effort = None
+        if data.effort is not None:
+            logged = data.effort[order]
+            rows = [fill_gaps(x) if np.isfinite(x).any() else x for x in logged]
+            effort = low_pass(np.stack(rows), self.cycle, cutoff)
+        wanted = self._command.reshape(2, len(order), -1)[0]
+        added = self._added.reshape(len(order), -1) if self._added.size else 0.0 * wanted
+        wanted, asked, added = (low_pass(x, self.cycle, cutoff) for x in (wanted, asked, added))
+        at = functools.partial(np.einsum, 'de,xek->xdk', self.transmission.motors)
+        signals = Signals(self.cycle, at(seen), at(middle), wanted, asked, added, effort, gear)
+        free = {p.name for p in self.parameters}
+        known = {}
+        for name in (*GAINS, *JOINT):
+            stated = machine.numbers(name) if name in machine.constants else np.zeros(len(order))
+            known[name] = np.array([
+                math.nan if f'{drive}.{name}' in free else self.fixed.get(f'{drive}.{name}', x)
+                for drive, x in zip(machine.drives, stated.tolist(), strict=True)
+            ])  # fmt: skip
+        return by_regression(signals, known)
+
+    def suggested(self) -> Array | None:
+        """Return (N,) parameters, see `FullModel.suggested`; None along a recorded motion."""
+        if not self._closed or self.data.position is None:
+            return None
+        try:
+            found, _ = self.regressed()
+        except IdentError:  # a joint has hardly a position
+            return None
+        told = self.as_described({})
+        theta = []
+        for p in self.parameters:
+            drive, _, name = p.name.rpartition('.')
+            value = told.get(p.name, 0.5 * (p.low + p.high) if p.absent is None else p.absent)
+            if name in found and drive in self.machine.drives:
+                value = float(found[name][self.machine.drives.index(drive)])
+            theta.append(min(max(value, p.low), p.high))
+        return np.array(theta)
+
     @functools.cached_property
     def tree(self) -> Tree:
         """The links as the kernel has them, each behind the one that carries it."""
@@ -280,7 +345,7 @@ class Serial(DriveModel):
     def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
         """Return (S,) steps in a cycle, by the links' motion and what is stiff in each candidate.
 
-        The scheme's own limit for what brakes is 2; what swings it makes larger, by a four
+        The scheme's own limit for what brakes is 2; what swings it makes larger, by a five
         thousandth in a step of a fifth of a radian.
         """
         if not self._closed or self.substeps is not None:
@@ -289,9 +354,11 @@ class Serial(DriveModel):
         whole = self._inertia + of('motor_mass')[:, :, None] * np.eye(len(self.machine.drives))
         with np.errstate(all='ignore'):  # of a candidate that is no number, or weighs nothing
             light = np.abs(np.diagonal(np.linalg.inv(whole), axis1=1, axis2=2))
-            braked = self.cycle * light * of('gear') * of('viscous') / 1.5
-            sprung = self.cycle * np.sqrt(self.candidates.contact(block) * light) / 0.2
-            need = np.maximum(np.maximum(braked, sprung).max(axis=1), self.cycle / _STEP)
+            light = light * of('gear')
+            braked = self.cycle * light * (of('viscous') + of('velocity_gain'))
+            sprung = of('position_gain') + self.candidates.contact(block) / of('gear')
+            swung = self.cycle * np.sqrt(light * sprung) / 0.2
+            need = np.maximum(np.maximum(braked, swung).max(axis=1), self.cycle / _STEP)
             counts = np.nan_to_num(np.clip(np.ceil(need), 1, 64), nan=1.0)
             return np.asarray(counts.astype(np.int64))
 

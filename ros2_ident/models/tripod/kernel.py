@@ -243,7 +243,7 @@ def _build(digest):
                     if dk.closed_loop(mode, d):
                         torque = dk.control(
                             par, first, mem, own, flags, law[d], cycle, z, v,
-                            command, d, 3, count, k, delayed, time, None,
+                            command, d, 3, count, k, delayed, time, None, cycle, None,
                         )  # fmt: skip
                         fast = fast & (absolute(v) > dk.fast_from(par, first))
                     else:
