@@ -33,18 +33,21 @@ def run(args: argparse.Namespace) -> int:
             f'say of what kind the machine is, --kind {"/".join(KINDS)}; of an arm a description '
             'and a log of it say that, --description and --bag'
         )
-    follows = log is not None and log.command is not None and log.command.position is not None
-    kind, text = KINDS[args.kind] if args.kind else new_file.arm_kind(follows), None
+    text = None
     if args.description is not None:
-        new_file.description_key(kind)
         known['description'] = description_text(Path(args.description))
         folder.mkdir(parents=True, exist_ok=True)  # the way leads through it
         known['named'] = os.path.relpath(args.description, folder)
+    if args.kind is None and log is not None:
+        text = new_file.followed_file(args.drives, known['description'], known['named'], log)
+    follows = log is not None and log.command is not None and log.command.position is not None
+    kind = KINDS[args.kind] if args.kind else new_file.arm_kind(follows and text is None)
+    if args.description is not None:
+        new_file.description_key(kind)
+    freely = text is not None
     if log is not None:
         if args.description is None:
             text = new_file.one_joint_file(kind, args.drives, log, args.travel)
-        if kind is new_file.arm_kind(True) and args.description is not None:
-            text = new_file.followed_file(args.drives, known['description'], known['named'], log)
         known['states'] = log.state
     text = text or new_file.new_machine_file(kind, args.drives, **known)
     machine_from_mapping(yaml.safe_load(text), '--drives', folder)
@@ -60,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     command = shlex.join(['ident', 'check', '--machine', str(path)])
     print(f'written: {path}; change its values, then: {command}')
     if log is not None and kind.joints is not None:
-        print(new_file.ways(kind, log))
+        print(new_file.ways(kind, log, freely))
     return 0
 
 

@@ -180,6 +180,8 @@ class Kind:
         tilt: Returns the keys that say how its base is tilted, by the free fall (3,) in its frame.
         travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
         compares: Quantities that are compared by default.
+        freely: The same where a machine's controllers follow a set-point; None where they are
+            those.
         logs: Units of a logged effort that its model simulates as they are, beside those of
             `units.effort_factors`.
         released: Whether its motors are switched off where no set-point comes any more.
@@ -220,6 +222,7 @@ class Kind:
     tilt: Callable[[Array], Mapping[str, float]] | None = None
     travel: str = ''
     compares: tuple[str, ...] = ('effort',)
+    freely: Callable[[Machine], tuple[str, ...]] | None = None
     logs: tuple[str, ...] = ()
     released: bool = False
     efforts: Callable[[Machine], Array] | None = None

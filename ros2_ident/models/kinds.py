@@ -158,6 +158,12 @@ def _judge_serial(draft: Draft) -> Iterator[Remark]:
         )
 
 
+def _compared_freely(machine: Machine) -> tuple[str, ...]:
+    """Return the effort, too, where only it tells a joint's damping from its controller's."""
+    both = {'velocity_gain', 'viscous_torque'} <= set(machine.bounds)
+    return ('effort', 'position') if both else ('position',)
+
+
 SERIAL = Kind(
     name='serial',
     title='an arm of links and joints, under PID on position or driven by its recorded motion',
@@ -170,6 +176,7 @@ SERIAL = Kind(
     travel='rad',
     starts_in_motion=True,
     follows=lambda machine: machine.known('position_gain'),
+    freely=_compared_freely,
     scene=later('ros2_ident.models.serial.arm:figure'),
     read=later('ros2_ident.models.serial.arm:arm_of'),
     joints=joints_in,

@@ -3,17 +3,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+import itertools
 from itertools import cycle, groupby, islice
 import textwrap
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
+import yaml
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.description import declared, judged_tree
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
-from ros2_ident.models.registry import KINDS
+from ros2_ident.models.registry import KINDS, machine_from_mapping, make_model
 from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import sample_period
@@ -153,7 +155,9 @@ def followed_file(
 ) -> str | None:
     """Return the whole file of a URDF's joints that follow set-points, by their log.
 
-    Bounds are what alone would make the largest effort: that of the log, or the URDF's limit.
+    Bounds are what alone would make the largest effort: that of the log, or the URDF's limit. Of
+    the controllers' laws it has the one that leaves least of a half of the log by the other's
+    gains, see `Serial.regressed`.
 
     Args:
         drives: Joint names; those that description and log have in common where there are none.
@@ -162,14 +166,59 @@ def followed_file(
         log: A log with a measured motion.
 
     Returns:
-        The text; None where the description has actuators of its own, or the log no set-point.
+        The text; None where the description is no URDF, or the log has no set-point.
+
+    Raises:
+        IdentError: As `new_machine_file`, and as the model of the kind.
     """
     root = judged_tree(description)
     if log.command is None or log.command.position is None or root.tag != 'robot':
         return None
     log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None and log.command is not None
-    names = tuple(drives) or _joints(arm_kind(True), description, log.state)
+    names = tuple(drives) or _joints(arm_kind(False), description, log.state)
+    boxes = _boxes_of(names, root, log)
+    period = sample_period(log.command.stamp)
+    data = align(log, names, period, need=('position',))
+    found: dict[tuple[str, ...], float] = {}
+    for compensation, more in itertools.product(_COMPENSATIONS, _MORE):
+        text = _followed(names, named, period, compensation, {**boxes, **_gains(more, boxes)})
+        mapping = yaml.safe_load(text)
+        mapping['geometry']['description'] = DESCRIPTION_TOPIC
+        machine = machine_from_mapping(mapping).described(description)
+        model = cast(Any, make_model(machine, data, quantities=('position',)))
+        _, left = model.regressed()
+        found[compensation, *more] = float(np.mean(left))
+    # The plainest that leaves hardly more than the best; by hand.
+    least = _HARDLY * min(found.values())
+    law = next(law for law, left in found.items() if left <= least)
+    return _followed(names, named, period, law[0], {**boxes, **_gains(law[1:], boxes)})
+
+
+# What may belong to an arm's law beside P and D, the plainest first; and by how much more than the
+# least error a plainer one may leave.
+_COMPENSATIONS = 'none', 'gravity', 'dynamics'
+_MORE: tuple[tuple[str, ...], ...] = (
+    (),
+    ('velocity_feedforward',),
+    ('integral_gain',),
+    ('velocity_feedforward', 'integral_gain'),
+)
+_HARDLY = 1.1
+
+
+def _gains(more: Sequence[str], boxes: Mapping[str, list[str]]) -> dict[str, list[str]]:
+    """Return boxes of what belongs to a law beside P and D."""
+    count = len(next(iter(boxes.values())))
+    every = {
+        'velocity_feedforward': '[0.0, 1.5, "1"]',
+        'integral_gain': '[0.0, 1.0e+5, N m/(rad s)]',
+    }
+    return {name: [every[name]] * count for name in more}
+
+
+def _boxes_of(names: Sequence[str], root: Any, log: Recording) -> dict[str, list[str]]:
+    """Return boxes of gains, rotors and friction by name, one of each joint."""
     limits = {
         joint.get('name'): float(limit.get('effort', 0.0))
         for joint in root.iterfind('joint')
@@ -184,53 +233,68 @@ def followed_file(
         data = align(log, [name], motion.period, need=('position',))
         assert data.command_position is not None and data.position is not None
         apart = float(np.nanstd(data.command_position - data.position))
+        speed = max(float(motion.velocity.std()), 1e-3)
         ends = {
-            'kp': (0.02, 20.0 * most / max(apart, 1e-4), 'N m/rad'),
-            'kv': (0.0, 5.0 * most / max(float(motion.velocity.std()), 1e-3), 'N m s/rad'),
-            'armature': (0.0, most / max(float(motion.acceleration.std()), 1e-3), 'kg m^2'),
-            'frictionloss': (0.0, most, 'N m'),
+            'position_gain': (0.02, 20.0 * most / max(apart, 1e-4), 'N m/rad'),
+            'velocity_gain': (0.0, 5.0 * most / speed, 'N m s/rad'),
+            'drive_inertia': (0.0, most / max(float(motion.acceleration.std()), 1e-3), 'kg m^2'),
+            'coulomb_torque': (0.0, most, 'N m'),
         }
         if effort:
-            ends['damping'] = (0.0, ends['kv'][1], 'N m s/rad')
+            ends['viscous_torque'] = (0.0, ends['velocity_gain'][1], 'N m s/rad')
         for key, (low, high, unit) in ends.items():
             boxes.setdefault(key, []).append(f'[{digits(low)}, {high:.3g}, {unit}]')
+    return boxes
+
+
+def _followed(
+    names: Sequence[str],
+    named: str,
+    period: float,
+    compensation: str,
+    boxes: Mapping[str, Sequence[str]],
+) -> str:
+    """Return the text of `followed_file`."""
     lines = ['\n  - '.join([f'  {key}:', *each]) for key, each in boxes.items()]
+    added = '' if compensation == 'none' else f'  compensation: {compensation}\n'
     return (
-        f'machine: {arm_kind(True).name}\ndrives: {inline([*names])}\n'
+        f'machine: {arm_kind(False).name}\ndrives: {inline([*names])}\n'
         f'geometry: {{description: {inline(named)}}}\n'
-        'controller:      # torque kp (set-point - position) - kv velocity\n'
-        f'  cycle: {sample_period(log.command.stamp):.4g}      # s, how long a set-point holds\n'
-        '  # What is known of kp, kv, force_limit, velocity_feedforward, set_point_delay belongs\n'
-        '  # here, a value for all or a list, and then not below.\n'
+        'controller:      # torque position_gain (set-point - position) - velocity_gain velocity\n'
+        f'  cycle: {period:.4g}      # s, how long a set-point holds\n{added}'
+        '  # What is known of the gains, torque_limit, set_point_delay belongs here, a value for\n'
+        '  # all or a list, and then not below.\n'
         'parameters:      # of joints that slide: N/m, N s/m, kg, N\n'
         + '\n'.join(lines)
-        + ('' if effort else '\n  # Without an effort in the log, damping and kv are one number.')
+        + (
+            ''
+            if 'viscous_torque' in boxes
+            else '\n  # Without an effort in the log, viscous friction and velocity_gain are one.'
+        )
         + '\n'
     )
 
 
-def arm_kind(follows: bool) -> Kind:
-    """Return the kind of an arm that follows set-points, or that its recorded motion drives."""
-    return next(
-        x for x in KINDS.values() if x.joints is not None and (x.extent is None) is follows
-    )
+def arm_kind(simulator: bool) -> Kind:
+    """Return the kind of an arm, that which MuJoCo simulates or that of this package."""
+    return next(x for x in KINDS.values() if x.joints and (x.extent is None) is simulator)
 
 
-def ways(kind: Kind, log: Recording) -> str:
+def ways(kind: Kind, log: Recording, freely: bool) -> str:
     """Return in which ways a log lets an arm be simulated, the file's first."""
     state, command = log.state, log.command
     roles = state, log.effort
     effort = any(x is not None and x.effort is not None for x in roles)
     points = command is not None and command.position is not None
     along = 'along its recorded motion (--kind serial), by the logged effort'
-    freely = 'freely under its controllers (--kind mujoco), by the logged set-points'
-    if kind.extent is None and points:
+    free = 'freely under its controllers, by the logged set-points'
+    if (freely or kind.extent is None) and points:
         if not effort:
-            return f'this log lets the arm run {freely}; along its recorded motion needs an effort'
-        both = 'compare both, --outputs position,effort'
-        return f'this log lets the arm run {freely}; {both}; also {along}'
+            return f'this log lets the arm run {free}; along its recorded motion needs an effort'
+        both = '; compare both, --outputs position,effort' if kind.extent is None else ''
+        return f'this log lets the arm run {free}{both}; also {along}'
     if effort:
-        more = f'also {freely}' if points else 'for a free run log the set-points (joint_command)'
+        more = f'also {free}' if points else 'for a free run log the set-points (joint_command)'
         return f'this log lets the arm run {along}; {more}'
     return 'this log allows neither way: log an effort, or the set-points'
 

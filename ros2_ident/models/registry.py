@@ -177,7 +177,8 @@ def knows_gains(machine: Machine) -> bool:
 
 def compared_of(machine: Machine) -> tuple[str, ...]:
     """Return the quantities of a machine that are compared by default."""
-    return kind_of(machine).compares
+    kind = kind_of(machine)
+    return kind.freely(machine) if kind.freely and follows(machine) else kind.compares
 
 
 def scales_of(machine: Machine, data: 'Sequence[Dataset]') -> 'Scales':
@@ -200,7 +201,7 @@ def make_model(
     """
     # What not every model can do is asked for only where it is wanted.
     kind = kind_of(machine)
-    compared = tuple(quantities or kind.compares)
+    compared = tuple(quantities or compared_of(machine))
     if {compared, kind.compares} != {('effort',)}:
         asked['quantities'] = compared
     given = {name: value for name, value in asked.items() if value is not None}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
@@ -15,8 +16,9 @@ from checks.reference.free_arm import free_arm  # noqa: E402
 from ros2_ident.arrays import Array  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, make_model  # noqa: E402
+from ros2_ident.models.new_file import followed_file  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
-from ros2_ident.recording import Dataset  # noqa: E402
+from ros2_ident.recording import Dataset, Recording, Stream  # noqa: E402
 
 CYCLE = 0.004
 GAINS = {
@@ -166,3 +168,35 @@ def test_an_arm_without_gains_is_driven_by_its_recorded_motion(tmp_path: Path) -
     place, speed = wanted(200)
     data = replace(logged(place, speed, place), command_position=None, command_velocity=None)
     assert make_model(machine, data).free_run() is None
+
+
+@pytest.mark.parametrize(
+    ('compensation', 'more'),
+    [
+        ('none', {}),
+        ('gravity', {}),
+        ('dynamics', {'velocity_feedforward': 1.0}),
+        ('gravity', {'integral_gain': 3000.0}),
+    ],
+)
+def test_a_new_file_has_the_law_by_which_the_log_was_made(
+    tmp_path: Path, compensation: str, more: dict[str, float]
+) -> None:
+    law = {**GAINS, 'integral_gain': 0.0, 'compensation': compensation, **more}
+    boxes = {name: BOXES[name] for name in ('drive_inertia', 'coulomb_torque', 'viscous_torque')}
+    tilted = described(tmp_path, controller=law, **boxes)
+    # What a description does not say, a new file takes for upright.
+    machine = tilted.with_constants(free_fall=9.81, base_roll=0.0, base_pitch=0.0)
+    place, speed = wanted(1500)
+    model = make_model(machine, logged(place, speed, place), quantities=('effort', 'position'))
+    theta = [VALUES[p.name.split('.')[1]] for p in model.parameters]
+    effort, seen = np.split(model.simulate(np.array([theta]))[0], 2)
+    stamp = round(CYCLE * 1e9) * np.arange(1500)
+    log = Recording(
+        Stream(JOINTS, stamp, position=seen.T, effort=effort.T),
+        command=Stream(JOINTS, stamp, position=place.T),
+    )
+    text = followed_file((), (tmp_path / 'arm.urdf').read_text(), 'arm.urdf', log)
+    made = yaml.safe_load(text or '')
+    assert made['controller'].get('compensation', 'none') == compensation
+    assert {'velocity_feedforward', 'integral_gain'} & set(made['parameters']) == set(more)
