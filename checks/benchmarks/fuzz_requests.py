@@ -48,7 +48,7 @@ from ros2_ident.models import load_machine  # noqa: E402
 from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import read_bag, RecordingBuilder, Topics  # noqa: E402
 from ros2_ident.recording.cdr import decode, JOINT_STATE  # noqa: E402
-from ros2_ident.recording.maps import parser  # noqa: E402
+from ros2_ident.recording.maps import map_of, parser  # noqa: E402
 from ros2_ident.report.estimate import read_estimate  # noqa: E402
 from ros2_ident.report.page import write_comparison, write_report  # noqa: E402
 from ros2_ident.search import GeneticSettings, journal  # noqa: E402
@@ -286,7 +286,7 @@ class Messages:
             data = damage(data, generator)
         role = generator.choice(('state', 'effort', 'command'))
         try:
-            for block in decode([data], parser(JOINT_STATE, 'state')):
+            for block in decode([data], parser(map_of(JOINT_STATE), 'state')):
                 self.builder.add_block(role, block.stamp, block.names, *block.fields)
         except (ValueError, IndexError):
             return 'refused'

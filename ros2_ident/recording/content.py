@@ -3,6 +3,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -24,27 +25,17 @@ from ros2_ident.recording.definition import (
 from ros2_ident.recording.limits import limit, listed, printable, require_memory
 from ros2_ident.recording.maps import (
     Clock,
-    fields_parser,
     map_of,
+    map_of_fields,
+    MessageMap,
     nameless,
     parser,
     roles_of,
     TRAJECTORY,
 )
-from ros2_ident.recording.objects import Decode, decoder, fields_decoder, FORMS
+from ros2_ident.recording.objects import Decode, decoder, FORMS
 from ros2_ident.recording.storage import Budget, Damage, inflate, ZSTD
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP
-
-
-def offers(decode: Decode, role: str, data: bytes) -> bool:
-    """Say whether a message holds values of a role without being told anything."""
-    try:
-        (block,) = decode([data])
-    except (ValueError, IndexError, IdentError):
-        return False
-    position, velocity, effort = (x is not None for x in block.fields[:3])
-    return bool(block.names) and (effort if role == 'effort' else position or velocity)
-
 
 # A trajectory is a few points; joint_trajectory_controller runs through them by a polynomial
 # through all that two neighbouring points state (linear, cubic or quintic), from the last
@@ -194,7 +185,7 @@ class Messages:
     A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
 
     Args:
-        decode: Makes blocks of messages.
+        blocks_of: Makes blocks of messages.
         clock: Of the stamps; of a counter, which counts from any instant, a line through it and
             the log times makes times when all have come.
         padded: Whether joints at the end that never show a value but 0 are none.
@@ -210,7 +201,7 @@ class Messages:
         said: What else is to be said of them.
     """
 
-    def __init__(self, decode: Decode, *, clock: Clock = 'stamp', padded: bool = False) -> None:
+    def __init__(self, blocks_of: Decode, *, clock: Clock = 'stamp', padded: bool = False) -> None:
         self.count = 0
         self.lost = 0
         self.blocks: deque[cdr.Block] = deque()
@@ -218,7 +209,7 @@ class Messages:
         self.unstamped = False
         self.said: list[str] = []
         self.gains: dict[tuple[str, int], tuple[float, float]] = {}
-        self.clock, self._blocks_of, self._padded = clock, decode, padded
+        self.clock, self.blocks_of, self._padded = clock, blocks_of, padded
         self._clocks: list[IntArray] = []
         self._times: list[int] = []
         self._data: list[bytes] = []
@@ -264,13 +255,13 @@ class Messages:
         try:
             if max(times) >= LATEST_STAMP or min(times) <= -LATEST_STAMP:
                 raise ValueError
-            found = self._blocks_of(data)
+            found = self.blocks_of(data)
         except (ValueError, IndexError):
             pairs = ((when, bytes(x)) for when, x in zip(times, data, strict=True))
             whole = [pair for pair in pairs if self._is_whole(*pair)]
             self.lost += len(data) - len(whole)
             times = [x[0] for x in whole]
-            found = self._blocks_of([x[1] for x in whole])
+            found = self.blocks_of([x[1] for x in whole])
         clock = np.array(times, dtype=np.int64)
         for block in found:
             for name, values in zip(cdr.VALUES[3:], block.fields[3:], strict=False):
@@ -297,7 +288,7 @@ class Messages:
     def _is_whole(self, log_time: int, message: bytes) -> bool:
         """Say whether a message decodes by itself."""
         try:
-            (block,) = self._blocks_of([message])
+            (block,) = self.blocks_of([message])
         except (ValueError, IndexError) as exc:
             self.why = str(exc)
             return False
@@ -384,16 +375,25 @@ class Trajectories(Messages):
 
 
 def messages_of(
-    kind: str,
+    about: MessageMap | None,
     role: str,
-    names: Sequence[str],
+    names: Sequence[str] = (),
     drives: Sequence[str] = (),
     definition: Definition | None = None,
+    form: str = '',
+    schema: bytes = b'',
 ) -> Messages:
-    """Return what decodes a role's messages of a kind; see `maps.parser`."""
-    if (about := map_of(kind)) is None:
+    """Return what decodes a role's messages; see `maps.parser`, and of `FORMS` `objects.decoder`.
+
+    Args:
+        about: Meaning of their fields; None for trajectories.
+    """
+    if about is None:
         return Trajectories(definition is None or definition.gaps)
-    decode = partial(cdr.decode, parse=parser(kind, role, names, drives, definition))
+    if form in FORMS:
+        decode = decoder(about, role, form, schema)
+    else:
+        decode = partial(cdr.decode, parse=parser(about, role, names, drives, definition))
     return Messages(decode, clock=about.clock, padded=about.padded and not names)
 
 
@@ -452,11 +452,10 @@ class Content:
             self.types[topic] = kind if known else f'{kind} ({form})'
         kind = self.types[topic]
         self.counts.setdefault(topic, 0)
-        if self.mapped:
-            return self._mapped(topic) if topic in self.mapped else None
-        roles = [role for role in self.wanted.get(topic, ()) if role in roles_of(kind)]
-        if not roles_of(kind):
+        able = ('',) * (topic in self.mapped) if self.mapped else roles_of(kind)
+        if not able:
             return None
+        roles = able if self.mapped else [x for x in self.wanted.get(topic, ()) if x in able]
         if not roles:
             first = self._first.setdefault(topic, [])
 
@@ -468,7 +467,8 @@ class Content:
             return show
         for role in roles:
             if (topic, role) not in self.messages:
-                self.messages[topic, role] = self._messages_of(topic, role)
+                made = self._messages_of(topic, role, self.names, self.drives)
+                self.messages[topic, role] = made
         sinks = [self.messages[topic, role].take for role in roles]
 
         def fan(times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
@@ -477,43 +477,35 @@ class Content:
 
         return fan
 
-    def _messages_of(self, topic: str, role: str) -> Messages:
-        """Return what decodes a role's messages of a topic."""
+    def _messages_of(
+        self, topic: str, role: str, names: Sequence[str] = (), drives: Sequence[str] = ()
+    ) -> Messages:
+        """Return what decodes a role's messages of a topic; see `messages_of`."""
         kind, form, schema = self._schemas[topic]
-        if form in FORMS:
-            return Messages(decoder(kind, role, form, schema))
-        return messages_of(
-            self.types[topic], role, self.names, self.drives, self.definition(topic)
-        )
+        about = self._mapped(topic) if self.mapped else map_of(kind)
+        known = None if self.mapped else self.definition(topic)
+        return messages_of(about, role, names, drives, known, form, schema)
 
-    def _mapped(self, topic: str) -> Sink:
-        """Return where the messages of a topic go that a column map names.
+    def _mapped(self, topic: str) -> MessageMap:
+        """Return the meaning of the fields of a topic that a column map names.
 
         Raises:
             IdentError: MISSING_STREAM where they have no such field, or no definition.
         """
-        if (topic, '') in self.messages:
-            return self.messages[topic, ''].take
-        about, (kind, form, schema) = self.mapped[topic], self._schemas[topic]
-        if form in FORMS:
-            clock: Clock = 'counter' if about.digits else 'stamp' if about.time else 'none'
-            found = Messages(fields_decoder(kind, about, form, schema), clock=clock)
-            self.messages[topic, ''] = found
-            return found.take
+        about, (kind, form, _) = self.mapped[topic], self._schemas[topic]
         known, own = self.definition(topic) or standard_of(self.types[topic]), map_of(kind)
-        known = known or (own.definition if own else None)
-        if known is None:
+        known = None if form in FORMS else known or (own.definition if own else None)
+        if known is None and form not in FORMS:
             text = f'{topic}: the file holds no definition of {printable(kind)}; record it '
             raise ErrorCode.MISSING_STREAM.error(f'{text}as MCAP, which keeps definitions')
-        paths = [(str(x.cell), x.entry, x.of) for x in about.columns]
+        columns = [(str(x.cell), x.entry, x.of) for x in about.columns]
         try:
-            parse, clock = fields_parser(paths, about.time, about.digits, known)
+            return map_of_fields(kind, columns, about.time, about.digits, known)
         except LookupError as exc:
             text = f'{topic}: {printable(kind)} has no field {printable(str(exc.args[0]))}'
-            text += f', its numbers are {listed(known.numbers(40), 30)}'
+            there = known.numbers(40) if known else []
+            text += f', its numbers are {listed(there, 30)}'
             raise ErrorCode.MISSING_STREAM.error(f'{text}; correct the column map') from None
-        self.messages[topic, ''] = Messages(partial(cdr.decode, parse=parse), clock=clock)
-        return self.messages[topic, ''].take
 
     def definition(self, topic: str) -> Definition | None:
         """Return a topic's message definition, None where the file has none that can be read."""
@@ -531,11 +523,12 @@ class Content:
             yield topic, kind, tuple(x for x in roles_of(kind) if x in found)
 
     def _shows(self, topic: str, role: str, first: Sequence[bytes]) -> bool:
-        """Say whether a message of a topic holds values of a role."""
-        kind, form, schema = self._schemas[topic]
-        if form in FORMS:
-            decode = decoder(kind, role, form, schema)
-        else:
-            parse = parser(self.types[topic], role, definition=self.definition(topic))
-            decode = partial(cdr.decode, parse=parse)
-        return any(offers(decode, role, data) for data in first)
+        """Say whether a message of a topic holds values of a role without being told anything."""
+        messages = self._messages_of(topic, role)
+        for data in first:
+            with suppress(ValueError, IndexError, IdentError):
+                (block,) = messages.blocks_of([data])
+                position, velocity, effort = (x is not None for x in block.fields[:3])
+                if block.names and (effort if role == 'effort' else position or velocity):
+                    return True
+        return False

@@ -47,11 +47,26 @@ class Source:
         paths: The first that a message's definition has counts.
         scale: Factor to rad, m or the unit of the effort.
         absent: What stands for no value.
+        chosen: The path's text, which number there it is, and how many there have to be; None for
+            all.
     """
 
     paths: tuple[Path, ...]
     scale: float = 1.0
     absent: float = math.nan
+    chosen: tuple[str, int, int] | None = None
+
+    def entry(self, count: int) -> int:
+        """Return the number of the chosen entry of so many.
+
+        Raises:
+            ValueError: There are not as many as there have to be.
+        """
+        assert self.chosen is not None
+        text, entry, of = self.chosen
+        if count != of:
+            raise ValueError(f'{text} is {count} numbers for {of} joints')
+        return entry
 
 
 @dataclass(frozen=True)
@@ -117,10 +132,10 @@ def map_of(kind: str) -> MessageMap | None:
 
 def _source(given: Any) -> Source:
     """Return a field's source: a path, paths, or a mapping that states more of it."""
-    about = dict(given) if isinstance(given, Mapping) else {'path': given}
-    paths = about.pop('path')
-    paths = [paths] if isinstance(paths, str) else paths
-    return Source(tuple(map(path_of, paths)), **{k: float(x) for k, x in about.items()})
+    about = given if isinstance(given, Mapping) else {'path': given}
+    paths = [about['path']] if isinstance(about['path'], str) else about['path']
+    scale, absent = float(about.get('scale', 1.0)), float(about.get('absent', math.nan))
+    return Source(tuple(map(path_of, paths)), scale, absent)
 
 
 @cache
@@ -138,25 +153,56 @@ def nameless(kind: str, role: str) -> bool:
     return found is not None and 'values' in found.roles.get(role, ()) and role not in found.names
 
 
-def parser(
+def map_of_fields(
     kind: str,
+    columns: Sequence[tuple[str, int, int]],
+    time: str | None,
+    digits: int,
+    definition: Definition | None,
+) -> MessageMap:
+    """Return a map by which numbers in messages are positions of joints called 0, 1, and so on.
+
+    Args:
+        columns: Path of each number, which of those there it is, and how many there are.
+        time: Path of the time; None for the stamp of a header, or no time.
+        digits: Decimal digits from the unit of a time that is a number to ns.
+        definition: Of the messages; None for what is not of ROS.
+
+    Raises:
+        LookupError: The definition lacks a path, which the error is of.
+    """
+    for text in (time, *(x for x, *_ in columns)):
+        if text and definition and not definition.has(path_of(text)):
+            raise LookupError(text)
+    whole = 'header.stamp' if time is None else time
+    stamp = [(path_of(f'{whole}.{x}'), n) for x, n in (('sec', 10**9), ('nanosec', 1))]
+    clock: Clock = 'stamp'
+    if definition is None or not all(definition.has(path) for path, _ in stamp):
+        stamp = [(path_of(time), 10**digits)] if time else []
+        clock = 'none' if not time else 'counter' if definition or digits else 'stamp'
+    fields = {str(n): Source((path_of(x[0]),), chosen=x) for n, x in enumerate(columns)}
+    return MessageMap(
+        kind, {'': fields}, {}, tuple(stamp), clock, False, '', tuple(fields), definition
+    )
+
+
+def parser(
+    about: MessageMap,
     role: str,
     names: Sequence[str] = (),
     drives: Sequence[str] = (),
     definition: Definition | None = None,
 ) -> Parse:
-    """Return what finds a role's values in messages of a type that has a map.
+    """Return what finds a role's values in messages.
 
     Args:
-        kind: One of `kinds`, but for trajectories.
+        about: Meaning of their fields.
         names: Joints in the order of a message that has no names; of bare numbers
             `joint/velocity` as ros2_control has it. By itself a joint there is its position, in a
             message of efforts its effort.
         drives: Joints of the machine, whose order is taken where nothing else names them.
         definition: Of the messages, where the file has one; that of the map otherwise.
     """
-    about = map_of(kind)
-    assert about is not None
     known = definition or about.definition
     assert known is not None
     sources = {
@@ -175,6 +221,10 @@ def parser(
         picks: list[Pick] = []
         for field, (path, source) in sources.items():
             places, form = _numbers(found_at(tree, path))
+            if source.chosen:
+                joints, entry = about.joints, source.entry(places.size)
+                picks.append(Pick(0, np.array([int(field)]), places[[entry]], form))
+                continue
             if field == 'values':
                 joints, parted = _parted(joints, usual, places, titles is not None)
             else:
@@ -189,55 +239,10 @@ def parser(
                 picks.append(Pick(number, every, where, form, source.scale, source.absent))
         parts = ((found_at(tree, path)[0], factor) for path, factor in about.stamp)
         stamp = tuple((x.at, x.format, factor) for x, factor in parts)
-        return _present(Layout(joints, tuple(picks), cursor.fixed, cursor.big, stamp))
+        layout = Layout(joints, tuple(picks), cursor.fixed, cursor.big, stamp)
+        return _present(layout) if titles else layout
 
     return remembered(parse)
-
-
-def fields_parser(
-    paths: Sequence[tuple[str, int, int]], time: str | None, digits: int, definition: Definition
-) -> tuple[Parse, Clock]:
-    """Return what finds numbers in messages of a type, and what their time is.
-
-    Args:
-        paths: Path of each number, which of those there it is, and how many there are.
-        time: Path of the time; None for the stamp of a header, or no time.
-        digits: Decimal digits from the unit of a time that is a number to ns.
-
-    Raises:
-        LookupError: The definition lacks a path, which the error is of.
-    """
-    parts = [path_of(f'header.stamp.{x}') for x in ('sec', 'nanosec')] if time is None else []
-    whole = [path_of(f'{time}.{x}') for x in ('sec', 'nanosec')] if time is not None else parts
-    stamped = all(map(definition.has, whole))
-    places = [path_of(path) for path, *_ in paths]
-    for text, path in zip([time or '', *(x for x, *_ in paths)], [None, *places], strict=True):
-        if text and not definition.has(path or path_of(text)):
-            raise LookupError(text)
-    counter = time is not None and not stamped
-    clock = list(zip(whole, (10**9, 1), strict=True)) if stamped else []
-    if counter and time is not None:
-        clock = [(path_of(time), 10**digits)]
-    fields = Fields(definition, [*places, *(path for path, _ in clock)])
-
-    def parse(data: bytes) -> Layout:
-        tree, cursor = fields.walk(data)
-        by_form: dict[str, list[tuple[int, int]]] = {}
-        for number, (path, (text, entry, of)) in enumerate(zip(places, paths, strict=True)):
-            where, form = _numbers(found_at(tree, path))
-            if where.size != of:
-                raise ValueError(f'{text} is {where.size} numbers for {of} joints')
-            by_form.setdefault(form, []).append((number, int(where[entry])))
-        picks = [
-            Pick(0, np.array([x for x, _ in own]), np.array([x for _, x in own]), form)
-            for form, own in by_form.items()
-        ]
-        stamp = ((found_at(tree, path)[0], factor) for path, factor in clock)
-        parts = tuple((x.at, x.format, factor) for x, factor in stamp)
-        names = tuple(map(str, range(len(paths))))
-        return Layout(names, tuple(picks), cursor.fixed, cursor.big, parts)
-
-    return remembered(parse), 'counter' if counter else 'stamp' if clock else 'none'
 
 
 def _texts(found: Sequence[Any]) -> tuple[str, ...]:

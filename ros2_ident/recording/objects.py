@@ -14,10 +14,9 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.recording.cdr import Block, ByteTable
-from ros2_ident.recording.columns import TopicMap
-from ros2_ident.recording.definition import Path, path_of
+from ros2_ident.recording.definition import Path
 from ros2_ident.recording.limits import limit
-from ros2_ident.recording.maps import DIGITS, map_of
+from ros2_ident.recording.maps import DIGITS, MessageMap
 from ros2_ident.recording.streams import FIELDS, LATEST_STAMP
 
 FORMS = ('protobuf', 'json')
@@ -28,48 +27,30 @@ _Row = tuple[tuple[str, ...], Mapping[str, Sequence[float]], int]
 Decode = Callable[[Sequence[bytes] | ByteTable], list[Block]]
 
 
-def decoder(kind: str, role: str, form: str, schema: bytes) -> Decode:
-    """Return what decodes a role's messages of a type that has a map.
+def decoder(about: MessageMap, role: str, form: str, schema: bytes) -> Decode:
+    """Return what decodes a role's messages.
 
     Args:
-        kind: As the schema is called.
+        about: Meaning of their fields; its kind is as the schema is called.
         form: One of `FORMS`.
         schema: Of protobuf a set of file descriptors.
 
     Raises:
         IdentError: INVALID_GOAL where the library is missing, BAD_VALUES for a damaged schema.
     """
-    about = map_of(kind)
-    assert about is not None
-    sources = about.roles[role]
+    read = _reader(about.kind, form, schema)
 
     def row_of(tree: Any) -> _Row:
-        names = tuple(map(str, _found(tree, about.names[role])))
-        values = {x: _numbers(tree, source.paths[0]) for x, source in sources.items()}
-        return names, values, sum(_nanoseconds(tree, path, 0) for path, _ in about.stamp)
+        titles, values = about.names.get(role), dict[str, list[float]]()
+        for field, source in about.roles[role].items():
+            found = _numbers(tree, source.paths[0])
+            if source.chosen:
+                values.setdefault(FIELDS[0], []).append(found[source.entry(len(found))])
+            else:
+                values[field] = found
+        names = tuple(map(str, _found(tree, titles))) if titles else about.joints
+        return names, values, sum(_nanoseconds(tree, *part) for part in about.stamp)
 
-    return _decoder(_reader(kind, form, schema), row_of)
-
-
-def fields_decoder(kind: str, about: TopicMap, form: str, schema: bytes) -> Decode:
-    """Return what decodes the fields of a topic that a column map names; see `decoder`."""
-    paths = [(path_of(str(x.cell)), x.entry, x.of) for x in about.columns]
-    names = tuple(map(str, range(len(paths))))
-    time = path_of(about.time) if about.time else None
-
-    def row_of(tree: Any) -> _Row:
-        values = []
-        for (path, entry, of), column in zip(paths, about.columns, strict=True):
-            found = _numbers(tree, path)
-            if len(found) != of:
-                raise ValueError(f'{column.cell} is {len(found)} numbers for {of} joints')
-            values.append(found[entry])
-        return names, {FIELDS[0]: values}, _nanoseconds(tree, time, about.digits) if time else 0
-
-    return _decoder(_reader(kind, form, schema), row_of)
-
-
-def _decoder(read: Callable[[bytes], Any], row_of: Callable[[Any], _Row]) -> Decode:
     def decode(messages: Sequence[bytes] | ByteTable) -> list[Block]:
         rows = [_checked(row_of, read(bytes(x))) for x in messages]
         blocks, begin = [], 0
@@ -180,13 +161,13 @@ def _numbers(tree: Any, path: Path) -> list[float]:
     return [math.nan if x is None else float(x) for x in found]
 
 
-def _nanoseconds(tree: Any, path: Path, digits: int) -> int:
-    """Return a time, ns: a message of seconds and nanoseconds, or a number."""
+def _nanoseconds(tree: Any, path: Path, unit: int) -> int:
+    """Return a time, ns: a message of seconds and nanoseconds, or a number of a unit [ns]."""
     (value,) = _found(tree, path)
     if value is None:
         return 0
     if isinstance(value, (int, float)):
-        return int(round(value * 10**digits))
+        return int(round(value * unit))
     parts = {**value} if isinstance(value, Mapping) else {
         x.name: getattr(value, x.name) for x in value.DESCRIPTOR.fields
     }  # fmt: skip

@@ -244,7 +244,7 @@ class Capture:
         if inbox.meter.last is None or about is None or about.clock != 'stamp':
             return False
         try:
-            (block,) = cdr.decode([data], parser(inbox.kind, role, self.names))
+            (block,) = cdr.decode([data], parser(about, role, self.names))
         except (ValueError, IndexError, IdentError):
             return False
         return 0 < int(block.stamp[0]) - inbox.meter.last < 0.5e9 * self.idle
@@ -294,7 +294,7 @@ class Capture:
             inbox.meter.dropped += len(data) - room
             data, sent = data[:room], sent[:room]
         self._write(role, data, sent)
-        messages = messages_of(inbox.kind, role, self.names)
+        messages = messages_of(map_of(inbox.kind), role, self.names)
         if messages.clock == 'counter':  # set by all log times together, which are still to come
             messages.clock = 'none'
         reason = why(inbox.kind, role)

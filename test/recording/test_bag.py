@@ -16,7 +16,7 @@ from rosbags.typesys import get_typestore, Stores
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import read_bag, Topics, write_bag
 from ros2_ident.recording.cdr import decode, encode
-from ros2_ident.recording.maps import parser
+from ros2_ident.recording.maps import map_of, parser
 from ros2_ident.recording.streams import FIELDS
 
 MS = 1_000_000
@@ -92,7 +92,7 @@ def test_other_tools_read_it(recording, bag):
         messages = list(indexed.iter_messages(topics=['/effort']))
         assert indexed.get_summary().statistics.message_count == 6000
     assert [m.log_time for _, _, m in messages] == recording.effort.stamp.tolist()
-    (block,) = decode([m.data for _, _, m in messages], parser(JOINT_STATE, 'state'))
+    (block,) = decode([m.data for _, _, m in messages], parser(map_of(JOINT_STATE), 'state'))
     np.testing.assert_array_equal(block.fields[2], recording.effort.effort)
 
 
@@ -240,7 +240,7 @@ def test_the_fast_decoder_agrees_with_rosbags(joints, filled, frame):
         arrays = [np.arange(len(names)) + 10.0 * k if f else () for f in filled[k]]
         data.append(message(names, *arrays, stamp=START + k, frame=frame))
     raw = [bytes(STORE.serialize_cdr(x, JOINT_STATE)) for x in data]
-    blocks = decode(raw, parser(JOINT_STATE, 'state'))
+    blocks = decode(raw, parser(map_of(JOINT_STATE), 'state'))
     assert [i for block in blocks for i in block.rows.tolist()] == list(range(len(raw)))
     for block in blocks:
         for row, place in enumerate(block.rows.tolist()):

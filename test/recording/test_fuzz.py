@@ -17,7 +17,7 @@ from reader_cases import COLUMNS, damage, kinds, outcome, START
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, RecordingBuilder
 from ros2_ident.recording.cdr import decode, JOINT_STATE
-from ros2_ident.recording.maps import parser
+from ros2_ident.recording.maps import map_of, parser
 
 CORPUS = Path(__file__).parent / 'corpus' / 'readers'
 QUIET = settings(
@@ -88,7 +88,7 @@ def test_any_bytes_are_answered(tmp_path, data, suffix):
 def test_any_message_is_decoded_or_refused(data):
     messages = [b'\x00\x01\x00\x00' + x for x in data]
     try:
-        blocks = decode(messages, parser(JOINT_STATE, 'state'))
+        blocks = decode(messages, parser(map_of(JOINT_STATE), 'state'))
     except ValueError:
         return
     assert sum(x.rows.size for x in blocks) == len(messages)

@@ -293,7 +293,7 @@ def test_a_counter_keeps_even_time_where_messages_come_late(maker, tmp_path):
 
 def test_a_counter_is_no_time_while_messages_still_come(maker):
     kind = 'unitree_go/msg/LowState'
-    messages = messages_of(kind, 'state', ())
+    messages = messages_of(map_of(kind), 'state')
     assert messages.clock == 'counter'
     messages.clock = 'none'
     sent = [x for *_, own, x in unitree(maker, 'unitree_go', 12) if own == kind]
