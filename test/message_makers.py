@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+from mcap.writer import Writer as McapWriter
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
@@ -59,6 +60,27 @@ class Messages:
         """Set the stamp of a header, ns."""
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(when, 10**9)
 
+    def put(self, message, path, value):
+        """Set the field at `a.b`, or that at `a[].b` of each entry of a sequence."""
+        name, _, rest = path.partition('.')
+        if name.endswith('[]'):
+            entries = getattr(message, name[:-2])
+            if not entries:
+                about = dict(self.store.fielddefs[message.__msgtype__][1])[name[:-2]]
+                entries += [self.blank(about[1][0][1]) for _ in value]
+            values = value if np.ndim(value) else [value] * len(entries)
+            for entry, own in zip(entries, values, strict=False):
+                self.put(entry, rest, own)
+        elif rest:
+            self.put(getattr(message, name), rest, value)
+        else:
+            held = getattr(message, name)
+            if isinstance(held, np.ndarray):
+                value = np.array(value, held.dtype)
+            elif not isinstance(held, list) and np.ndim(value):
+                (value,) = value
+            setattr(message, name, value)
+
     def write(self, path, messages, storage='mcap', packed=False):
         """Write `[(time, topic, type, message)]` as a bag, in the order of time."""
         if self.version == 1:
@@ -75,3 +97,17 @@ class Messages:
                     topics[topic] = writer.add_connection(topic, kind, typestore=self.store)
                 writer.write(topics[topic], when, bytes(serialise(message, kind)))
         return path
+
+
+def write_mcap(path, kind, form, schema, rows, encoding='cdr', **options):
+    """Write `[(topic, time, bytes)]` of one type as a bare MCAP file; return its path."""
+    with path.open('wb') as file:
+        writer = McapWriter(file, **options)
+        writer.start(profile='ros2')
+        number, topics = writer.register_schema(kind, form, schema), {}
+        for topic, when, data in rows:
+            if topic not in topics:
+                topics[topic] = writer.register_channel(topic, encoding, number)
+            writer.add_message(topics[topic], when, data, when)
+        writer.finish()
+    return path

@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 import contextlib
 from dataclasses import dataclass
 import importlib
-import io
 import json
 from pathlib import Path
 import random
@@ -13,8 +12,7 @@ import struct
 import zlib
 
 import lz4.frame
-from mcap.writer import Writer as McapWriter
-from message_makers import Messages
+from message_makers import Messages, write_mcap
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -249,54 +247,45 @@ def kinds(room: Path, size: int = 120) -> dict[str, Kind]:
     table = table_text(recording).encode()
     found['table'] = Kind('a.csv', table, (('a.columns.yaml', COLUMNS.encode()),))
     found['columns'] = Kind('a.columns.yaml', COLUMNS.encode(), (('a.csv', table),))
-    return found | messages(recording) | arrays(room, recording)
+    return found | messages(room, recording) | arrays(room, recording)
 
 
-def messages(recording: Recording) -> dict[str, Kind]:
+def messages(room: Path, recording: Recording) -> dict[str, Kind]:
     """Return bags of messages with their definitions, without a checksum, by name."""
     position, effort = recording.state.position, recording.effort.effort
     maker = Messages()
-    own = {}
-    for topic, kind in (('/lowstate', 'unitree_go/msg/LowState'),
-                        ('/pid/state', 'control_msgs/msg/MultiDOFStateStamped')):  # fmt: skip
-        definition, _ = maker.store.generate_msgdef(kind)
+    files = {}
+    for name, topic, kind, fields in (
+        ('lowstate', '/lowstate', 'unitree_go/msg/LowState',
+         {'motor_state[].q': position, 'motor_state[].tau_est': effort}),
+        ('pid_state', '/pid/state', 'control_msgs/msg/MultiDOFStateStamped',
+         {'dof_states[].name': ['ab'] * len(position), 'dof_states[].feedback': position}),
+    ):  # fmt: skip
         rows = []
         for k, when in enumerate(recording.state.stamp.tolist()):
             message = maker.blank(kind)
-            for d in (0, 1):
-                if topic == '/lowstate':
-                    message.tick, motor = 5 + k, message.motor_state[d]
-                    motor.q, motor.tau_est = position[k, d], effort[k, d]
-                else:
-                    one = maker.blank('control_msgs/msg/SingleDOFState')
-                    one.name, one.feedback = 'ab'[d], position[k, d]
-                    message.dof_states.append(one)
-            if topic != '/lowstate':
+            for path, values in fields.items():
+                maker.put(message, path, [*values[k]])
+            if name == 'lowstate':
+                message.tick = 5 + k
+            else:
                 maker.stamp(message, when)
-            rows.append((when, bytes(maker.store.serialize_cdr(message, kind))))
-        about = kind, 'ros2msg', definition.encode(), 'cdr'
-        own[topic.strip('/').replace('/', '_')] = topic, about, rows
+            rows.append((topic, when, bytes(maker.store.serialize_cdr(message, kind))))
+        definition, _ = maker.store.generate_msgdef(kind)
+        files[name] = (kind, 'ros2msg', definition.encode(), rows)
     rows = []
     for k, when in enumerate(recording.state.stamp.tolist()):
         stamp = {'sec': when // 10**9, 'nsec': when % 10**9}
         joints = [{'name': 'ab'[d], 'position': position[k, d]} for d in (0, 1)]
-        rows.append((when, json.dumps({'timestamp': stamp, 'joints': joints}).encode()))
-    own['json'] = '/joint_states', ('foxglove.JointStates', 'jsonschema', b'{}', 'json'), rows
-    return {name: Kind('a.mcap', _loose(*each)) for name, each in own.items()}
-
-
-def _loose(topic, about, rows):
-    """Return an MCAP file without chunks and checksums."""
-    out = io.BytesIO()
-    writer = McapWriter(out, use_chunking=False, enable_crcs=False)
-    writer.start(profile='ros2')
-    kind, form, definition, encoding = about
-    schema = writer.register_schema(kind, form, definition)
-    channel = writer.register_channel(topic, encoding, schema)
-    for when, data in rows:
-        writer.add_message(channel, when, data, when)
-    writer.finish()
-    return out.getvalue()
+        data = json.dumps({'timestamp': stamp, 'joints': joints}).encode()
+        rows.append(('/joint_states', when, data))
+    files['json'] = ('foxglove.JointStates', 'jsonschema', b'{}', rows, 'json')
+    found = {}
+    for name, about in files.items():
+        path = room / f'{name}.mcap'
+        write_mcap(path, *about, use_chunking=False, enable_crcs=False)
+        found[name] = Kind('a.mcap', path.read_bytes())
+    return found
 
 
 ARRAYS = """time: {column: time, unit: ns}

@@ -9,9 +9,7 @@ import sqlite3
 import sys
 
 from identify_cases import QUICK, ROOT
-from mcap.reader import make_reader
-from mcap.writer import Writer as McapWriter
-from message_makers import Messages
+from message_makers import Messages, write_mcap
 import numpy as np
 import pytest
 
@@ -22,7 +20,7 @@ from ros2_ident.models import load_machine
 from ros2_ident.recording import check, maps, read_bag, render, Topics, write_bag
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.content import messages_of
-from ros2_ident.recording.maps import kinds, map_of, roles_of
+from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, roles_of
 from ros2_ident.recording.streams import FIELDS
 
 PENDULUM = ROOT / 'config/double_pendulum.yaml'
@@ -49,172 +47,112 @@ def truth(joints):
     return [x.astype(np.float32).astype(np.float64) for x in rows]
 
 
-def unitree(maker, package, joints):
-    q, dq, tau, goal = truth(joints)
+TURN = 2.0 * np.pi
+FRANKA = [f'fr3_joint{n}' for n in range(1, 8)]
+
+
+def unitree(package):
+    """Return what a robot of Unitree sends; 2.146e9 rad and 16000 rad/s are no set-point."""
+    state = {'motor_state[].q': 'q', 'motor_state[].dq': 'dq', 'motor_state[].tau_est': 'tau'}
+    state['tick'] = lambda k, _: 70_000 + 2 * k
+    none = {'motor_cmd[].q': 2.146e9, 'motor_cmd[].dq': 16000.0}
+    gains = {'motor_cmd[].kp': 60.0, 'motor_cmd[].kd': 5.0}
+    command = 'motor_cmd[].q', 'goal'
+    return [
+        ('/lowstate', f'{package}/msg/LowState', state.items()),
+        ('/lowcmd', f'{package}/msg/LowCmd', [*none.items(), *gains.items(), command]),
+    ]
+
+
+def one(topic, kind, **fields):
+    """Return a topic, its type, and fields by their paths with `__` for the points."""
+    return topic, kind, [(path.replace('__', '.'), value) for path, value in fields.items()]
+
+
+# Joints, factor to rad, whether there are velocity, effort and set-point; and of each topic the
+# type and its fields: a row of `truth` by its name, what a function makes, or what stands there.
+CASES = {
+    'unitree_go': (LEGS, 1.0, 'vec', unitree('unitree_go')),
+    'unitree_hg': ([f'joint_{n}' for n in range(1, 30)], 1.0, 'vec', unitree('unitree_hg')),
+    'franka_ros2': (FRANKA, 1.0, 'vec', [one(
+        '/franka_robot_state_broadcaster/robot_state', 'franka_msgs/msg/FrankaRobotState',
+        header__frame_id=lambda *_: 'base',
+        measured_joint_state__name=FRANKA, measured_joint_state__position='q',
+        measured_joint_state__velocity='dq', measured_joint_state__effort='tau',
+        desired_joint_state__name=FRANKA, desired_joint_state__position='goal',
+        desired_joint_state__velocity='dq', desired_joint_state__effort='tau',
+    )]),
+    'franka_ros1': ([f'panda_joint{n}' for n in range(1, 8)], 1.0, 'vec', [one(
+        '/franka_state_controller/franka_states', 'franka_msgs/msg/FrankaState',
+        header__frame_id=lambda *_: 'base', q='q', dq='dq', tau_J='tau', q_d='goal',
+    )]),
+    'lbr': (SEVEN, 1.0, 'ec', [one(
+        '/lbr/state', 'lbr_fri_idl/msg/LBRState', measured_torque='tau',
+        time_stamp_sec=lambda k, _: (START + k * STEP) // 10**9,
+        time_stamp_nano_sec=lambda k, _: (START + k * STEP) % 10**9,
+        measured_joint_position='q', commanded_joint_position='goal',
+    )]),
+    'odrive': (SIX[:1], TURN, 'vec', [
+        one('/controller_status', 'odrive_node/msg/ControllerStatus',
+            pos_estimate='q', vel_estimate='dq', torque_estimate='tau'),
+        one('/control_message', 'odrive_node/msg/ControlMessage', input_pos='goal'),
+    ]),
+    'ur': (UR, 1.0, 'vec', [one(
+        '/ur_rt', 'ur_msgs/msg/RobotStateRTMsg', time=lambda k, _: 321.5 + 0.002 * k,
+        q_actual='q', qd_actual='dq', i_actual='tau', q_target='goal',
+    )]),
+    'xarm': (SIX, 1.0, '', [one('/xarm/robot_states', 'xarm_msgs/msg/RobotMsg', angle='q')]),
+    'pid_controller': (['a', 'b'], 1.0, 'vec', [(
+        '/pid_controller/controller_state', 'control_msgs/msg/MultiDOFStateStamped',
+        [(f'dof_states[].{path}', value) for path, value in (
+            ('name', ['a', 'b']), ('reference', 'goal'), ('output', 'tau'), ('feedback', 'q'),
+            ('feedback_dot', 'dq'))],
+    )]),
+    'multi_dof_command': (['a', 'b'], 1.0, 'vc', [
+        one('/joint_states', 'sensor_msgs/msg/JointState', name=['a', 'b'], position='q',
+            velocity='dq'),
+        one('/pid/reference', 'control_msgs/msg/MultiDOFCommand', dof_names=['b', 'a'],
+            values=lambda _, x: x['goal'][::-1]),
+    ]),
+    'interface_values': (['a', 'b'], 1.0, 'vec', [one(
+        '/controller_manager/values', 'control_msgs/msg/DynamicInterfaceValues',
+        states__interface_names=[*(f'{x}/{y}' for y in FIELDS for x in 'ab'), 'gpio/vacuum'],
+        states__values=lambda _, x: [*x['q'], *x['dq'], *x['tau'], 7.0],
+        commands__interface_names=['a/position', 'b/position'], commands__values='goal',
+    )]),
+    'joint_controller_state': (SIX[:1], 1.0, 'vec', [one(
+        '/arm_controller/state', 'control_msgs/msg/JointControllerState', set_point='goal',
+        command='tau', process_value='q', process_value_dot='dq',
+    )]),
+}  # fmt: skip
+# Those of ROS 1 are no case of ROS 2.
+ROS_2 = [case for case in CASES if case != 'franka_ros1']
+
+
+def sent(maker, case, joints=0):
+    """Yield (time, topic, type, message) of a case; of so many joints where it is given."""
+    rows = dict(zip(('q', 'dq', 'tau', 'goal'), truth(joints or len(CASES[case][0])), strict=True))
     for k in range(SAMPLES):
-        when = START + k * STEP
-        state, command = (maker.blank(f'{package}/msg/{x}') for x in ('LowState', 'LowCmd'))
-        state.tick = 70_000 + 2 * k
-        for j in range(joints):
-            motor, goal_ = state.motor_state[j], command.motor_cmd[j]
-            motor.q, motor.dq, motor.tau_est = q[k, j], dq[k, j], tau[k, j]
-            goal_.q, goal_.dq, goal_.kp, goal_.kd = goal[k, j], 16000.0, 60.0, 5.0
-        for motor in command.motor_cmd[joints:]:
-            motor.q, motor.dq = 2.146e9, 16000.0
-        yield when, '/lowstate', f'{package}/msg/LowState', state
-        yield when, '/lowcmd', f'{package}/msg/LowCmd', command
-
-
-def franka_2(maker):
-    q, dq, tau, goal = truth(7)
-    kind = 'franka_msgs/msg/FrankaRobotState'
-    for k in range(SAMPLES):
-        message = maker.blank(kind)
-        maker.stamp(message, START + k * STEP)
-        message.header.frame_id = 'base'
-        for own, place in ((message.measured_joint_state, q), (message.desired_joint_state, goal)):
-            own.name = [f'fr3_joint{n}' for n in range(1, 8)]
-            own.position, own.velocity, own.effort = place[k], dq[k], tau[k]
-        yield START + k * STEP, '/franka_robot_state_broadcaster/robot_state', kind, message
-
-
-def franka_1(maker):
-    q, dq, tau, goal = truth(7)
-    kind = 'franka_msgs/msg/FrankaState'
-    for k in range(SAMPLES):
-        message = maker.blank(kind)
-        maker.stamp(message, START + k * STEP)
-        message.header.seq, message.header.frame_id = k, 'base'
-        message.q, message.dq, message.tau_J, message.q_d = q[k], dq[k], tau[k], goal[k]
-        yield START + k * STEP, '/franka_state_controller/franka_states', kind, message
-
-
-def lbr(maker):
-    q, _, tau, goal = truth(7)
-    kind = 'lbr_fri_idl/msg/LBRState'
-    for k in range(SAMPLES):
-        message = maker.blank(kind)
-        message.time_stamp_sec, message.time_stamp_nano_sec = divmod(START + k * STEP, 10**9)
-        message.measured_joint_position, message.measured_torque = q[k], tau[k]
-        message.commanded_joint_position = goal[k]
-        yield START + k * STEP, '/lbr/state', kind, message
-
-
-def odrive(maker):
-    q, dq, tau, goal = truth(1)
-    for k in range(SAMPLES):
-        status = maker.blank('odrive_node/msg/ControllerStatus')
-        status.pos_estimate, status.vel_estimate = q[k, 0], dq[k, 0]
-        status.torque_estimate = tau[k, 0]
-        order = maker.blank('odrive_node/msg/ControlMessage')
-        order.input_pos = goal[k, 0]
-        yield START + k * STEP, '/controller_status', 'odrive_node/msg/ControllerStatus', status
-        yield START + k * STEP, '/control_message', 'odrive_node/msg/ControlMessage', order
-
-
-def ur(maker):
-    q, dq, tau, goal = truth(6)
-    kind = 'ur_msgs/msg/RobotStateRTMsg'
-    for k in range(SAMPLES):
-        message = maker.blank(kind)
-        message.time = 321.5 + 0.002 * k
-        message.q_actual, message.qd_actual, message.i_actual = q[k], dq[k], tau[k]
-        message.q_target = goal[k]
-        yield START + k * STEP, '/ur_rt', kind, message
-
-
-def xarm(maker):
-    q = truth(6)[0]
-    kind = 'xarm_msgs/msg/RobotMsg'
-    for k in range(SAMPLES):
-        message = maker.blank(kind)
-        maker.stamp(message, START + k * STEP)
-        message.angle = q[k].astype(np.float32)
-        yield START + k * STEP, '/xarm/robot_states', kind, message
+        when, now = START + k * STEP, {name: x[k] for name, x in rows.items()}
+        for topic, kind, fields in CASES[case][-1]:
+            message = maker.blank(kind)
+            if hasattr(message, 'header'):
+                maker.stamp(message, when)
+            for path, value in fields:
+                value = value(k, now) if callable(value) else value
+                maker.put(
+                    message, path, now[value] if isinstance(value, str) and value in now else value
+                )
+            yield when, topic, kind, message
 
 
 def dynamixel(maker):
     kind = 'dynamixel_workbench_msgs/msg/DynamixelStateList'
     for k in range(SAMPLES):
         message = maker.blank(kind)
-        for n, name in enumerate(('pan', 'tilt')):
-            motor = maker.blank('dynamixel_workbench_msgs/msg/DynamixelState')
-            motor.name, motor.present_position = name, 2048 + 10 * k + n
-            message.dynamixel_state.append(motor)
+        maker.put(message, 'dynamixel_state[].name', ['pan', 'tilt'])
+        maker.put(message, 'dynamixel_state[].present_position', [2048 + 10 * k, 2049 + 10 * k])
         yield START + k * STEP, '/dynamixel_state', kind, message
-
-
-def pid(maker):
-    q, dq, tau, goal = truth(2)
-    kind = 'control_msgs/msg/MultiDOFStateStamped'
-    for k in range(SAMPLES):
-        message = maker.blank(kind)
-        maker.stamp(message, START + k * STEP)
-        for j, name in enumerate(('a', 'b')):
-            one = maker.blank('control_msgs/msg/SingleDOFState')
-            one.name, one.reference, one.output = name, goal[k, j], tau[k, j]
-            one.feedback, one.feedback_dot = q[k, j], dq[k, j]
-            message.dof_states.append(one)
-        yield START + k * STEP, '/pid_controller/controller_state', kind, message
-
-
-def multi_dof(maker):
-    q, dq, _, goal = truth(2)
-    for k in range(SAMPLES):
-        state = maker.blank('sensor_msgs/msg/JointState')
-        maker.stamp(state, START + k * STEP)
-        state.name, state.position, state.velocity = ['a', 'b'], q[k], dq[k]
-        order = maker.blank('control_msgs/msg/MultiDOFCommand')
-        order.dof_names, order.values = ['b', 'a'], goal[k, ::-1].copy()
-        yield START + k * STEP, '/joint_states', 'sensor_msgs/msg/JointState', state
-        yield START + k * STEP, '/pid/reference', 'control_msgs/msg/MultiDOFCommand', order
-
-
-def interfaces(maker):
-    q, dq, tau, goal = truth(2)
-    kind = 'control_msgs/msg/DynamicInterfaceValues'
-    for k in range(SAMPLES):
-        message = maker.blank(kind)
-        maker.stamp(message, START + k * STEP)
-        names = [f'{x}/{y}' for y in FIELDS for x in 'ab']
-        message.states.interface_names = [*names, 'gpio/vacuum']
-        message.states.values = np.concatenate([q[k], dq[k], tau[k], [7.0]])
-        message.commands.interface_names = ['a/position', 'b/position']
-        message.commands.values = goal[k]
-        yield START + k * STEP, '/controller_manager/values', kind, message
-
-
-def one_joint(maker):
-    q, dq, tau, goal = truth(1)
-    kind = 'control_msgs/msg/JointControllerState'
-    for k in range(SAMPLES):
-        message = maker.blank(kind)
-        maker.stamp(message, START + k * STEP)
-        message.set_point, message.command = goal[k, 0], tau[k, 0]
-        message.process_value, message.process_value_dot = q[k, 0], dq[k, 0]
-        yield START + k * STEP, '/arm_controller/state', kind, message
-
-
-TURN = 2.0 * np.pi
-# Messages, joints, factor to rad, and whether there are velocity, effort and set-point.
-CASES = {
-    'unitree_go': (lambda x: unitree(x, 'unitree_go', 12), LEGS, 1.0, 'vec'),
-    'unitree_hg': (
-        lambda x: unitree(x, 'unitree_hg', 29),
-        [f'joint_{n}' for n in range(1, 30)],
-        1.0,
-        'vec',
-    ),
-    'franka_ros2': (franka_2, [f'fr3_joint{n}' for n in range(1, 8)], 1.0, 'vec'),
-    'lbr': (lbr, SEVEN, 1.0, 'ec'),
-    'odrive': (odrive, SIX[:1], TURN, 'vec'),
-    'ur': (ur, UR, 1.0, 'vec'),
-    'xarm': (xarm, SIX, 1.0, ''),
-    'pid_controller': (pid, ['a', 'b'], 1.0, 'vec'),
-    'multi_dof_command': (multi_dof, ['a', 'b'], 1.0, 'vc'),
-    'interface_values': (interfaces, ['a', 'b'], 1.0, 'vec'),
-    'joint_controller_state': (one_joint, SIX[:1], 1.0, 'vec'),
-}
 
 
 def compare(read, joints, factor, holds, command=()):
@@ -244,19 +182,19 @@ def maker():
     return Messages()
 
 
-@pytest.mark.parametrize('case', CASES)
+@pytest.mark.parametrize('case', ROS_2)
 def test_a_robot_s_messages_need_no_option(maker, tmp_path, case):
-    make, joints, factor, holds = CASES[case]
-    (read,) = read_bag(maker.write(tmp_path / 'log', make(maker)))
+    joints, factor, holds, _ = CASES[case]
+    (read,) = read_bag(maker.write(tmp_path / 'log', sent(maker, case)))
     compare(read, joints, factor, holds)
     assert not any('is not read' in x for x in read.notes)
     assert not any('is NaN' in x for x in render(check([read])))
 
 
-@pytest.mark.parametrize('case', CASES)
+@pytest.mark.parametrize('case', ROS_2)
 def test_a_bag_without_definitions_is_read_by_that_of_the_map(maker, tmp_path, case):
-    make, joints, factor, holds = CASES[case]
-    path = maker.write(tmp_path / 'log', make(maker), storage='sqlite3')
+    joints, factor, holds, _ = CASES[case]
+    path = maker.write(tmp_path / 'log', sent(maker, case), storage='sqlite3')
     with sqlite3.connect(path / 'log.db3') as base:  # as Humble and before
         base.execute('DROP TABLE IF EXISTS message_definitions')
     base.close()
@@ -266,8 +204,8 @@ def test_a_bag_without_definitions_is_read_by_that_of_the_map(maker, tmp_path, c
 
 def test_a_ros_1_bag_is_read_by_its_definitions(tmp_path):
     maker = Messages(version=1)
-    (read,) = read_bag(maker.write(tmp_path / 'log.bag', franka_1(maker)))
-    compare(read, [f'panda_joint{n}' for n in range(1, 8)], 1.0, 'vec')
+    (read,) = read_bag(maker.write(tmp_path / 'log.bag', sent(maker, 'franka_ros1')))
+    compare(read, *CASES['franka_ros1'][:3])
 
 
 def test_counts_are_scaled_by_what_the_map_states(maker, tmp_path):
@@ -282,7 +220,7 @@ def test_a_counter_keeps_even_time_where_messages_come_late(maker, tmp_path):
     slow = 1.0001  # the recorder's clock against the robot's
     messages = [
         (START + round(slow * (when - START)) + int(x), *rest)
-        for (when, *rest), x in zip(unitree(maker, 'unitree_go', 12), late, strict=True)
+        for (when, *rest), x in zip(sent(maker, 'unitree_go'), late, strict=True)
     ]
     (read,) = read_bag(maker.write(tmp_path / 'log', messages))
     steps = np.diff(read.state.stamp)
@@ -296,8 +234,8 @@ def test_a_counter_is_no_time_while_messages_still_come(maker):
     messages = messages_of(map_of(kind), 'state')
     assert messages.clock == 'counter'
     messages.clock = 'none'
-    sent = [x for *_, own, x in unitree(maker, 'unitree_go', 12) if own == kind]
-    data = [bytes(maker.store.serialize_cdr(x, kind)) for x in sent]
+    states = [x for *_, own, x in sent(maker, 'unitree_go') if own == kind]
+    data = [bytes(maker.store.serialize_cdr(x, kind)) for x in states]
     messages.take(range(START, START + len(data)), data)
     messages.decode()
     (block,) = messages.blocks
@@ -305,7 +243,7 @@ def test_a_counter_is_no_time_while_messages_still_come(maker):
 
 
 def test_gains_that_come_with_a_set_point_are_named(maker, tmp_path):
-    messages = [*unitree(maker, 'unitree_hg', 3)]
+    messages = [*sent(maker, 'unitree_hg', 3)]
     messages[-1][-1].motor_cmd[1].kd = 7.0
     (read,) = read_bag(maker.write(tmp_path / 'log', messages))
     assert read.notes[-1] == (
@@ -315,7 +253,7 @@ def test_gains_that_come_with_a_set_point_are_named(maker, tmp_path):
 
 
 def test_a_counter_that_starts_again_is_no_time(maker, tmp_path):
-    messages = [*unitree(maker, 'unitree_go', 12)]
+    messages = [*sent(maker, 'unitree_go')]
     for n, (_, topic, _, message) in enumerate(messages):
         if topic == '/lowstate' and n > SAMPLES:
             message.tick -= 70_000
@@ -325,7 +263,7 @@ def test_a_counter_that_starts_again_is_no_time(maker, tmp_path):
 
 
 def test_a_set_point_that_is_there_is_not_asked_for(maker, tmp_path):
-    messages = [*multi_dof(maker)]
+    messages = [*sent(maker, 'multi_dof_command')]
     messages += [(t, f'{x}_2', *rest) for t, x, *rest in messages if x == '/pid/reference']
     lines = render(check(read_bag(maker.write(tmp_path / 'log', messages))))
     (said,) = (x for x in lines if 'there is no command stream' in x)
@@ -344,16 +282,10 @@ def test_messages_of_one_size_in_a_row_are_read_as_any_others(maker, tmp_path, o
             for t, x in zip(stamps.tolist(), own, strict=True)]  # fmt: skip
     if order != 'one after the other':
         rows.sort(key=lambda x: (x[0] // (7 * STEP if order == 'some' else STEP), x[1]))
-    with (tmp_path / 'log.mcap').open('wb') as file:
-        writer = McapWriter(file)
-        writer.start(profile='ros2')
-        text, _ = maker.store.generate_msgdef('sensor_msgs/msg/JointState')
-        schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2msg', text.encode())
-        topics = [writer.register_channel(x, 'cdr', schema) for x in ('/one', '/two')]
-        for when, number, data in rows:
-            writer.add_message(topics[number], when, data, when)
-        writer.finish()
-    (read,) = read_bag(tmp_path / 'log.mcap', Topics(state='/one', effort='', command='/two'))
+    text, _ = maker.store.generate_msgdef(JOINT_STATE)
+    path = write_mcap(tmp_path / 'log.mcap', JOINT_STATE, 'ros2msg', text.encode(),
+                      [(('/one', '/two')[n], t, x) for t, n, x in rows])  # fmt: skip
+    (read,) = read_bag(path, Topics(state='/one', effort='', command='/two'))
     np.testing.assert_array_equal(read.state.position[:, :2], q[:, :2])
     np.testing.assert_array_equal(read.command.position, -q)
     assert (read.state.stamp == stamps).all() and (read.command.stamp == stamps).all()
@@ -402,21 +334,17 @@ module builtin_interfaces {{
 }};
 """
     q, dq, _, _ = truth(2)
-    with (tmp_path / 'log.mcap').open('wb') as file:
-        writer = McapWriter(file)
-        writer.start(profile='ros2')
-        schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2idl', text.encode())
-        channel = writer.register_channel('/joint_states', 'cdr', schema)
-        stamps = START + STEP * np.arange(SAMPLES)
-        for when, data in zip(stamps.tolist(), encode(stamps, 'ab', [q, dq, None]), strict=True):
-            writer.add_message(channel, when, data, when)
-        writer.finish()
-    (read,) = read_bag(tmp_path / 'log.mcap')
+    stamps = START + STEP * np.arange(SAMPLES)
+    pairs = zip(stamps.tolist(), encode(stamps, 'ab', [q, dq, None]), strict=True)
+    rows = [('/joint_states', *pair) for pair in pairs]
+    (read,) = read_bag(
+        write_mcap(tmp_path / 'log.mcap', JOINT_STATE, 'ros2idl', text.encode(), rows)
+    )
     compare(read, ['a', 'b'], 1.0, 'v')
 
 
 def test_names_come_from_the_command_line_or_the_machine(maker, tmp_path):
-    path = maker.write(tmp_path / 'log', lbr(maker))
+    path = maker.write(tmp_path / 'log', sent(maker, 'lbr'))
     names = tuple('abcdefg')
     (read,) = read_bag(path, Topics(names=names))
     assert read.state.names == read.command.names == names
@@ -432,7 +360,7 @@ def test_names_come_from_the_command_line_or_the_machine(maker, tmp_path):
 
 
 def test_check_lists_every_topic(maker, tmp_path):
-    messages = [*multi_dof(maker), *one_joint(maker)]
+    messages = [*sent(maker, 'multi_dof_command'), *sent(maker, 'joint_controller_state')]
     for k in range(3):
         pose = maker.blank('geometry_msgs/msg/PoseStamped')
         messages.append((START + k, '/pose', 'geometry_msgs/msg/PoseStamped', pose))
@@ -454,15 +382,9 @@ def test_check_lists_every_topic(maker, tmp_path):
 
 @pytest.mark.parametrize('kind', [x for x in kinds() if map_of(x)])
 def test_a_topic_of_bytes_that_are_no_message_is_named(maker, tmp_path, kind):
-    path = tmp_path / 'log.mcap'
-    with path.open('wb') as file:
-        writer = McapWriter(file)
-        writer.start()
-        form = 'cdr' if '/msg/' in kind else 'json'
-        number = writer.register_schema(kind, 'ros2msg', b'nothing')
-        topic = writer.register_channel('/odd', form, number)
-        writer.add_message(topic, START, b'\x00\x01\x00\x00{', START)
-        writer.finish()
+    form = 'cdr' if '/msg/' in kind else 'json'
+    rows = [('/odd', START, b'\x00\x01\x00\x00{')]
+    path = write_mcap(tmp_path / 'log.mcap', kind, 'ros2msg', b'nothing', rows, form)
     with pytest.raises(IdentError, match='holds no message of /joint_states, .* only /odd'):
         read_bag(path)
     with pytest.raises(IdentError, match='no message of /odd is a valid|is an array without'):
@@ -495,7 +417,7 @@ def read_by(path, room, text):
 
 
 def test_a_column_map_names_fields_of_topics(maker, tmp_path):
-    path = maker.write(tmp_path / 'log', unitree(maker, 'unitree_go', 12))
+    path = maker.write(tmp_path / 'log', sent(maker, 'unitree_go'))
     text = """
 time: {column: /lowstate tick, unit: ms}
 joints:
@@ -522,7 +444,7 @@ joints:
 
 def test_a_map_and_the_map_of_the_type_give_the_same(tmp_path):
     maker = Messages(version=1)
-    path = maker.write(tmp_path / 'log.bag', franka_1(maker))
+    path = maker.write(tmp_path / 'log.bag', sent(maker, 'franka_ros1'))
     names = ', '.join(f'panda_joint{n}' for n in range(1, 8))
     topic = '/franka_state_controller/franka_states'
     fields = f'position: {topic} q, effort: {topic} tau_J, command_position: {topic} q_d'
@@ -552,7 +474,7 @@ def test_a_map_and_the_map_of_the_type_give_the_same(tmp_path):
     ],
 )
 def test_a_map_that_does_not_fit_says_what_is_there(maker, tmp_path, text, said):
-    path = maker.write(tmp_path / 'log', [*unitree(maker, 'unitree_go', 12)][:20])
+    path = maker.write(tmp_path / 'log', [*sent(maker, 'unitree_go')][:20])
     with pytest.raises(IdentError, match=said):
         read_by(path, tmp_path, text)
 
@@ -589,7 +511,7 @@ def foxglove_schema():
     return found
 
 
-def write_foxglove(path, form):
+def write_foxglove(path, form, broken=None):
     q, dq, tau, goal = truth(2)
     schema, make = b'', None
     if form == 'protobuf':
@@ -600,30 +522,25 @@ def write_foxglove(path, form):
             pool.Add(file)
         factory = importlib.import_module('google.protobuf.message_factory')
         make = factory.GetMessageClass(pool.FindMessageTypeByName('foxglove.JointStates'))
-    with path.open('wb') as file:
-        writer = McapWriter(file)
-        writer.start()
-        encoding = {'protobuf': 'protobuf', 'json': 'jsonschema'}[form]
-        number = writer.register_schema('foxglove.JointStates', encoding, schema)
-        topics = [writer.register_channel(x, form, number) for x in ('/joint_states', '/goal')]
-        for k in range(SAMPLES):
-            when = START + k * STEP
-            joints = [
-                {'name': 'ab'[n], 'position': q[k, n], 'velocity': dq[k, n], 'effort': tau[k, n]}
-                for n in (0, 1)
-            ]
-            goals = [{'name': 'b', 'position': goal[k, 1]}]
-            for topic, own in zip(topics, (joints, goals), strict=True):
-                if make is not None:
-                    message = make(joints=own)
-                    message.timestamp.seconds, message.timestamp.nanos = divmod(when, 10**9)
-                    data = message.SerializeToString()
-                else:
-                    stamp = {'sec': when // 10**9, 'nsec': when % 10**9}
-                    data = json.dumps({'timestamp': stamp, 'joints': own}).encode()
-                writer.add_message(topic, when + 10_000, data, when)
-        writer.finish()
-    return path
+    rows = []
+    for k in range(SAMPLES):
+        when = START + k * STEP
+        joints = [
+            {'name': 'ab'[n], 'position': q[k, n], 'velocity': dq[k, n], 'effort': tau[k, n]}
+            for n in (0, 1)
+        ]
+        goals = [{'name': 'b', 'position': goal[k, 1]}]
+        for topic, own in (('/joint_states', joints), ('/goal', goals)):
+            if make is not None:
+                message = make(joints=own)
+                message.timestamp.seconds, message.timestamp.nanos = divmod(when, 10**9)
+                data = message.SerializeToString()
+            else:
+                stamp = {'sec': when // 10**9, 'nsec': when % 10**9}
+                data = json.dumps({'timestamp': stamp, 'joints': own}).encode()
+            rows.append((topic, when + 10_000, b'\xff{' if (topic, k) == broken else data))
+    encoding = {'protobuf': 'protobuf', 'json': 'jsonschema'}[form]
+    return write_mcap(path, 'foxglove.JointStates', encoding, schema, rows, form)
 
 
 @pytest.mark.parametrize('form', ['protobuf', 'json'])
@@ -647,15 +564,10 @@ def test_json_without_values_or_with_an_absurd_time_is_answered(tmp_path):
         ([{'name': 'a', 'position': 10**400}], 1_700_000_000, 'no message of /joint_states is'),
         ([{'position': {}}], 1_700_000_000, 'no message of /joint_states is a valid'),
     ):
-        with path.open('wb') as file:
-            writer = McapWriter(file)
-            writer.start()
-            number = writer.register_schema('foxglove.JointStates', 'jsonschema', b'')
-            topic = writer.register_channel('/joint_states', 'json', number)
-            stamp = {'sec': second, 'nsec': 0}
-            data = json.dumps({'timestamp': stamp, 'joints': joints}).encode()
-            writer.add_message(topic, START, data, START)
-            writer.finish()
+        stamp = {'sec': second, 'nsec': 0}
+        data = json.dumps({'timestamp': stamp, 'joints': joints}).encode()
+        rows = [('/joint_states', START, data)]
+        write_mcap(path, 'foxglove.JointStates', 'jsonschema', b'', rows, 'json')
         with pytest.raises(IdentError, match=said):
             read_bag(path)
     text = """time: {column: /joint_states timestamp}
@@ -667,20 +579,7 @@ joints: {a: {position: "/joint_states joints[0].nothing"}}"""
 
 @pytest.mark.parametrize('form', ['protobuf', 'json'])
 def test_a_message_that_is_none_is_left_out(tmp_path, form):
-    path = write_foxglove(tmp_path / 'log.mcap', form)
-    with (tmp_path / 'other.mcap').open('wb') as file:
-        writer = McapWriter(file)
-        writer.start()
-        with path.open('rb') as source:
-            for n, (schema, channel, message) in enumerate(make_reader(source).iter_messages()):
-                if not n:
-                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                    topic = writer.register_channel('/joint_states', form, number)
-                if channel.topic == '/joint_states':
-                    body = b'\xff{' if n == 100 else message.data
-                    writer.add_message(topic, message.log_time, body, message.log_time)
-        writer.finish()
-    (read,) = read_bag(tmp_path / 'other.mcap')
+    (read,) = read_bag(write_foxglove(tmp_path / 'log.mcap', form, ('/joint_states', 50)))
     assert read.state.stamp.size == SAMPLES - 1
     assert any('1 of 100 messages are no valid' in x for x in read.warnings)
 
@@ -688,10 +587,9 @@ def test_a_message_that_is_none_is_left_out(tmp_path, form):
 # ---------------------------------------------------------------------- identified
 
 DRIVES = {
-    **{case: CASES[case][1] for case in ('unitree_go', 'franka_ros2', 'lbr', 'ur')},
+    **{x: CASES[x][0] for x in ('unitree_go', 'franka_ros2', 'franka_ros1', 'lbr', 'ur')},
     **dict.fromkeys(('pid_controller', 'interface_values', 'protobuf', 'json'), ['a', 'b']),
     'unitree_hg': ['shoulder', 'elbow'],  # in the order of the machine file
-    'franka_ros1': [f'panda_joint{n}' for n in range(1, 8)],
 }
 
 
@@ -727,11 +625,9 @@ def test_parameters_are_those_of_joint_states(pendulum, tmp_path, monkeypatch, c
     )
     if case in ('protobuf', 'json'):
         path = write_foxglove(tmp_path / 'log.mcap', case)
-    elif case == 'franka_ros1':
-        path = Messages(version=1).write(tmp_path / 'log.bag', franka_1(Messages(version=1)))
     else:
-        maker = Messages()
-        path = maker.write(tmp_path / 'log', CASES[case][0](maker))
+        maker = Messages(version=1 if case == 'franka_ros1' else 2)
+        path = maker.write(tmp_path / 'log.bag', sent(maker, case))
     report = check([*read_bag(path, drives=machine.drives)])
     assert report.level != 'error'
     drives = tuple(DRIVES[case][:2])
