@@ -2,7 +2,7 @@
 """Files of arrays with names, read by a column map: NumPy, MATLAB, HDF5, Parquet, JSON lines."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 from dataclasses import replace
 from decimal import Decimal
 from importlib import import_module
@@ -55,7 +55,10 @@ def read_arrays(path: Path, columns: str | Path = '') -> list[Recording]:
     if why := unreadable(path):
         raise ErrorCode.NO_DATA.error(f'{path}: {why}; give the path of a log')
     where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
-    with _OPEN[path.suffix.lower()](path) as (names, get, warnings):
+    with ExitStack() as stack:
+        with _careful(path):
+            opened = stack.enter_context(_OPEN[path.suffix.lower()](path))
+        names, get, warnings = opened
         if not where.exists():
             text = f'needs the column map {where}, as in docs/logs.md; it holds '
             raise refuse(path, text + listed(names, 20))
@@ -122,7 +125,15 @@ def _rows(
         if name not in held:
             if name not in names:
                 raise _missing(path, name, names)
-            held[name] = _plain(path, name, get(name))
+            with _careful(path):
+                found = get(name)
+            if found.dtype.kind == 'M':
+                found = found.astype('M8[ns]').astype(np.int64)
+            if found.dtype.kind not in 'biuf' or found.ndim > 2:
+                text = f'{short(name)} holds {found.dtype.name} of {found.ndim} axes'
+                raise _bad(path, f'{text}; name an array of numbers, a row for each time')
+            plain = found.ndim < 2 or found.shape[0] == 1
+            held[name] = found.reshape(-1, 1) if plain else found
         table = held[name]
         try:
             chosen = table if index is None else table[:, index]
@@ -155,16 +166,6 @@ def _rows(
     require_steps(path, stamp[there])
     pairs = zip(layout.columns, values, strict=True)
     return stamp[there], [x.scale * row[there].astype(np.float64) for x, row in pairs]
-
-
-def _plain(path: Path, name: str, found: NDArray[Any]) -> NDArray[Any]:
-    """Return an array as a table (T, C) of numbers."""
-    if found.dtype.kind == 'M':
-        found = found.astype('M8[ns]').astype(np.int64)
-    if found.dtype.kind not in 'biuf' or found.ndim > 2:
-        text = f'{short(name)} holds {found.dtype.name} of {found.ndim} axes'
-        raise _bad(path, f'{text}; name an array of numbers, a row for each time')
-    return found.reshape(-1, 1) if found.ndim < 2 or found.shape[0] == 1 else found
 
 
 def _nanoseconds(path: Path, time: NDArray[Any], digits: int) -> IntArray:
@@ -206,17 +207,14 @@ def _careful(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _numpy(path: Path) -> Iterator[_Opened]:
-    with _careful(path):
-        if not is_zipfile(path):
-            raise ValueError('it is no archive of arrays, as numpy.savez writes it')
-        file = np.load(path, allow_pickle=False)
+    if not is_zipfile(path):
+        raise ValueError('it is no archive of arrays, as numpy.savez writes it')
+    with np.load(path, allow_pickle=False) as file:
         sizes = {x.filename: x.file_size for x in file.zip.infolist()}
-    with file:
 
         def get(name: str) -> NDArray[Any]:
             require_memory(f'{path}: {name} takes', 3 * sizes.get(f'{name}.npy', 0))
-            with _careful(path):
-                return np.asarray(file[name])
+            return np.asarray(file[name])
 
         yield file.files, get, ()
 
@@ -231,8 +229,7 @@ def _matlab(path: Path) -> Iterator[_Opened]:
             yield [*paths], lambda name: get_there(paths[name]).T, ()
         return
     require_memory(f'{path}: its values take', 4 * path.stat().st_size)
-    with _careful(path):
-        found = dict(arrays_of(path.read_bytes()))
+    found = dict(arrays_of(path.read_bytes()))
     yield [*found], found.__getitem__, ()
 
 
@@ -247,28 +244,19 @@ def _hdf5(path: Path) -> Iterator[_Opened]:
             found[name] = node
         return 1 if len(found) > _MOST_NAMES else None
 
-    with _careful(path):
-        file = h5py.File(path, 'r')
-    with file:
-        with _careful(path):
-            file.visititems(visit)
+    def get(name: str) -> NDArray[Any]:
+        size = found[name].size * max(found[name].dtype.itemsize, 8)
+        require_memory(f'{path}: {name} takes', 3 * size)
+        return np.asarray(found[name][()])
 
-        def get(name: str) -> NDArray[Any]:
-            with _careful(path):
-                size = found[name].size * max(found[name].dtype.itemsize, 8)
-            require_memory(f'{path}: {name} takes', 3 * size)
-            with _careful(path):
-                return np.asarray(found[name][()])
-
+    with h5py.File(path, 'r') as file:
+        file.visititems(visit)
         yield [*found], get, ()
 
 
 @contextmanager
 def _parquet(path: Path) -> Iterator[_Opened]:
-    parquet = _library('pyarrow.parquet', path)
-    with _careful(path):
-        file = parquet.ParquetFile(path)
-    with file:
+    with _library('pyarrow.parquet', path).ParquetFile(path) as file:
         yield file.schema_arrow.names, lambda name: parquet_columns(path, [name])[name], ()
 
 
@@ -280,21 +268,18 @@ def parquet_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]
             pyarrow.
     """
     parquet, found = _library('pyarrow.parquet', path), {}
-    with _careful(path):
-        file = parquet.ParquetFile(path)
-    with file:
+    with _careful(path), parquet.ParquetFile(path) as file:
         require_memory(f'{path}: its values take', 24 * file.metadata.num_rows * len(names))
-        with _careful(path):
-            table = file.read(list(names))
-            for name in names:
-                rows = table[name].combine_chunks()
-                lists = hasattr(rows, 'flatten') and 'list' in str(rows.type)
-                flat = (rows.flatten() if lists else rows).to_numpy(zero_copy_only=False)
-                width = flat.size // max(1, len(rows)) if lists else 1
-                sizes = set(rows.value_lengths().to_pylist()) if lists else ()
-                if len(sizes) > 1:
-                    raise ValueError(f'{name} holds lists of unlike lengths')
-                found[name] = flat.reshape(len(rows), width) if lists else flat
+        table = file.read(list(names))
+        for name in names:
+            rows = table[name].combine_chunks()
+            lists = hasattr(rows, 'flatten') and 'list' in str(rows.type)
+            flat = (rows.flatten() if lists else rows).to_numpy(zero_copy_only=False)
+            width = flat.size // max(1, len(rows)) if lists else 1
+            sizes = set(rows.value_lengths().to_pylist()) if lists else ()
+            if len(sizes) > 1:
+                raise ValueError(f'{name} holds lists of unlike lengths')
+            found[name] = flat.reshape(len(rows), width) if lists else flat
     return found
 
 
@@ -320,8 +305,7 @@ def _json_lines(path: Path) -> Iterator[_Opened]:
         values = [dict(_leaves(row)).get(name) if '.' in name else row.get(name) for row in rows]
         width = next((len(x) for x in values if isinstance(x, list)), 0)
         none = [np.nan] * width if width else np.nan
-        with _careful(path):
-            return np.array([none if x is None else x for x in values])
+        return np.array([none if x is None else x for x in values])
 
     yield [*names], get, warnings
 
