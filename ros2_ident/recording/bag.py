@@ -200,7 +200,7 @@ def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, .
     chosen: dict[str, str] = {}
     notes = []
     for role in ROLES:
-        if not _is_open(topics, role, content) or _states_effort(role, chosen, content):
+        if not _is_open(topics, role, content, chosen):
             continue
         for kind in kinds():
             able = [x for x, its, roles in offered if its == kind and role in roles]
@@ -250,16 +250,13 @@ def _others(content: Content) -> list[str]:
     return [*found, *([f'not read: {listed(bare, _LISTED)}'] if bare else [])]
 
 
-def _states_effort(role: str, chosen: Mapping[str, str], content: Content) -> bool:
-    """Say whether the role is an effort that comes with the state that was chosen."""
-    about = map_of(content.types[chosen['state']]) if 'state' in chosen else None
-    return role == 'effort' and about is not None and 'effort' not in about.roles
-
-
-def _is_open(topics: Topics, role: str, content: Content) -> bool:
-    """Say whether a role has its default topic and the log holds nothing for it."""
+def _is_open(topics: Topics, role: str, content: Content, chosen: Mapping[str, str]) -> bool:
+    """Say whether a role has its default topic, and the log and the state chosen lack it."""
     if topics.topic(role) != getattr(Topics, role) or topics.topic(role) in content.types:
         return False
+    if role == 'effort' and 'state' in chosen:
+        about = map_of(content.types[chosen['state']])
+        return about is None or 'effort' in about.roles
     state = content.messages.get((topics.topic('state'), 'state'))
     if role != 'effort' or state is None:
         return True

@@ -232,22 +232,17 @@ class Messages:
         if self._held > _HELD:
             self.decode()
 
-    def _fresh(self) -> tuple[list[int], list[bytes]]:
-        """Return what has come since the last time; what cannot be unpacked is empty."""
-        times, data = self._times, self._data
-        self._times, self._data, self._held = [], [], 0
-        if any(x.startswith(ZSTD) for x in data[:_SHOWN]):  # compressed one by one
-            budget = Budget(sum(map(len, data)))
-            data = [_unpacked(x, budget) if x.startswith(ZSTD) else x for x in data]
-        return times, data
-
     def decode(self) -> None:
         """Decode what has come since the last time; what is no such message is counted.
 
         Raises:
             IdentError: BAD_VALUES where the values take more memory than allowed.
         """
-        times, data = self._fresh()
+        times, data = self._times, self._data
+        self._times, self._data, self._held = [], [], 0
+        if any(x.startswith(ZSTD) for x in data[:_SHOWN]):  # compressed one by one
+            budget = Budget(sum(map(len, data)))
+            data = [_unpacked(x, budget) if x.startswith(ZSTD) else x for x in data]
         if data:
             self._decode(times, data)
 
@@ -265,8 +260,13 @@ class Messages:
         clock = np.array(times, dtype=np.int64)
         for block in found:
             for name, values in zip(cdr.VALUES[3:], block.fields[3:], strict=False):
-                if values is not None:
-                    self._note_gain(name, values)
+                if values is None:
+                    continue
+                ends = np.where(values > 0.0, values, np.nan)  # zero switches a joint off
+                for joint in np.flatnonzero(np.isfinite(ends).any(axis=0)).tolist():
+                    low, high = self.gains.get((name, joint), (np.inf, -np.inf))
+                    row = ends[:, joint]
+                    self.gains[name, joint] = min(low, np.nanmin(row)), max(high, np.nanmax(row))
             block = replace(block, fields=block.fields[:3])
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
             if self.clock == 'counter':
@@ -276,14 +276,6 @@ class Messages:
             self.blocks.append(block)
         # the builder needs them twice while it puts them together
         require_memory('the values of one topic take', 3 * self._bytes)
-
-    def _note_gain(self, name: str, values: FloatArray) -> None:
-        """Keep the least and the largest gain of each joint; zero switches a joint off."""
-        ends = np.where(values > 0.0, values, np.nan)
-        for joint in np.flatnonzero(np.isfinite(ends).any(axis=0)).tolist():
-            low, high = self.gains.get((name, joint), (np.inf, -np.inf))
-            row = ends[:, joint]
-            self.gains[name, joint] = min(low, np.nanmin(row)), max(high, np.nanmax(row))
 
     def _is_whole(self, log_time: int, message: bytes) -> bool:
         """Say whether a message decodes by itself."""
@@ -398,6 +390,7 @@ def messages_of(
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
+    """Return a message; empty where it cannot be unpacked."""
     raw, sound = inflate('zstd', packed, budget.chunk)
     try:
         budget.take(len(raw))

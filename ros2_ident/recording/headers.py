@@ -154,18 +154,8 @@ class _Name:
         rests = [
             part.rest(role, self.quantity if n == says else '') for n, part in enumerate(parts)
         ]
-        self._judge(role, kinds)
-        self.key = tuple(word for _, key in rests for word in key)
-        self.joint, last = '', -2
-        for n, (spelled, key) in enumerate(rests):
-            if key:
-                between = '' if not self.joint else pieces[2 * n - 1] if last == n - 1 else '_'
-                self.joint, last = f'{self.joint}{between}{spelled}', n
-
-    def _judge(self, role: str, kinds: set[str]) -> None:
-        """Settle the quantity by what else the name and the unit say."""
-        quantity = self.quantity
         # A role alone is one of a position, where its unit does not say otherwise.
+        quantity = self.quantity
         self.bare = not quantity and role != '' and 'time' not in kinds
         if self.bare:
             quantity = 'effort' if self.unit in _EFFORT.keys() - _MOTION.keys() else 'position'
@@ -182,6 +172,12 @@ class _Name:
             factors = _EFFORT if quantity == 'effort' else _MOTION
             self.scale = factors.get(self.unit, 1.0)
             self.quantity = f'command_{quantity}' if role == 'command' else quantity
+        self.key = tuple(word for _, key in rests for word in key)
+        self.joint, last = '', -2
+        for n, (spelled, key) in enumerate(rests):
+            if key:
+                between = '' if not self.joint else pieces[2 * n - 1] if last == n - 1 else '_'
+                self.joint, last = f'{self.joint}{between}{spelled}', n
 
 
 class _Part:
@@ -335,7 +331,11 @@ class Header:
         for x in self.columns:
             read = f'{x.joint}.{x.quantity}'.lstrip('.')
             if x.quantity not in ('', 'time'):
-                read += f', {_in_unit(x)}'
+                read += f', in {x.unit}' if x.unit else ', as it stands'
+                if x.unit and math.isnan(x.scale):
+                    read += ': its scale has to be stated'
+                elif x.unit and x.scale != 1.0:
+                    read += f', times {x.scale:.7g}'
             out.append(f'  {printable(x.name, 40):{wide}}  {read or f"- ({x.why})"}')
         return out
 
@@ -363,7 +363,12 @@ class Header:
                     and math.isfinite(scale)
                     and scale
                 ):
-                    columns = [_freed(x, joint, quantity) for x in columns]
+                    columns = [
+                        replace(x, joint='', quantity='', why='another column was given for it')
+                        if (x.joint, x.quantity) == (joint, quantity)
+                        else x
+                        for x in columns
+                    ]
                     columns[at] = Meaning(name, joint, quantity, columns[at].unit, scale)
                     continue
             raise ErrorCode.INVALID_GOAL.error(
@@ -389,22 +394,6 @@ class Header:
                 )
 
 
-def _freed(column: Meaning, joint: str, quantity: str) -> Meaning:
-    """Return a column's meaning where another one is this quantity of the joint."""
-    if (column.joint, column.quantity) != (joint, quantity):
-        return column
-    return replace(column, joint='', quantity='', why='another column was given for it')
-
-
-def _in_unit(column: Meaning) -> str:
-    """Return how a column's numbers become those that are read."""
-    if not column.unit:
-        return 'as it stands'
-    if math.isnan(column.scale):
-        return f'in {column.unit}: its scale has to be stated'
-    return f'in {column.unit}' + ('' if column.scale == 1.0 else f', times {column.scale:.7g}')
-
-
 def header_of(path: Path) -> Header:
     """Return a table's layout, and the meaning of its columns by their names.
 
@@ -426,11 +415,13 @@ def header_of(path: Path) -> Header:
     rows = [row[:-1] if row and not row[-1] and delimiter == ' ' else row for row in rows]
     # Among more words than numbers a row holds values where it is like the last one.
     last = [_is_number(x, decimal) for x in rows[-1]] if rows else []
-    held = [
-        _holds_values(row, decimal)
-        or (sum(last) > 1 and [_is_number(x, decimal) for x in row] == last)
-        for row in rows
-    ]
+    held = []
+    for row in rows:
+        known = [_is_number(x, decimal) for x in row]
+        filled = [known[n] for n, x in enumerate(row) if x]
+        # two numbers at least, the first cell among them or most
+        plain = sum(filled) > 1 and (filled[0] or 2 * sum(filled) > len(filled))
+        held.append(plain or (sum(last) > 1 and known == last))
     first = held.index(True) if any(held) else 0
     values = [row for row in rows[first:] if len(row) == len(rows[first])]
     where = f'write {path.stem}{MAP_SUFFIX}, as in docs/logs.md'
@@ -505,9 +496,3 @@ def _is_number(text: str, decimal: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _holds_values(row: Sequence[str], decimal: str) -> bool:
-    """Whether a row holds numbers: two at least, the first cell among them or most."""
-    cells = [_is_number(x, decimal) for x in row if x]
-    return sum(cells) > 1 and (cells[0] or 2 * sum(cells) > len(cells))

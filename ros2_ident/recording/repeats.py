@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.recording.streams import FloatArray, Recording, Stream
+from ros2_ident.recording.streams import FloatArray, Recording
 
 # By hand: an effort that stays for so long, s, while the drive goes so far, as a share of its
 # stroke, was not measured; a coarse one (SO-101: 6.5 mA) stays for up to 0.8 s.
@@ -28,12 +28,11 @@ def repeats(recording: Recording, name: str) -> Iterator[tuple[str, str]]:
         name: The joint.
     """
     state, effort = recording.state, recording.effort or recording.state
-    place = _row(state, 'position', name)
-    if state is None or place is None:
+    place = state.column('position', name) if state else None
+    values = effort.column('effort', name) if effort else None
+    if state is None or place is None or effort is None or values is None:
         return
-    values = _row(effort, 'effort', name)
-    known = values is not None and np.isfinite(values).all() and np.ptp(values) > 0.0
-    if effort is None or values is None or not known:
+    if not np.isfinite(values).all() or np.ptp(values) == 0.0:
         return
     seconds = (effort.stamp - recording.begin) * 1e-9
     moved = np.interp(effort.stamp, state.stamp, place)
@@ -49,9 +48,10 @@ def repeats(recording: Recording, name: str) -> Iterator[tuple[str, str]]:
     if held := _holding(place, state.stamp):
         text = f'each position stays for {1e3 * held:.3g} ms, as of a bus that is read at '
         yield 'held', f'{text}{1.0 / held:.3g} Hz; log each value once, when it is read'
-    goal = _row(recording.command, 'position', name)
-    if goal is not None and recording.command is not None:
-        apart = np.interp(effort.stamp, recording.command.stamp, goal) - moved
+    command = recording.command
+    goal = command.column('position', name) if command else None
+    if command is not None and goal is not None:
+        apart = np.interp(effort.stamp, command.stamp, goal) - moved
         scale = float(apart @ values) / (float(apart @ apart) or 1.0)
         if np.abs(values - scale * apart).max() <= _SAME * np.abs(values).max():
             text = f'the effort is {scale:.6g} times set-point less position, to the last digit: '
@@ -65,14 +65,6 @@ def repeats(recording: Recording, name: str) -> Iterator[tuple[str, str]]:
         yield 'effort_register', f'{text}{_SIGN_BIT} less the value where it is above'
 
 
-def _row(stream: Stream | None, field: str, name: str) -> FloatArray | None:
-    """Return a joint's values (T,) in a stream; None where it has none."""
-    values = None if stream is None else stream.fields.get(field)
-    if stream is None or values is None or name not in stream.names:
-        return None
-    return np.asarray(values[:, stream.names.index(name)])
-
-
 def _runs(values: FloatArray) -> NDArray[np.intp]:
     """Return (R, 2) begin and end of the stretches of equal values."""
     edges = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1], [True]]))
@@ -83,8 +75,7 @@ def _holding(place: FloatArray, stamp: NDArray[np.int64]) -> float:
     """Return how long each position is held, s; 0 where they are not held."""
     runs = _runs(place)[1:-1]
     lengths = runs[:, 1] - runs[:, 0]
-    if lengths.size < 20 or np.median(lengths) < _HELD:
-        return 0.0
-    if lengths.std() > _EVEN * lengths.mean():
+    few = lengths.size < 20 or np.median(lengths) < _HELD
+    if few or lengths.std() > _EVEN * lengths.mean():
         return 0.0
     return float(np.median(stamp[runs[:, 1]] - stamp[runs[:, 0]])) * 1e-9

@@ -9,9 +9,7 @@ have no checksums, a sound db3 and an indexed ROS 1 bag are read.
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-import contextlib
 from contextlib import closing, suppress
-from functools import partial
 from io import BytesIO
 import mmap
 from pathlib import Path
@@ -71,9 +69,7 @@ def _scan_mcap(path: Path, content: Content) -> Losses:
     with path.open('rb') as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         if data[: len(MAGIC)] != MAGIC:
             raise Damage('no MCAP file: its first bytes are others')
-        walk = _Walk(data, content)
-        walk.run()
-        return walk.finish()
+        return _Walk(data, content).run()
 
 
 def _parsed(kind: Any, record: bytes) -> Any:
@@ -121,8 +117,8 @@ class _Walk:
 
     # ------------------------------------------------------------------ the records of the file
 
-    def run(self) -> None:
-        """Walk over the data section."""
+    def run(self) -> Losses:
+        """Walk over the data section; return what is lost."""
         at = before = len(MAGIC)
         crc = zlib.crc32(MAGIC)
         while at + HEAD.size <= self.size:
@@ -140,11 +136,19 @@ class _Walk:
                 stated = int.from_bytes(self.data[at + HEAD.size : at + HEAD.size + 4], 'little')
                 if opcode == Opcode.DATA_END and stated not in (0, crc) and not self.losses.text:
                     self.losses.say('the checksum of the file does not fit')
-                return
+                return self._finish()
             with memoryview(self.data) as view, view[at:end] as record:
                 crc = zlib.crc32(record, crc)
             before, at = at, self._record(at, opcode, end)
-        self._break_off(at)
+        # what the last chunk of a file that breaks off still holds
+        self.losses.end = at
+        data = self.data[at : at + self.budget.chunk]
+        if data[:1] == b'\x06':
+            with suppress(*_DAMAGED):
+                chunk = _parsed(Chunk, data[HEAD.size :])
+                most = min(chunk.uncompressed_size, self.budget.chunk)
+                self._records(inflate(chunk.compression, chunk.data, most)[0])
+        return self._finish()
 
     def _record(self, at: int, opcode: int, end: int) -> int:
         """Read one record of the data section; return where the next one begins."""
@@ -187,17 +191,6 @@ class _Walk:
                 return at
             at += 1
         return 0
-
-    def _break_off(self, at: int) -> None:
-        """Take what the last chunk of a file that breaks off still holds."""
-        self.losses.end = at
-        most = self.budget.chunk
-        data = self.data[at : at + most]
-        if data[:1] == b'\x06':
-            with contextlib.suppress(*_DAMAGED):
-                chunk = _parsed(Chunk, data[HEAD.size :])
-                most = min(chunk.uncompressed_size, most)
-                self._records(inflate(chunk.compression, chunk.data, most)[0])
 
     def _chunk(self, record: bytes) -> bool:
         """Take the messages of a chunk; return False where it is damaged."""
@@ -296,7 +289,7 @@ class _Walk:
                 return self.ways[number]
         return None
 
-    def finish(self) -> Losses:
+    def _finish(self) -> Losses:
         """Return what is lost, after noting topics without a message."""
         summary = self.summary or Summary()
         for number in [*self.defined.channels, *summary.channels]:
@@ -321,7 +314,13 @@ def _scan_ros1(path: Path, content: Content) -> Losses:
     """Read a ROS 1 bag chunk by chunk; see `scan`."""
     losses = Losses(size=path.stat().st_size)
     reader = _Chunks(path)
-    reader.path = SimpleNamespace(open=partial(_mapped, path))
+
+    def mapped(mode: str) -> mmap.mmap:
+        # no stated length makes its reader allocate more than is there
+        with path.open(mode) as file:
+            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+
+    reader.path = SimpleNamespace(open=mapped)
     try:
         reader.open()
     except Exception as exc:  # the parser lets whatever damaged bytes cause through
@@ -330,12 +329,6 @@ def _scan_ros1(path: Path, content: Content) -> Losses:
     with reader.bio:  # type: ignore[union-attr]
         reader.read(content, losses)
     return losses
-
-
-def _mapped(path: Path, mode: str) -> mmap.mmap:
-    """Map a file: no stated length makes its reader allocate more than is there."""
-    with path.open(mode) as file:
-        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 class _Chunks(Reader):
