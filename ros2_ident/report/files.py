@@ -19,7 +19,7 @@ from ros2_ident.change.result import Comparison
 from ros2_ident.effects import CATALOGUE, EffectParameter
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_text
-from ros2_ident.gap.result import Diagnosis, Value
+from ros2_ident.gap.result import Diagnosis
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem
@@ -86,7 +86,7 @@ def write_diagnosis(
         },
     }
     text = json.dumps(plain(data), indent=1, allow_nan=False) + '\n'
-    _withdraw(folder, DIAGNOSIS_SIGNALS)
+    remove_file(folder / DIAGNOSIS_SIGNALS)  # nothing old beside the new after a crash
     return (
         write_text(folder / DIAGNOSIS, text),
         write_signals(folder / DIAGNOSIS_SIGNALS, signals_of_diagnosis(found)),
@@ -164,7 +164,8 @@ def write_result(
     """
     folder = make_directory(directory)
     data = to_mapping(result)
-    _withdraw(folder, HISTORY, SIGNALS)
+    for old in (HISTORY, SIGNALS):  # nothing of it beside the new after a crash
+        remove_file(folder / old)
     files = (
         write_text(folder / JSON, json.dumps(data, indent=2, allow_nan=False) + '\n'),
         write_arrays(
@@ -176,12 +177,6 @@ def write_result(
         return files
     signals = signals_of_problem(problem, result.theta, check)
     return (*files, write_signals(folder / SIGNALS, signals))
-
-
-def _withdraw(folder: Path, *names: str) -> None:
-    """Remove what an earlier run left, so that a crash leaves nothing old beside the new."""
-    for name in names:
-        remove_file(folder / name)
 
 
 def load_result(path: str | Path) -> Identification:
@@ -200,8 +195,12 @@ def load_result(path: str | Path) -> Identification:
     if path.is_dir():
         path = path / JSON
     result = from_mapping(content(path, '`ident identify` wrote'), path)
-    history = path.with_name(HISTORY)
-    return replace(result, history=_history(history)) if history.exists() else result
+    if not (history := path.with_name(HISTORY)).exists():
+        return result
+    arrays = read_arrays(history, 'the result stays readable')
+    with intact(history):
+        held = History(**{field.name: arrays[field.name] for field in fields(History)})
+    return replace(result, history=held)
 
 
 def content(path: Path, whose: str) -> Any:
@@ -222,12 +221,6 @@ def content(path: Path, whose: str) -> Any:
         raise ErrorCode.BAD_VALUES.error(
             f'{path}: is damaged ({said}); write the result anew'
         ) from None
-
-
-def _history(path: Path) -> History:
-    arrays = read_arrays(path, 'the result stays readable')
-    with intact(path):
-        return History(**{field.name: arrays[field.name] for field in fields(History)})
 
 
 def machine_lines(found: Diagnosis, machine: Machine) -> tuple[str, ...]:
@@ -267,7 +260,9 @@ def _lines(found: Diagnosis, machine: Machine, at: EffectAt) -> Iterator[tuple[s
     fitting = [k for k in keys if value.unit in (k.unit, k.force_unit)]
     if fitting:
         key = max(fitting, key=lambda k: k.unit == value.unit)
-        yield key.section, _box(key.name, value)
+        reach = digits(float(f'{2.0 * abs(value.value):.2g}'))
+        low = f'-{reach}' if value.value < 0.0 else '0.0'
+        yield key.section, f'  {key.name}: [{low}, {reach}, {value.unit}]'
 
 
 def _constant(
@@ -285,9 +280,3 @@ def _constant(
     text = said[0] if len(set(said)) == 1 else f'[{", ".join(said)}]'
     before = ', '.join(dict.fromkeys(digits(x) for x in old))
     yield key.section, f'  {key.name}: {text}  # {before} before'
-
-
-def _box(name: str, value: Value) -> str:
-    reach = digits(float(f'{2.0 * abs(value.value):.2g}'))
-    low = f'-{reach}' if value.value < 0.0 else '0.0'
-    return f'  {name}: [{low}, {reach}, {value.unit}]'

@@ -145,7 +145,9 @@ def _measured(
     """Return stamps (T,), cycles (T,) and efforts (T, D) of the samples on the data set's grid."""
     stamps, cycles, columns = [], [], []
     for drive in drives:
-        stream, values = _source(recording, drive)
+        streams = [x for role in ('effort', 'state') if (x := recording.streams.get(role))]
+        pairs = ((x, x.column('effort', drive)) for x in streams)
+        stream, values = next((x, found) for x, found in pairs if found is not None)
         there = ~np.isnan(values)
         cycle = find_ticks(stream.stamp, dataset.start, dataset.cycle).tick
         inside = there & (cycle >= 0) & (cycle < dataset.cycles)
@@ -157,16 +159,6 @@ def _measured(
     for column, (own, values) in enumerate(zip(stamps, columns, strict=True)):
         out[np.searchsorted(stamp, own), column] = values
     return stamp, np.concatenate(cycles)[first], out
-
-
-def _source(recording: Recording, drive: str) -> tuple[Stream, FloatArray]:
-    """Return the stream a drive's effort comes from, and its samples (T,)."""
-    for role in ('effort', 'state'):
-        stream = recording.streams.get(role)
-        values = stream.column('effort', drive) if stream is not None else None
-        if stream is not None and values is not None:
-            return stream, values
-    raise ValueError(f'the recording holds no effort of {drive}')
 
 
 def preview(
@@ -187,14 +179,9 @@ def preview(
             return
         shown = progress.best_cost
         pairs = overlay_streams(problem, progress.best_theta)
-        show(*([_thinned(pair[name]) for pair in pairs] for name in ('simulated', 'residual')))
+        streams = ([pair[name] for pair in pairs] for name in ('simulated', 'residual'))
+        show(*([x.taken(slice(None, None, -(-x.stamp.size // SAMPLES))) for x in own]
+               for own in streams))  # fmt: skip
         due = begin + max(period, (time.monotonic() - begin) / SHARE)
 
     return look
-
-
-def _thinned(stream: Stream) -> Stream:
-    """Return evenly chosen samples of a stream's efforts."""
-    step = -(-stream.stamp.size // SAMPLES)
-    assert stream.effort is not None
-    return Stream(stream.names, stream.stamp[::step], effort=stream.effort[::step])

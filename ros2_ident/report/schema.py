@@ -125,7 +125,23 @@ def from_mapping(data: Any, path: Path) -> Identification:
             'read it with the package version it names'
         )
     with intact(path):
-        return _result(data)
+        search, size = data['search'], len(data['parameters'])
+        known = {
+            'residuals': data.get('residual', {}),
+            'validation': data.get('validation', {}),
+            'correlation': np.reshape(data['correlation'], (size, size)),
+            'generations': search['generations'],
+            'search_stop': search['stop'],
+            'refinement': search['refinement'],
+            'history': {
+                'best_costs': search['best_costs'],
+                'candidates': np.empty((0, size)),
+                'costs': (),
+                'generations': (),
+            },
+        }
+        found: Identification = read(Identification, {**data, **known})
+        return found
 
 
 @contextmanager
@@ -137,23 +153,3 @@ def intact(path: Path) -> Iterator[None]:
         raise ErrorCode.BAD_VALUES.error(
             f'{path}: is incomplete or changed ({type(exc).__name__}: {exc}); write it anew'
         ) from None
-
-
-def _result(data: Mapping[str, Any]) -> Identification:
-    search, size = data['search'], len(data['parameters'])
-    known = {
-        'residuals': data.get('residual', {}),
-        'validation': data.get('validation', {}),
-        'correlation': np.reshape(data['correlation'], (size, size)),
-        'generations': search['generations'],
-        'search_stop': search['stop'],
-        'refinement': search['refinement'],
-        'history': {
-            'best_costs': search['best_costs'],
-            'candidates': np.empty((0, size)),
-            'costs': (),
-            'generations': (),
-        },
-    }
-    found: Identification = read(Identification, {**data, **known})
-    return found

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ros2_ident.effects import title_at
-from ros2_ident.gap.result import Cause, Diagnosis, DriveGap
+from ros2_ident.gap.result import Cause, Diagnosis
 from ros2_ident.gap.verdict import REFUSED
 from ros2_ident.gates import sentences as sentences_of
 from ros2_ident.identify.result import Identification, Outcome
@@ -124,7 +124,7 @@ def of_diagnosis(w: Written, out: str) -> Answer:
         level,
         words.headline(d),
         tuple(_sure(d)),
-        _gaps(d),
+        tuple(_gaps(d)),
         tuple(_closes(d)),
         tuple(steps.of_diagnosis(w, out)),
         careful,
@@ -138,7 +138,14 @@ def _sure(d: Diagnosis) -> Iterator[str]:
     facts_only = d.facts.cause in (Cause.SLOW, Cause.EVENTS)
     if d.effect not in REFUSED and (d.complete or d.probability):
         chance = 'Over 99 %' if d.probability > 0.99 else percent(d.probability)
-        yield f'{chance} {_that(d, facts_only=facts_only)}.'
+        of = f'this is the cause, and {words.place(d.where)} the place'
+        if d.effect == 'none':
+            of = 'nothing larger is missing' + ', as far as noise can tell' * bool(d.facts.hidden)
+        elif d.effect == 'unknown':
+            of = 'it is no noise' if facts_only else 'the cause is none of the effects tried'
+        elif d.also:
+            of = f'{title_at(d.effect, d.where)}, found first, is a cause'
+        yield f'{chance} that {of}.'
     if d.effect in REFUSED or facts_only:
         yield words.sentence(d)
     rivals = [r.at.title for r in d.confusable[1:]]
@@ -147,39 +154,22 @@ def _sure(d: Diagnosis) -> Iterator[str]:
     yield words.judged_on(d.held_out)
 
 
-def _that(d: Diagnosis, *, facts_only: bool) -> str:
-    """Return what a probability is of."""
-    if d.effect == 'none':
-        limit = ', as far as noise can tell' if d.facts.hidden else ''
-        return f'that nothing larger is missing{limit}'
-    if d.effect == 'unknown':
-        tried = 'it is no noise' if facts_only else 'the cause is none of the effects tried'
-        return f'that {tried}'
-    if d.also:
-        return f'that {title_at(d.effect, d.where)}, found first, is a cause'
-    return f'that this is the cause, and {words.place(d.where)} the place'
-
-
-def _gaps(d: Diagnosis) -> tuple[Gap, ...]:
-    """Return the gap of each drive, in the machine's order."""
+def _gaps(d: Diagnosis) -> Iterator[Gap]:
+    """Yield the gap of each drive, in the machine's order."""
     drives = {n: g for n, g in d.per_drive.items() if math.isfinite(g.before)}
     longest = max((max(g.before, g.after) for g in drives.values()), default=1.0)
-    return tuple(_gap(n, g, d, longest) for n, g in drives.items())
-
-
-def _gap(name: str, g: DriveGap, d: Diagnosis, longest: float) -> Gap:
-    note = ''
-    # the gap's square is the residual's less the noise's
-    if g.before**2 - g.noise_floor**2 < (d.evidence['material'] * g.noise_floor) ** 2:
-        note = 'too slow for noise' if name in d.facts.slow else 'noise only'
-    floor = min(1.0, g.noise_floor / longest) if math.isfinite(g.noise_floor) else None
-    closes = len(d.steps) > 1 and math.isfinite(g.after) and not note
-    size, part = quantity(g.before, d.unit, 3), percent(g.shares[0])
-    if closes:
-        size = f'{from_to(g.before, g.after)} {unit_of(d.unit)}'
-        part = f'{from_to(*(100.0 * x for x in g.shares))} %'
-    after = g.after / longest if closes else None
-    return Gap(name, size, part, g.before / longest, after, floor, note)
+    for name, g in drives.items():
+        note = ''
+        # the gap's square is the residual's less the noise's
+        if g.before**2 - g.noise_floor**2 < (d.evidence['material'] * g.noise_floor) ** 2:
+            note = 'too slow for noise' if name in d.facts.slow else 'noise only'
+        floor = min(1.0, g.noise_floor / longest) if math.isfinite(g.noise_floor) else None
+        size, part, after = quantity(g.before, d.unit, 3), percent(g.shares[0]), None
+        if len(d.steps) > 1 and math.isfinite(g.after) and not note:
+            size = f'{from_to(g.before, g.after)} {unit_of(d.unit)}'
+            part = f'{from_to(*(100.0 * x for x in g.shares))} %'
+            after = g.after / longest
+        yield Gap(name, size, part, g.before / longest, after, floor, note)
 
 
 def _closes(d: Diagnosis) -> Iterator[str]:
@@ -229,13 +219,18 @@ def of_identification(result: Identification, out: str) -> Answer:
     if result.outcome is Outcome.IDENTIFIED:
         level = 'doubtful' if doubts else 'good'
     closes = [f'Held out: {result.validated_on}.'] if result.validation else []
-    said, told = _identified(result)
+    # Bounds are said one by one.
+    loose = undetermined(result.parameters)
+    said, told = f'{determined(result.parameters)}.', [f'Not determined: {loose}.'] * bool(loose)
+    plain = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
+    if not plain or result.rival or any(gate.contradicts for gate in result.gates):
+        said, told = message(result), []
     # of the first drive where they differ
     unit = next((x.unit for x in result.residuals if x.unit), result.cost.unit)
     return Answer(
         level,
         said,
-        (told,) if told else (),
+        tuple(told),
         tuple(_left(result)),
         tuple(closes),
         tuple(steps.of_identification(result, out)),
@@ -243,16 +238,6 @@ def of_identification(result: Identification, out: str) -> Answer:
         state=STATES[level],
         compared=compared(unit),
     )
-
-
-def _identified(result: Identification) -> tuple[str, str]:
-    """Return how an identification ended, and which parameters it does not determine."""
-    plain = result.outcome in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE)
-    if not plain or result.rival or any(gate.contradicts for gate in result.gates):
-        return message(result), ''
-    # Bounds are said one by one.
-    loose = undetermined(result.parameters)
-    return f'{determined(result.parameters)}.', f'Not determined: {loose}.' if loose else ''
 
 
 def _doubts(result: Identification) -> Iterator[str]:
@@ -280,19 +265,10 @@ def _doubts(result: Identification) -> Iterator[str]:
         )
 
 
-def _left(result: Identification) -> list[Gap]:
-    """Return what an identification leaves of each drive, the largest first."""
+def _left(result: Identification) -> Iterator[Gap]:
+    """Yield what an identification leaves of each drive, the largest first."""
     longest = max((x.rms for x in result.residuals), default=1.0) or 1.0
-    unseen = {x.drive: x for x in result.validation}
-    return [
-        Gap(
-            x.drive,
-            quantity(x.rms, x.unit or result.cost.unit, 3),
-            percent(x.share),
-            x.rms / longest,
-            None,
-            None,
-            f'held out {percent(unseen[x.drive].share)}' if x.drive in unseen else '',
-        )
-        for x in sorted(result.residuals, key=lambda x: -x.rms)
-    ]
+    unseen = {x.drive: f'held out {percent(x.share)}' for x in result.validation}
+    for x in sorted(result.residuals, key=lambda x: -x.rms):
+        size, note = quantity(x.rms, x.unit or result.cost.unit, 3), unseen.get(x.drive, '')
+        yield Gap(x.drive, size, percent(x.share), x.rms / longest, None, None, note)

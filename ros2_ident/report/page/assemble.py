@@ -76,7 +76,20 @@ def _render(folder: Path, result: Identification | None, w: Written | None) -> s
         'about': [],
     }
     if result is not None:
-        context |= _of_identification(result, str(folder))
+        units = {p.name: p.unit for p in result.parameters}
+        answer, p = of_identification(result, str(folder)), result.provenance
+        missing = {role: numbers.percent(x) for role, x in result.quality.missing.items()}
+        context |= {
+            'answer': answer,
+            'identified': answer,
+            'correlated': charts.correlated(result),
+            'held': [(x, numbers.quantity(v, units.get(x, ''))) for x, v in result.fixed.items()],
+            'identification_facts': [*_flat({
+                **asdict(p), 'seed': result.seed, 'time_taken': f'{result.seconds:.3g} s',
+                'candidates_simulated': result.evaluations, 'search_ended': result.search_stop,
+                'refinement': result.refinement, 'samples_missing': missing, **result.settings,
+            })],
+        }  # fmt: skip
     if w is not None:
         context |= _of_diagnosis(w, str(folder))
     return render('template.html', context, plots=True)
@@ -100,19 +113,6 @@ def _pictures(
     return {name: made for name, made in drawn.items() if made is not None}
 
 
-def _of_identification(result: Identification, out: str) -> dict[str, Any]:
-    units = {p.name: p.unit for p in result.parameters}
-    fixed = result.fixed.items()
-    answer = of_identification(result, out)
-    return {
-        'answer': answer,
-        'identified': answer,
-        'correlated': charts.correlated(result),
-        'held': [(name, numbers.quantity(x, units.get(name, ''))) for name, x in fixed],
-        'identification_facts': _identification_facts(result),
-    }
-
-
 def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
     d = w.found
     found = words.named(d)
@@ -132,8 +132,12 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
         'catalogue': CATALOGUE,
         'words': words,
         'checks': [(g.gate, g.sentence) for g in d.gates],
-        'diagnosis_facts': _diagnosis_facts(w),
-    }
+        'diagnosis_facts': [*_flat({
+            **asdict(w.provenance), 'judged_on': w.check_source or 'blocks of the same',
+            'check_sha256': w.check_sha256, 'seed': d.seed, 'time_taken': f'{d.seconds:.3g} s',
+            **w.settings,
+        })],
+    }  # fmt: skip
 
 
 def _title(result: Identification | None, w: Written | None) -> str:
@@ -183,24 +187,6 @@ def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[Fact]:
             yield label, ', '.join(str(x) for x in value) or 'none'
         else:
             yield label, 'none' if value in (None, '', {}) else str(value)
-
-
-def _identification_facts(result: Identification) -> list[Fact]:
-    missing = {role: numbers.percent(x) for role, x in result.quality.missing.items()}
-    return [*_flat({
-        **asdict(result.provenance), 'seed': result.seed, 'time_taken': f'{result.seconds:.3g} s',
-        'candidates_simulated': result.evaluations, 'search_ended': result.search_stop,
-        'refinement': result.refinement, 'samples_missing': missing, **result.settings,
-    })]  # fmt: skip
-
-
-def _diagnosis_facts(w: Written) -> list[Fact]:
-    d = w.found
-    return [*_flat({
-        **asdict(w.provenance), 'judged_on': w.check_source or 'blocks of the same',
-        'check_sha256': w.check_sha256, 'seed': d.seed, 'time_taken': f'{d.seconds:.3g} s',
-        **w.settings,
-    })]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -103,11 +103,15 @@ def effort_plot(
         plots.figures, ncols=1, toolbar_options={'logo': None}, sizing_mode='stretch_width'
     )
     plots.fill_with_zoom()
+    named = zip(signals.models, _colours(signals), strict=True)
+    models = [Key(f'simulated, {model}', colour, '1.5') for model, colour in named]
+    told = 'following error: set-point minus measured position'
+    tracked = [Key(told, ORANGE, '1.5')] * bool(np.isfinite(tracking).any())
     return Picture(
         layout,
         f'Measured and simulated {compared(signals.unit)} of '
         f'{", ".join(signals.drives)} over time, with the residual below',
-        keys=tuple(_keys(signals, bool(np.isfinite(tracking).any()))),
+        keys=(Key('measured', SKY, '3'), *models, *tracked),
         notes=tuple(_notes(recordings, rows, bool(floor))),
         choices=tuple(_choices(signals, first)),
         height=sum(made.height for made in plots.figures if made.visible),
@@ -117,14 +121,6 @@ def effort_plot(
 
 def _colours(signals: Signals) -> list[str]:
     return [RED, INK][-len(signals.models) :]
-
-
-def _keys(signals: Signals, tracked: bool) -> Iterator[Key]:
-    yield Key('measured', SKY, '3')
-    for model, colour in zip(signals.models, _colours(signals), strict=True):
-        yield Key(f'simulated, {model}', colour, '1.5')
-    if tracked:
-        yield Key('following error: set-point minus measured position', ORANGE, '1.5')
 
 
 def _choices(

@@ -255,7 +255,16 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
     made = strips([(row['name'], row['parameters']) for row in done], told)
     machines = {row['machine'] for row in data['rows']}
-    lost, level = len(data['rows']) - len(done), _fleet_level(data)
+    lost = len(data['rows']) - len(done)
+    level: answer.Level = 'good'
+    if any(row['state'] != 'done' or row['code'] != 'OK' for row in data['rows']):
+        level = 'bad'
+    elif (
+        data['drifts']
+        or data['machines']
+        or any(row.get('effect', 'none') != 'none' for row in data['rows'])
+    ):
+        level = 'doubtful'
     context = {
         'title': f'Fleet: {Path(directory).resolve().name}',
         'lead': f'{len(data["rows"])} recordings of {len(machines)} machines'
@@ -281,14 +290,6 @@ def _found(row: Mapping[str, Any]) -> str:
         return 'nothing found missing above the noise'
     sure = f' Probability: {percent(row["probability"])}.' if row.get('probability') else ''
     return f'{row.get("verdict") or row["message"]}{sure * (row.get("effect") in CATALOGUE)}'
-
-
-def _fleet_level(data: Mapping[str, Any]) -> answer.Level:
-    """Return the colour of the answer's edge."""
-    if any(row['state'] != 'done' or row['code'] != 'OK' for row in data['rows']):
-        return 'bad'
-    found = any(row.get('effect', 'none') != 'none' for row in data['rows'])
-    return 'doubtful' if found or data['drifts'] or data['machines'] else 'good'
 
 
 def _fleet_headline(data: Mapping[str, Any]) -> str:

@@ -67,18 +67,14 @@ def _law(at: EffectAt, parameters: Mapping[str, Value]) -> Law:
     effect = CATALOGUE[at.effect]
     rows = []
     for p in effect.parameters:
-        v = parameters.get(f'{at.prefix}{p.name}')
-        if v is not None:
-            rows.append((p.symbol, p.meaning or p.name.replace('_', ' '), _value(v)))
+        if (v := parameters.get(f'{at.prefix}{p.name}')) is None:
+            continue
+        text = quantity(v.value, v.unit, 3)
+        if not math.isnan(v.high - v.low + v.value):
+            known = plus_minus(v.value, v.low, v.high, v.unit)
+            text = f'{text}, {LOOSE}' if undetermined(v) else known
+        rows.append((p.symbol, p.meaning or p.name.replace('_', ' '), text))
     return Law(effect, at.title, tuple(rows))
-
-
-def _value(v: Value) -> str:
-    text = quantity(v.value, v.unit, 3)
-    half = 0.5 * (v.high - v.low)
-    if math.isnan(half) or math.isnan(v.value):
-        return text
-    return f'{text}, {LOOSE}' if undetermined(v) else plus_minus(v.value, v.low, v.high, v.unit)
 
 
 def undetermined(v: Value) -> bool:
@@ -138,7 +134,12 @@ def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
     if w.machine_lines:
         yield Step('Change the machine file:', code='\n'.join(w.machine_lines))
     loose = any(step.loose for step in effects)
-    values = [_line(name, d) for name in moved_names(d, together=loose)]
+    values = []
+    for name in moved_names(d, together=loose):
+        v = d.parameters[name]
+        unit = '' if v.unit == '1' else f'{v.unit}; '
+        old = _plain(d.nominal[name])
+        values.append(f'{inline(name)}: {_plain(v.value)}  # {unit}{old} before')
     if values:
         them = 'them' if d.also else 'it'
         told = f'Update these parameters, which had compensated for {them}:'
@@ -176,14 +177,6 @@ def moved_names(d: Diagnosis, *, together: bool = False) -> list[str]:
         if abs(share) >= least and (together or not inside):
             out.append(name)
     return out
-
-
-def _line(name: str, d: Diagnosis) -> str:
-    """Return a parameter as YAML, with what it was before."""
-    v = d.parameters[name]
-    value, old = _plain(v.value), _plain(d.nominal[name])
-    unit = '' if v.unit == '1' else f'{v.unit}; '
-    return f'{inline(name)}: {value}  # {unit}{old} before'
 
 
 def _plain(value: float) -> str:
