@@ -12,7 +12,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.arrays import read_arrays
 from ros2_ident.recording.arrays import SUFFIXES as ARRAYS
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.columns import load_topics, summed, TopicMap
+from ros2_ident.recording.columns import Column, load_topics, summed, TopicMap
 from ros2_ident.recording.content import Content, Messages, why
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.limits import listed, printable
@@ -112,7 +112,7 @@ def read_bag(
             roles = [role for role in ROLES if topics.topic(role)]
             unit = topics.position_unit
             return read_lerobot(path, roles, unit, topics.columns, travel)
-        return (_read_mapped if topics.columns else _read)(path, topics, tuple(drives))
+        return _read(path, topics, tuple(drives))
     except OSError as exc:
         text = f'cannot be read ({exc.strerror or exc}); give the path of a log'
         raise ErrorCode.NO_DATA.error(f'{printable(str(path))}: {text}') from exc
@@ -146,48 +146,47 @@ def read_bags(
 
 def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording]:
     """Read a bag; see `read_bag`."""
-    roles = topics.roles()
+    roles, notes = topics.roles(), tuple[str, ...]()
     files, warnings = storage_files(path)
-    content = _scanned(files, topics, drives)
-    chosen, notes = supplemented(topics, content)
-    if chosen != topics:
-        roles, content = chosen.roles(), _scanned(files, chosen, drives)
-    if not content.warnings:  # damage says it all: metadata.yaml cannot fit a broken file
-        content.warnings += warnings
-    _check_topics(path, content, roles, topics)
-    builder = RecordingBuilder(str(path), digest(files), notes)
-    for sentence in content.warnings:
-        builder.warn(sentence)
-    for (topic, role), messages in content.messages.items():
-        _feed(builder, role, topic, content, messages)
-    return builder.build()
-
-
-def _read_mapped(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording]:
-    """Read the fields of a bag's topics that a column map names; see `read_bag`."""
-    files, warnings = storage_files(path)
-    layouts = load_topics(topics.columns)
+    layouts = load_topics(topics.columns) if topics.columns else {}
     content = _scanned(files, topics, drives, layouts)
-    held = listed(f'{x} ({kind})' for x, kind in sorted(content.types.items()))
     for topic in layouts:
         if not content.counts.get(topic):
+            held = listed(f'{x} ({kind})' for x, kind in sorted(content.types.items()))
             text = f'{path}: holds no message of {topic}, only {held}; correct the column map'
             raise ErrorCode.MISSING_STREAM.error(text)
-    builder = RecordingBuilder(str(path), digest([*files, Path(topics.columns)]))
+    if not layouts:
+        chosen, notes = supplemented(topics, content)
+        if chosen != topics:
+            roles, content = chosen.roles(), _scanned(files, chosen, drives)
+        _check_topics(path, content, roles, topics)
+    maps = [Path(topics.columns)] if layouts else []
+    builder = RecordingBuilder(str(path), digest([*files, *maps]), notes)
+    # damage says it all: metadata.yaml cannot fit a broken file
     for sentence in content.warnings or warnings:
         builder.warn(sentence)
-    for (topic, _), messages in content.messages.items():
-        _warn_of(builder, topic, content.types[topic], messages.why, messages)
-        blocks = [*messages.blocks]
-        messages.blocks.clear()
-        stamp = np.concatenate([x.stamp for x in blocks])
-        columns = layouts[topic].columns
-        none = (np.full((x.stamp.size, len(columns)), np.nan) for x in blocks)
-        pairs = ((x.fields[0], y) for x, y in zip(blocks, none, strict=True))
-        values = np.concatenate([y if own is None else own for own, y in pairs])
-        rows = [x.scale * row for x, row in zip(columns, values.T, strict=True)]
-        builder.add_columns(stamp, summed(topics.columns, columns, stamp, rows))
+    for (topic, role), messages in content.messages.items():
+        _tell(builder, role, topic, content, messages)
+        if topic in layouts:
+            _feed_columns(builder, topics.columns, layouts[topic].columns, messages)
+        while messages.blocks:
+            block = messages.blocks.popleft()
+            builder.add_block(role, block.stamp, block.names, *block.fields)
     return builder.build()
+
+
+def _feed_columns(
+    builder: RecordingBuilder, path: str, columns: Sequence[Column], messages: Messages
+) -> None:
+    """Bring the fields of a topic into the builder that a column map names."""
+    blocks = [*messages.blocks]
+    messages.blocks.clear()
+    stamp = np.concatenate([x.stamp for x in blocks])
+    none = (np.full((x.stamp.size, len(columns)), np.nan) for x in blocks)
+    pairs = ((x.fields[0], y) for x, y in zip(blocks, none, strict=True))
+    values = np.concatenate([y if own is None else own for own, y in pairs])
+    rows = [x.scale * row for x, row in zip(columns, values.T, strict=True)]
+    builder.add_columns(stamp, summed(path, columns, stamp, rows))
 
 
 def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, ...]]:
@@ -357,49 +356,43 @@ def _check_topics(
         raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
 
 
-def _feed(
+def _tell(
     builder: RecordingBuilder, role: str, topic: str, content: Content, messages: Messages
 ) -> None:
-    """Bring the messages of a topic into the builder; they are gone afterwards."""
+    """Say what is lost of a topic, what its times, names and gains are.
+
+    Raises:
+        IdentError: BAD_VALUES where no message is valid, with the reason.
+    """
     kind = content.types[topic]
-    _warn_of(builder, topic, kind, why(kind, role), messages)
-    if (about := map_of(kind)) is not None and about.note:
-        builder.warn(f'{topic}: {about.note}')
-    if about is not None and role not in about.names and not content.names and messages.blocks:
-        said = 'its messages have no names: joints are called'
-        named = listed(messages.blocks[0].names, 4)
-        builder.warn(f'{topic}: {said} {named} in their order; name others by --joint-names')
+    about = None if content.mapped else map_of(kind)
+    named = kind.rpartition('/')[2]
+    if messages.lost and not messages.blocks:
+        reason = messages.why if content.mapped else why(kind, role)
+        text = f'no message of {topic} is a valid {kind} ({reason})'
+        raise ErrorCode.BAD_VALUES.error(f'{builder.source}: {text}; repair the publisher')
+    said = []
+    if messages.lost:
+        lost = f'{messages.lost} of {messages.count} messages'
+        said.append(f'{lost} are no valid {named} and are left out')
+    if messages.unstamped and messages.clock == 'none':
+        late = 'the time of recording is used, some milliseconds late'
+        said.append(f'{named} has no stamp, {late}')
+    elif messages.unstamped:
+        used = 'the time of recording is used; stamp the messages'
+        said.append(f'all header stamps are 0, {used}')
+    said += messages.said
     names = messages.blocks[0].names if messages.blocks else ()
+    if about is not None and about.note:
+        said.append(about.note)
+    if about is not None and role not in about.names and not content.names and messages.blocks:
+        called = f'{listed(names, 4)} in their order; name others by --joint-names'
+        said.append(f'its messages have no names: joints are called {called}')
+    for sentence in said:
+        builder.warn(f'{topic}: {sentence}')
     if gains := [
         f'{name} of {names[n]} {low:.4g}' + (f' to {high:.4g}' if high > low else '')
         for (name, n), (low, high) in sorted(messages.gains.items())
         if n < len(names)
     ]:
         builder.notes += (f'{topic} comes with gains: {listed(gains, 24)}',)
-    while messages.blocks:
-        block = messages.blocks.popleft()
-        builder.add_block(role, block.stamp, block.names, *block.fields)
-
-
-def _warn_of(
-    builder: RecordingBuilder, topic: str, kind: str, reason: str, messages: Messages
-) -> None:
-    """Say what is lost of a topic, and what its times are.
-
-    Raises:
-        IdentError: BAD_VALUES where no message is valid, with the reason.
-    """
-    if messages.lost and not messages.blocks:
-        text = f'no message of {topic} is a valid {kind} ({reason})'
-        raise ErrorCode.BAD_VALUES.error(f'{builder.source}: {text}; repair the publisher')
-    if messages.lost:
-        lost = f'{messages.lost} of {messages.count} messages'
-        builder.warn(f'{topic}: {lost} are no valid {kind.rpartition("/")[2]} and are left out')
-    if messages.unstamped:
-        said = 'all header stamps are 0, the time of recording is used; stamp the messages'
-        if messages.clock == 'none':
-            named = kind.rpartition('/')[2]
-            said = f'{named} has no stamp, the time of recording is used, some milliseconds late'
-        builder.warn(f'{topic}: {said}')
-    for said in messages.said:
-        builder.warn(f'{topic}: {said}')
