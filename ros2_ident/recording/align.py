@@ -92,6 +92,10 @@ def align(
     offset = origin.ticks.phase + lay.start * cycle * (1.0 + origin.ticks.drift)
     begin = origin.reference + round(offset * 1e9)
     grid = np.arange(lay.cycles, dtype=np.float64) * cycle
+    beside, state = {}, recording.state
+    for name in [x for x in state.names if x not in names][:_STRANGERS] if state else ():
+        if state and (values := state.column('position', name)) is not None:
+            beside[name] = _between(state, values, begin, grid)
     return Dataset(
         names,
         float(cycle),
@@ -103,7 +107,7 @@ def align(
         measured['effort'],
         {role: lay.quality(x) for role, x in lay.placed.items()},
         tuple(dict.fromkeys(lay.warnings)),
-        _beside(recording.state, names, begin, grid),
+        beside,
         off,
         _asked(asking, names, begin, grid),
     )
@@ -126,18 +130,6 @@ def _asked(
         if values is not None and not moves:
             row[:] = _between(command, values, begin, grid)
     return None if np.isnan(out).all() else out
-
-
-def _beside(
-    state: Stream | None, names: tuple[str, ...], begin: int, grid: FloatArray
-) -> dict[str, FloatArray]:
-    """Return positions of the joints that are no drives, where each has been measured."""
-    strangers = [x for x in state.names if x not in names] if state else []
-    found = {}
-    for name in strangers[:_STRANGERS]:
-        if state and (values := state.column('position', name)) is not None:
-            found[name] = _between(state, values, begin, grid)
-    return found
 
 
 def _between(stream: Stream, values: FloatArray, begin: int, grid: FloatArray) -> FloatArray:

@@ -155,7 +155,14 @@ class RecordingBuilder:
         if role not in self._tracks:
             raise self._bad(f'role is {role!r}; choose one of {", ".join(ROLES)}')
         track = self._tracks[role]
-        joints = self._named(role, names)
+        joints = tuple(names)
+        fresh = [name for name in joints if name not in track.joints]
+        if fresh and len({*track.joints, *fresh}) > limit('joints'):
+            text = f'{role} names more than {limit("joints")} joints; record the drives only'
+            raise self._bad(f'{text}, or raise {variable_of("joints")}')
+        for name in fresh:
+            if why := unfit(name):
+                raise self._bad(f'{role} names a joint {short(name)}, {why}')
         fields = (position, velocity, effort)
         shape = (len(stamp), len(joints))
         for part in fields:
@@ -227,19 +234,6 @@ class RecordingBuilder:
 
     def _bad(self, text: str, code: ErrorCode = ErrorCode.BAD_VALUES) -> IdentError:
         return code.error(f'{self.source}: {text}')
-
-    def _named(self, role: str, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the names, no more of them than a stream may have."""
-        known = self._tracks[role].joints
-        if all(name in known for name in names):
-            return tuple(names)
-        if len({*known, *names}) > limit('joints'):
-            text = f'{role} names more than {limit("joints")} joints; record the drives only'
-            raise self._bad(f'{text}, or raise {variable_of("joints")}')
-        for name in names:
-            if why := unfit(name):
-                raise self._bad(f'{role} names a joint {short(name)}, {why}')
-        return tuple(names)
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         """Return the segments of one role."""

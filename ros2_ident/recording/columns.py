@@ -115,10 +115,8 @@ def load_columns(path: str | Path, arrays: bool = False) -> ColumnMap:
     for key, value in given.items():
         if not _OPTIONS[key][1](value) or (key == 'decimal' and value == given['delimiter']):
             raise refuse(path, f'{key} is {short(value)}; {_AS}')
-    cell = partial(_cell, path, given['header'])
+    cell = partial(_cell, path, given['header'], arrays)
     time, where = data.get('time'), given.pop('where')
-    if arrays:
-        cell = partial(_name, path)
     rate = time.get('rate') if arrays and isinstance(time, Mapping) and len(time) == 1 else None
     if isinstance(rate, (int, float)) and 0 < rate < 1e6:
         time = {'column': '', 'unit': 's'}
@@ -221,13 +219,6 @@ def load_topics(path: str | Path) -> dict[str, TopicMap]:
     return {x: TopicMap(tuple(own), *times.get(x, ())) for x, own in found.items()}
 
 
-def _name(path: object, what: str, cell: Any) -> Cell:
-    """Return the name of an array."""
-    if isinstance(cell, str) and cell.strip():
-        return cell.strip()
-    raise refuse(path, f'{what} names the column {short(cell)}; write the name of an array')
-
-
 def _field(path: object, what: str, cell: Any) -> Cell:
     """Return a topic and the path of fields of its messages, a space between."""
     topic, _, field = cell.partition(' ') if isinstance(cell, str) else ('', '', '')
@@ -264,12 +255,19 @@ def _column(
     return Column(joint, quantity, cell(what, given.get('column')), scale, 'sign' in given)
 
 
-def _cell(path: object, header: bool, what: str, cell: Any) -> Cell:
-    number = type(cell) is int and 1 <= cell <= _MOST_COLUMNS
-    if number or (header and isinstance(cell, str) and cell):
-        return cell if number else str(cell).strip()
-    kind = 'the name or the number (from 1)' if header else 'the number (from 1)'
-    raise refuse(path, f'{what} names the column {short(cell)}; write {kind} of a column')
+def _cell(path: object, header: bool, arrays: bool, what: str, cell: Any) -> Cell:
+    """Return the name or number of a column, or the name of an array."""
+    if not arrays and type(cell) is int and 1 <= cell <= _MOST_COLUMNS:
+        return cell
+    if header and isinstance(cell, str) and (cell.strip() if arrays else cell):
+        return cell.strip()
+    kind = (
+        'the name or the number (from 1) of a column'
+        if header
+        else 'the number (from 1) of a column'
+    )
+    kind = 'the name of an array' if arrays else kind
+    raise refuse(path, f'{what} names the column {short(cell)}; write {kind}')
 
 
 def _directions(

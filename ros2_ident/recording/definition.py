@@ -234,10 +234,7 @@ class Cursor:
             text = f'a message names {number} joints, more than the {limit("joints")} allowed'
             remedy = f'record the drives only, or raise {variable_of("joints")}'
             raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
-        found = []
-        for _ in range(number):
-            found.append(self.one(about, definition, kept, deep))
-        return found
+        return [self.one(about, definition, kept, deep) for _ in range(number)]
 
     def one(self, about: Any, definition: Definition, kept: Any, deep: int = 0) -> Any:
         """Pass over one value; return its place, or of a message its fields' by name.
@@ -249,10 +246,9 @@ class Cursor:
         self._left -= 1
         if self._left < 0 or deep > _DEEPEST:
             raise ValueError('a definition nested without end')
-        if node == Nodetype.ARRAY:
-            return self.several(inner[0], inner[1], definition, kept, deep + 1)
-        if node == Nodetype.SEQUENCE:
-            return self.several(inner[0], self.count(), definition, kept, deep + 1)
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            number = inner[1] if node == Nodetype.ARRAY else self.count()
+            return self.several(inner[0], number, definition, kept, deep + 1)
         if node == Nodetype.BASE and inner[0] == 'string':
             return self.text(free=kept is None)
         if node == Nodetype.BASE:
@@ -339,12 +335,13 @@ def _entries(value: Any, index: int | slice | None) -> list[Any]:
     """Return the entries of a value that an index or slice chooses."""
     if index is None:
         return value if isinstance(value, list) else [value]
+    numbers = isinstance(value, Numbers)
     try:
-        if not isinstance(value, Numbers):
-            return value[index] if isinstance(index, slice) else [value[index]]
-        chosen = range(value.count)[index]
+        chosen: Any = (range(value.count) if numbers else value)[index]
     except IndexError as exc:
         raise ValueError('not as many entries as asked for') from exc
-    chosen = chosen if isinstance(chosen, range) else range(chosen, chosen + 1)
+    if not numbers:
+        return chosen if isinstance(index, slice) else [chosen]
+    chosen = chosen if isinstance(index, slice) else range(chosen, chosen + 1)
     size = int(value.format[1:])
     return [Numbers(value.at + size * chosen.start, len(chosen), value.format)]

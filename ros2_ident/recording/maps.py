@@ -217,7 +217,9 @@ def parser(
 
     def parse(data: bytes) -> Layout:
         tree, cursor = fields.walk(data)
-        joints = _texts(found_at(tree, titles)) if titles else tuple(names)
+        joints = tuple(found_at(tree, titles) if titles else names)
+        if not all(isinstance(x, str) for x in joints):
+            raise ValueError('names that are no texts')
         picks: list[Pick] = []
         for field, (path, source) in sources.items():
             places, form = _numbers(found_at(tree, path))
@@ -245,12 +247,6 @@ def parser(
     return remembered(parse)
 
 
-def _texts(found: Sequence[Any]) -> tuple[str, ...]:
-    if not all(isinstance(x, str) for x in found):
-        raise ValueError('names that are no texts')
-    return tuple(found)
-
-
 def _numbers(found: Sequence[Any]) -> tuple[IntArray, str]:
     """Return the places (N,) of numbers, -1 where there is none, and their format."""
     if not all(isinstance(x, Numbers) for x in found):
@@ -266,8 +262,9 @@ def _named(about: MessageMap, drives: Sequence[str], count: int) -> tuple[str, .
     """Return names for the entries of a message that has none."""
     if drives and not about.joints and (len(drives) == count or about.padded):
         return tuple(drives[:count])
-    several = enumerate(range(count), 1)
-    return tuple(about.joints[k] if k < len(about.joints) else f'joint_{n}' for n, k in several)
+    return (*about.joints, *(f'joint_{n}' for n in range(len(about.joints) + 1, count + 1)))[
+        :count
+    ]
 
 
 def _parted(

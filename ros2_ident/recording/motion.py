@@ -371,7 +371,9 @@ def _of_joint(data: Dataset, d: int) -> float:
         return highest
     position, effort = data.position[d][there], fill_gaps(data.effort[d])[there]
     read = _inertia(position, effort, period) * (2.0 * math.pi) ** 2 * _noise(position)
-    noise, least = _quietest(effort), _OF_EFFORT * float(np.std(effort))
+    # of the effort where friction turns over least
+    quiet = np.quantile(np.abs(np.diff(effort, _DIFFERENCES)), _LOW)
+    noise, least = float(quiet) / (_GAIN * _OF_LOW), _OF_EFFORT * float(np.std(effort))
     band = highest
     while band > LOWEST:
         asked = read * math.sqrt(0.4 * band**5 * period)
@@ -392,11 +394,6 @@ def _noise(seen: FloatArray) -> float:
     fast = np.abs(np.diff(seen, _DIFFERENCES))[moves.any(axis=1)]
     fast = fast[fast <= _USUAL * np.median(fast)] if fast.size else np.zeros(1)
     return float(np.sqrt(np.mean(fast**2))) / _GAIN
-
-
-def _quietest(effort: FloatArray) -> float:
-    """Return the standard deviation of the noise of efforts (T,) where they turn over least."""
-    return float(np.quantile(np.abs(np.diff(effort, _DIFFERENCES)), _LOW)) / (_GAIN * _OF_LOW)
 
 
 def _step(seen: FloatArray) -> float:

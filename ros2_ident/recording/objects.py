@@ -52,7 +52,7 @@ def decoder(about: MessageMap, role: str, form: str, schema: bytes) -> Decode:
         return names, values, sum(_nanoseconds(tree, *part) for part in about.stamp)
 
     def decode(messages: Sequence[bytes] | ByteTable) -> list[Block]:
-        rows = [_checked(row_of, read(bytes(x))) for x in messages]
+        rows = [_checked(row_of, read, bytes(x)) for x in messages]
         blocks, begin = [], 0
         for names, group in groupby(rows, key=lambda x: x[0]):
             own = list(group)
@@ -66,12 +66,16 @@ def decoder(about: MessageMap, role: str, form: str, schema: bytes) -> Decode:
     return decode
 
 
-def _checked(row_of: Callable[[Any], _Row], tree: Any) -> _Row:
+def _checked(row_of: Callable[[Any], _Row], read: Callable[[bytes], Any], data: bytes) -> _Row:
     """Return a message's values.
 
     Raises:
         ValueError: They do not fit its names, or are none.
     """
+    try:
+        tree = read(data)
+    except Exception as exc:  # protobuf has errors of its own, nested JSON has none
+        raise ValueError('no such message') from exc
     try:
         names, values, stamp = row_of(tree)
     except (LookupError, TypeError, AttributeError, OverflowError) as exc:
@@ -84,9 +88,9 @@ def _checked(row_of: Callable[[Any], _Row], tree: Any) -> _Row:
 
 
 def _reader(kind: str, form: str, schema: bytes) -> Callable[[bytes], Any]:
-    """Return what makes an object of a message; it raises ValueError for other bytes."""
+    """Return what makes an object of a message; of other bytes it raises what it likes."""
     if form == 'json':
-        return _json
+        return json.loads
     try:
         from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
     except ModuleNotFoundError:
@@ -105,24 +109,12 @@ def _reader(kind: str, form: str, schema: bytes) -> Callable[[bytes], Any]:
             if not able:
                 raise ValueError('a file that it needs is missing')
         made = message_factory.GetMessageClass(pool.FindMessageTypeByName(kind))
+        read: Callable[[bytes], Any] = made.FromString
     except Exception as exc:  # the library lets whatever damaged bytes cause through
         text = f'the schema of {kind} cannot be read ({type(exc).__name__}); record again'
         raise ErrorCode.BAD_VALUES.error(text) from None
 
-    def read(data: bytes) -> Any:
-        try:
-            return made.FromString(data)
-        except Exception as exc:
-            raise ValueError('no such message') from exc
-
     return read
-
-
-def _json(data: bytes) -> Any:
-    try:
-        return json.loads(data)
-    except (ValueError, RecursionError) as exc:
-        raise ValueError('no JSON') from exc
 
 
 def _below(node: Any, name: str) -> Any:

@@ -260,7 +260,6 @@ def read_metadata(folder: Path) -> tuple[list[str], dict[str, str]]:
         info = data['rosbag2_bagfile_information']
         custom = {str(k): str(v) for k, v in (info.get('custom_data') or {}).items()}
         return [Path(str(x)).name for x in info['relative_file_paths']], custom
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return [], {}
-    except yaml.YAMLError:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError,
+            yaml.YAMLError):  # fmt: skip
         return [], {}

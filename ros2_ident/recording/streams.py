@@ -23,15 +23,6 @@ IntArray = NDArray[np.int64]
 _fail = ErrorCode.BAD_VALUES.error
 
 
-def _frozen(values: FloatArray) -> FloatArray:
-    """Return the array as read-only float64 that no caller can still write to."""
-    if values.flags.c_contiguous and values.flags.owndata and not values.flags.writeable:
-        return values  # no reader can, and a copy of hours would take the room of hours
-    array = np.array(values, dtype=np.float64, order='C')
-    array.setflags(write=False)
-    return array
-
-
 @dataclass(frozen=True, eq=False)
 class Stream:
     """Samples of some joints, in the order of their stamps.
@@ -81,7 +72,12 @@ class Stream:
                 row, column = np.argwhere(np.isinf(array))[0].tolist()
                 text = f'{name} of {names[column]} is infinite at sample {row}'
                 raise _fail(f'{text}; write NaN where there is no measurement')
-            object.__setattr__(self, name, _frozen(array))
+            flags = array.flags
+            if not flags.c_contiguous or not flags.owndata or flags.writeable:
+                # what no caller can still write to; a copy of hours would take the room of hours
+                array = np.array(array, order='C')
+                array.setflags(write=False)
+            object.__setattr__(self, name, array)
         if not self.fields:
             raise _fail('a stream holds neither position, velocity nor effort; leave it out')
 

@@ -2,6 +2,7 @@
 """Logs as tables (CSV), read by a column map: what each column is."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 import csv
 from decimal import Decimal
 from functools import partial
@@ -141,10 +142,9 @@ def _parse(
 
 def _equal(cell: str, value: str) -> bool:
     """Say whether a cell holds a value, as a text or as a number."""
-    try:
+    with suppress(ValueError):
         return cell.strip() == value or float(cell) == float(value)
-    except ValueError:
-        return False
+    return False
 
 
 def _find(path: Path, cell: Cell, names: list[str]) -> int:

@@ -106,7 +106,9 @@ def _features(stream: Stream, drives: Sequence[str]) -> tuple[FloatArray, list[i
             continue
         there = np.nan_to_num(position[edge], nan=float(np.nanmean(position)))
         speed = np.gradient(there) / _MEAN if count > 1 else np.zeros(count)
-        rows.append(np.stack([_unit(np.gradient(speed)), _unit(speed), np.sign(speed)], axis=1))
+        pair = np.stack([np.gradient(speed), speed])
+        scale = np.sqrt(np.mean(pair**2, axis=1, keepdims=True))
+        rows.append(np.vstack([pair / np.where(scale > 0.0, scale, 1.0), np.sign(speed)]).T)
     moving = np.array(rows) if rows else np.zeros((1, count, 3))
     features = np.concatenate([moving, np.ones((*moving.shape[:2], 1))], axis=2)
     slow = np.abs(moving[:, :, 1]).max(axis=0)
@@ -114,11 +116,6 @@ def _features(stream: Stream, drives: Sequence[str]) -> tuple[FloatArray, list[i
     starts = range(0, count - length // 2, length)
     edges = [at + int(np.argmin(slow[at : at + shift])) for at in starts]
     return features, [*edges, count], begin
-
-
-def _unit(values: FloatArray) -> FloatArray:
-    scale = float(np.sqrt(np.mean(values**2)))
-    return np.asarray(values / scale if scale > 0.0 else values)
 
 
 def _greedy(told: FloatArray, sizes: FloatArray, samples: int) -> list[int]:
