@@ -11,6 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 DEFINITIONS = Path(__file__).with_name('recording') / 'definitions.txt'
+SEVERAL = list, tuple, np.ndarray
 STORAGE = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 
 
@@ -28,13 +29,14 @@ class Messages:
 
     Args:
         version: Of ROS, 1 or 2.
+        texts: Definitions in the place of published ones, by their types.
     """
 
-    def __init__(self, version=2):
+    def __init__(self, version=2, texts=()):
         self.version = version
         self.store = get_typestore(Stores.ROS2_JAZZY if version == 2 else Stores.ROS1_NOETIC)
         known = {}
-        for kind, text in published().items():
+        for kind, text in (published() | dict(texts)).items():
             known |= get_types_from_msg(text, kind)
         self.store.register({k: v for k, v in known.items() if k not in self.store.fielddefs})
 
@@ -60,6 +62,22 @@ class Messages:
         """Set the stamp of a header, ns."""
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(when, 10**9)
 
+    def made(self, kind, fields, when=None):
+        """Return a message with fields by their paths, stamped where a time [ns] is given."""
+        message = self.blank(kind)
+        if when is not None:
+            self.stamp(message, when)
+        for path, value in fields:
+            self.put(message, path, value)
+        return message
+
+    def bytes_of(self, kind, message):
+        """Return a serialised message."""
+        two = self.version == 2
+        return bytes(
+            (self.store.serialize_cdr if two else self.store.serialize_ros1)(message, kind)
+        )
+
     def put(self, message, path, value):
         """Set the field at `a.b`, or that at `a[].b` of each entry of a sequence."""
         name, _, rest = path.partition('.')
@@ -68,7 +86,7 @@ class Messages:
             if not entries:
                 about = dict(self.store.fielddefs[message.__msgtype__][1])[name[:-2]]
                 entries += [self.blank(about[1][0][1]) for _ in value]
-            values = value if np.ndim(value) else [value] * len(entries)
+            values = value if isinstance(value, SEVERAL) else [value] * len(entries)
             for entry, own in zip(entries, values, strict=False):
                 self.put(entry, rest, own)
         elif rest:
@@ -77,7 +95,7 @@ class Messages:
             held = getattr(message, name)
             if isinstance(held, np.ndarray):
                 value = np.array(value, held.dtype)
-            elif not isinstance(held, list) and np.ndim(value):
+            elif not isinstance(held, list) and isinstance(value, SEVERAL):
                 (value,) = value
             setattr(message, name, value)
 
@@ -89,13 +107,12 @@ class Messages:
             writer = Writer(path, version=9, storage_plugin=STORAGE[storage])
             if packed:
                 writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        serialise = self.store.serialize_cdr if self.version == 2 else self.store.serialize_ros1
         with writer:
             topics = {}
             for when, topic, kind, message in sorted(messages, key=lambda x: x[0]):
                 if topic not in topics:
                     topics[topic] = writer.add_connection(topic, kind, typestore=self.store)
-                writer.write(topics[topic], when, bytes(serialise(message, kind)))
+                writer.write(topics[topic], when, self.bytes_of(kind, message))
         return path
 
 

@@ -263,14 +263,9 @@ def messages(room: Path, recording: Recording) -> dict[str, Kind]:
     ):  # fmt: skip
         rows = []
         for k, when in enumerate(recording.state.stamp.tolist()):
-            message = maker.blank(kind)
-            for path, values in fields.items():
-                maker.put(message, path, [*values[k]])
-            if name == 'lowstate':
-                message.tick = 5 + k
-            else:
-                maker.stamp(message, when)
-            rows.append((topic, when, bytes(maker.store.serialize_cdr(message, kind))))
+            own = [(path, [*values[k]]) for path, values in fields.items()]
+            own, stamp = ([*own, ('tick', 5 + k)], None) if name == 'lowstate' else (own, when)
+            rows.append((topic, when, maker.bytes_of(kind, maker.made(kind, own, stamp))))
         definition, _ = maker.store.generate_msgdef(kind)
         files[name] = (kind, 'ros2msg', definition.encode(), rows)
     rows = []

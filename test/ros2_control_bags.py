@@ -1,32 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags as `ros2 bag record -a` makes them beside ros2_control."""
 
+from message_makers import Messages
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 from ros2_ident.recording.cdr import JOINT_STATE
 from ros2_ident.recording.maps import TRAJECTORY
+from ros2_ident.recording.streams import FIELDS
 
 ARRAY = 'std_msgs/msg/Float64MultiArray'
 CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
 DYNAMIC_STATE = 'control_msgs/msg/DynamicJointState'
-
-# Fields of the messages in control_msgs, branch jazzy.
-_CONTROLLER = """
-std_msgs/Header header
-string[] joint_names
-trajectory_msgs/JointTrajectoryPoint reference
-trajectory_msgs/JointTrajectoryPoint feedback
-trajectory_msgs/JointTrajectoryPoint error
-trajectory_msgs/JointTrajectoryPoint output
-string[] multi_dof_joint_names
-trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_reference
-trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_feedback
-trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
-trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_output
-float64 speed_scaling_factor
-"""
 # Noetic's, which Foxy has too.
 _OLD_CONTROLLER = """
 std_msgs/Header header
@@ -35,28 +19,10 @@ trajectory_msgs/JointTrajectoryPoint desired
 trajectory_msgs/JointTrajectoryPoint actual
 trajectory_msgs/JointTrajectoryPoint error
 """
-_DYNAMIC = """
-std_msgs/Header header
-string[] joint_names
-control_msgs/InterfaceValue[] interface_values
-"""
-_INTERFACE = """
-string[] interface_names
-float64[] values
-"""
+_PARTS = ('positions', 'velocities', 'accelerations')
 
 
-def store_of(*, old=False):
-    """Return a type store that knows control_msgs too."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    interface = get_types_from_msg(_INTERFACE, 'control_msgs/msg/InterfaceValue')
-    text = _OLD_CONTROLLER if old else _CONTROLLER
-    store.register(interface | get_types_from_msg(_DYNAMIC, DYNAMIC_STATE))
-    store.register(get_types_from_msg(text, CONTROLLER_STATE))
-    return store
-
-
-class Maker:
+class Maker(Messages):
     """Makes messages of ros2_control.
 
     Args:
@@ -64,75 +30,43 @@ class Maker:
     """
 
     def __init__(self, *, old=False):
-        self.old, self.store = old, store_of(old=old)
-        self.types = self.store.types
+        super().__init__(texts={CONTROLLER_STATE: _OLD_CONTROLLER} if old else {})
+        self.old = old
 
-    def _header(self, stamp):
-        second = self.types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9)
-        return self.types['std_msgs/msg/Header'](second, 'base_link')
-
-    def _point(self, position=(), velocity=(), acceleration=(), effort=(), after=0):
-        time = self.types['builtin_interfaces/msg/Duration'](after // 10**9, after % 10**9)
-        kind = self.types['trajectory_msgs/msg/JointTrajectoryPoint']
-        return kind(*(_array(x) for x in (position, velocity, acceleration, effort)), time)
-
-    def joint_state(self, stamp, names, position=(), velocity=(), effort=()):
+    def joint_state(self, stamp, names, *values):
         """Return a JointState."""
-        arrays = [_array(x) for x in (position, velocity, effort)]
-        return self.types[JOINT_STATE](self._header(stamp), list(names), *arrays)
+        fields = zip(('name', *FIELDS), (list(names), *values), strict=False)
+        return self.made(JOINT_STATE, fields, stamp)
 
     def controller(self, stamp, names, reference, feedback, output=()):
         """Return a controller's state; reference and feedback are position and velocity."""
-        points = [
-            self._point(*reference),
-            self._point(*feedback),
-            self._point(_array(reference[0]) - feedback[0]),
-        ]
-        header = self._header(stamp)
-        if self.old:
-            return self.types[CONTROLLER_STATE](header, list(names), *points)
-        none = self.types['builtin_interfaces/msg/Duration'](0, 0)
-        other = self.types['trajectory_msgs/msg/MultiDOFJointTrajectoryPoint']([], [], [], none)
-        points.append(self._point(effort=output))
-        return self.types[CONTROLLER_STATE](
-            header, list(names), *points, [], other, other, other, other, 1.0
-        )
+        fields = {'joint_names': list(names), 'header.frame_id': 'base_link'}
+        points = {'reference': reference, 'feedback': feedback}
+        points['error'] = [reference[0] - feedback[0]]
+        titles = {'reference': 'desired', 'feedback': 'actual'} if self.old else {}
+        for point, rows in points.items():
+            title = titles.get(point, point)
+            fields |= {f'{title}.{x}': y for x, y in zip(_PARTS, rows, strict=False)}
+        fields |= {} if self.old else {'output.effort': output}
+        return self.made(CONTROLLER_STATE, fields.items(), stamp)
 
     def dynamic(self, stamp, interfaces):
         """Return a DynamicJointState of `{joint: {interface: value}}`."""
-        kind = self.types['control_msgs/msg/InterfaceValue']
-        values = [kind(list(x), _array(list(x.values()))) for x in interfaces.values()]
-        return self.types[DYNAMIC_STATE](self._header(stamp), list(interfaces), values)
-
-    def array(self, values):
-        """Return a Float64MultiArray."""
-        size = self.types['std_msgs/msg/MultiArrayDimension']('joints', len(values), len(values))
-        layout = self.types['std_msgs/msg/MultiArrayLayout']([size], 0)
-        return self.types[ARRAY](layout, _array(values))
+        fields = {
+            'joint_names': list(interfaces),
+            'interface_values[].interface_names': [list(x) for x in interfaces.values()],
+            'interface_values[].values': [list(x.values()) for x in interfaces.values()],
+        }
+        return self.made(DYNAMIC_STATE, fields.items(), stamp)
 
     def trajectory(self, stamp, names, points):
         """Return a JointTrajectory of points (time [ns], position, velocity, acceleration)."""
-        points = [self._point(*fields, after=after) for after, *fields in points]
-        return self.types[TRAJECTORY](self._header(stamp), list(names), points)
-
-    def bytes_of(self, kind, message):
-        """Return a serialised message."""
-        return bytes(self.store.serialize_cdr(message, kind))
-
-    def write(self, path, messages, storage='mcap'):
-        """Write `[(time, topic, type, message)]` as a bag, in the order of time."""
-        plugin = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}[storage]
-        with Writer(path, version=9, storage_plugin=plugin) as writer:
-            topics = {}
-            for when, topic, kind, message in sorted(messages, key=lambda x: x[0]):
-                if topic not in topics:
-                    topics[topic] = writer.add_connection(topic, kind, typestore=self.store)
-                writer.write(topics[topic], when, self.bytes_of(kind, message))
-        return path
-
-
-def _array(values):
-    return np.array(values, dtype=np.float64)
+        fields = {'joint_names': list(names)}
+        for n, part in enumerate(_PARTS, 1):
+            fields[f'points[].{part}'] = [x[n] if n < len(x) else [] for x in points]
+        for n, part in enumerate(('sec', 'nanosec')):
+            fields[f'points[].time_from_start.{part}'] = [divmod(x[0], 10**9)[n] for x in points]
+        return self.made(TRAJECTORY, fields.items(), stamp)
 
 
 def as_ros2_control_records(maker, recording, *, efforts='state', dynamic=True):

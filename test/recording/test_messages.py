@@ -135,23 +135,18 @@ def sent(maker, case, joints=0):
     for k in range(SAMPLES):
         when, now = START + k * STEP, {name: x[k] for name, x in rows.items()}
         for topic, kind, fields in CASES[case][-1]:
-            message = maker.blank(kind)
-            if hasattr(message, 'header'):
-                maker.stamp(message, when)
-            for path, value in fields:
-                value = value(k, now) if callable(value) else value
-                maker.put(
-                    message, path, now[value] if isinstance(value, str) and value in now else value
-                )
-            yield when, topic, kind, message
+            known = [(x, now.get(y, y) if isinstance(y, str) else y) for x, y in fields]
+            own = [(x, y(k, now) if callable(y) else y) for x, y in known]
+            header = any(name == 'header' for name, _ in maker.store.fielddefs[kind][1])
+            yield when, topic, kind, maker.made(kind, own, when if header else None)
 
 
 def dynamixel(maker):
     kind = 'dynamixel_workbench_msgs/msg/DynamixelStateList'
     for k in range(SAMPLES):
-        message = maker.blank(kind)
-        maker.put(message, 'dynamixel_state[].name', ['pan', 'tilt'])
-        maker.put(message, 'dynamixel_state[].present_position', [2048 + 10 * k, 2049 + 10 * k])
+        place = [2048 + 10 * k, 2049 + 10 * k]
+        fields = ('name', ['pan', 'tilt']), ('present_position', place)
+        message = maker.made(kind, [(f'dynamixel_state[].{x}', y) for x, y in fields])
         yield START + k * STEP, '/dynamixel_state', kind, message
 
 
@@ -235,7 +230,7 @@ def test_a_counter_is_no_time_while_messages_still_come(maker):
     assert messages.clock == 'counter'
     messages.clock = 'none'
     states = [x for *_, own, x in sent(maker, 'unitree_go') if own == kind]
-    data = [bytes(maker.store.serialize_cdr(x, kind)) for x in states]
+    data = [maker.bytes_of(kind, x) for x in states]
     messages.take(range(START, START + len(data)), data)
     messages.decode()
     (block,) = messages.blocks

@@ -77,7 +77,8 @@ def forward(maker, recording, fields=('position',)):
     command = recording.command
     for k, stamp in enumerate(command.stamp.tolist()):
         values = np.concatenate([command.values(x)[k] for x in fields])
-        kept.append((stamp, '/forward_position_controller/commands', ARRAY, maker.array(values)))
+        array = maker.made(ARRAY, [('layout.dim[].label', ['joints']), ('data', values)])
+        kept.append((stamp, '/forward_position_controller/commands', ARRAY, array))
     return kept
 
 
@@ -168,11 +169,8 @@ def test_absurd_trajectories_take_no_memory():
 def test_trajectories_in_a_bag_are_the_command(tmp_path):
     recording = make_recording()
     maker = Maker()
-    messages = [
-        x
-        for x in as_ros2_control_records(maker, recording, dynamic=False)
-        if x[1] == '/joint_states'
-    ]
+    records = as_ros2_control_records(maker, recording, dynamic=False)
+    messages = [x for x in records if x[1] == '/joint_states']
     names = ['drive_1', 'drive_2']
     points = [(0, [0.0, 0.0], [0.0, 0.0]), (10**8, [0.1, 0.2], [0.0, 0.0])]
     sent = maker.trajectory(0, names, points)
