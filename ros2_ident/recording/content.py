@@ -112,30 +112,24 @@ def set_points(trajectories: Sequence[Trajectory]) -> list[Block]:
     Raises:
         IdentError: BAD_VALUES where it would take more memory than allowed.
     """
-    groups: dict[tuple[str, ...], list[Trajectory]] = {}
-    for trajectory in trajectories:
-        groups.setdefault(trajectory.names, []).append(trajectory)
-    return [_followed(group) for group in groups.values()]
-
-
-def _followed(trajectories: Sequence[Trajectory]) -> Block:
-    """Return the set-point made of trajectories for the same joints."""
-    names = trajectories[0].names
-    last = max(x.start + round(1e9 * x.time[-1]) for x in trajectories)
-    first = trajectories[0].start + round(1e9 * trajectories[0].time[0])
-    needed = 3 * (16 * len(names) * (last - first) // PERIOD)
-    require_memory('the set-point of the trajectories takes', needed)
-    stamp = np.arange(first, last + 1, PERIOD, dtype=np.int64)
-    position = np.tile(trajectories[0].knots[0, 0], (stamp.size, 1))
-    velocity = np.zeros_like(position)
-    for number, trajectory in enumerate(trajectories):
-        begin = int(np.searchsorted(stamp, trajectory.start)) if number else 0
-        if begin >= stamp.size:
-            continue
-        origin = position[begin - 1] if begin else None
-        after = 1e-9 * (stamp[begin:] - trajectory.start)
-        position[begin:], velocity[begin:] = _run_through(trajectory, origin, after)
-    return Block(np.arange(stamp.size), stamp, names, (position, velocity, None))
+    blocks = []
+    for names in dict.fromkeys(x.names for x in trajectories):
+        own = [x for x in trajectories if x.names == names]
+        last = max(x.start + round(1e9 * x.time[-1]) for x in own)
+        first = own[0].start + round(1e9 * own[0].time[0])
+        needed = 3 * (16 * len(names) * (last - first) // PERIOD)
+        require_memory('the set-point of the trajectories takes', needed)
+        stamp = np.arange(first, last + 1, PERIOD, dtype=np.int64)
+        position = np.tile(own[0].knots[0, 0], (stamp.size, 1))
+        velocity = np.zeros_like(position)
+        for number, trajectory in enumerate(own):
+            begin = int(np.searchsorted(stamp, trajectory.start)) if number else 0
+            if begin < stamp.size:
+                origin = position[begin - 1] if begin else None
+                after = 1e-9 * (stamp[begin:] - trajectory.start)
+                position[begin:], velocity[begin:] = _run_through(trajectory, origin, after)
+        blocks.append(Block(np.arange(stamp.size), stamp, names, (position, velocity, None)))
+    return blocks
 
 
 def _run_through(

@@ -220,15 +220,11 @@ def _number(position: FloatArray) -> IntArray:
     rounded = np.round(position).astype(np.int64)
     if (np.diff(rounded) > 0).all() and np.abs(position - rounded).max() < 0.25:
         return rounded
-    # strictly increasing integers less their index never decrease: isotonic regression, rounded
-    return np.asarray(np.round(_rising(position - order)).astype(np.int64) + order)
-
-
-def _rising(values: FloatArray) -> FloatArray:
-    """Return the nearest values that never fall; SciPy has them from 1.12 on only."""
+    # strictly increasing integers less their index never decrease: isotonic regression, which
+    # SciPy has from 1.12 on only, rounded
     means: list[float] = []
     sizes: list[int] = []
-    for mean in values.tolist():
+    for mean in (position - order).tolist():
         size = 1
         while means and means[-1] >= mean:
             before = sizes.pop()
@@ -236,7 +232,7 @@ def _rising(values: FloatArray) -> FloatArray:
             size += before
         means.append(mean)
         sizes.append(size)
-    return np.repeat(means, sizes)
+    return np.asarray(np.round(np.repeat(means, sizes)).astype(np.int64) + order)
 
 
 def _line(model: FloatArray, time: FloatArray) -> tuple[float, float]:

@@ -297,7 +297,25 @@ def told_band(data: Dataset) -> float:
         Where the worst joint's readings ask for a third of the noise of its effort, or for a
         thousandth of the effort if that is more; at most a tenth of the rate.
     """
-    return min(_of_joint(data, d) for d in range(len(data.names)))
+    if data.position is None:
+        return _HIGHEST / data.cycle
+    bands = []
+    for d, row in enumerate(data.position):
+        there, period = samples_of(row, data.cycle)
+        bands.append(_HIGHEST / period)
+        if data.effort is None or min(there.size, np.isfinite(data.effort[d]).sum()) < _FEWEST:
+            continue
+        position, effort = row[there], fill_gaps(data.effort[d])[there]
+        read = _inertia(position, effort, period) * (2.0 * math.pi) ** 2 * _noise(position)
+        # of the effort where friction turns over least
+        quiet = np.quantile(np.abs(np.diff(effort, _DIFFERENCES)), _LOW)
+        noise, least = float(quiet) / (_GAIN * _OF_LOW), _OF_EFFORT * float(np.std(effort))
+        while bands[d] > LOWEST:
+            asked = read * math.sqrt(0.4 * bands[d] ** 5 * period)
+            if asked <= max(_OF_NOISE * noise * math.sqrt(2.0 * bands[d] * period), least):
+                break
+            bands[d] *= _STEP
+    return min(bands)
 
 
 def standing(
@@ -359,28 +377,6 @@ def speed_error(position: FloatArray, cycle: float, cutoff: float) -> float:
         return 0.0
     error = max(_noise(position[there]), _step(position[there]) / math.sqrt(12.0))
     return 2.0 * math.pi * error * math.sqrt(2.0 / 3.0 * cutoff**3 * period)
-
-
-def _of_joint(data: Dataset, d: int) -> float:
-    """Return the band of one joint, the highest where nothing is known of it."""
-    if data.position is None:
-        return _HIGHEST / data.cycle
-    there, period = samples_of(data.position[d], data.cycle)
-    highest = _HIGHEST / period
-    if data.effort is None or min(there.size, np.isfinite(data.effort[d]).sum()) < _FEWEST:
-        return highest
-    position, effort = data.position[d][there], fill_gaps(data.effort[d])[there]
-    read = _inertia(position, effort, period) * (2.0 * math.pi) ** 2 * _noise(position)
-    # of the effort where friction turns over least
-    quiet = np.quantile(np.abs(np.diff(effort, _DIFFERENCES)), _LOW)
-    noise, least = float(quiet) / (_GAIN * _OF_LOW), _OF_EFFORT * float(np.std(effort))
-    band = highest
-    while band > LOWEST:
-        asked = read * math.sqrt(0.4 * band**5 * period)
-        if asked <= max(_OF_NOISE * noise * math.sqrt(2.0 * band * period), least):
-            break
-        band *= _STEP
-    return band
 
 
 def _noise(seen: FloatArray) -> float:

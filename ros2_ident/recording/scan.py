@@ -399,14 +399,8 @@ def _scan_db3(path: Path, content: Content) -> Losses:
 
 def _guard(base: sqlite3.Connection, size: int) -> None:
     """Let no damaged or crafted file compute without end, or anything but read tables."""
-    left = (_SOUND_STEPS + _STEPS_PER_BYTE * size) // _EVERY
-
-    def tick() -> int:
-        nonlocal left
-        left -= 1
-        return left < 0
-
-    base.set_progress_handler(tick, _EVERY)
+    left = iter(range((_SOUND_STEPS + _STEPS_PER_BYTE * size) // _EVERY))
+    base.set_progress_handler(lambda: next(left, None) is None, _EVERY)
     base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, limit('chunk'))
     base.execute('PRAGMA trusted_schema = OFF')
     base.execute('PRAGMA cell_size_check = ON')
