@@ -142,10 +142,21 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     plain = model.extended(effects)
     own, fit_alone = _without_log(model, plain, theta), _without_log(model, plain, fit)
     fitted = plain.simulate(fit_alone)[0]
-    identified = joints_of(plain, own)
+    identified = joints = joints_of(plain, own)
+    if links is not None and effects and isinstance(plain, Serial):
+        # friction and armature closest to all that acts on joints with effects
+        whole = at_joints(plain, own, plain.simulated_effort(own))
+        asked, (_, speed, accel) = effort_of(plain, links), plain.motion
+        rows = [plain.machine.drives.index(joint.name) for joint in joints]
+        joints = tuple(
+            joint.closest(whole[o] - asked[d], speed[d], accel[d])
+            if any(at.where in (joint.name, 'all') for at in effects)
+            else joint
+            for o, (joint, d) in enumerate(zip(joints, rows, strict=True))
+        )
     return Content(
         problem.machine,
-        _closest(plain, own, identified, links, effects),
+        joints,
         identified,
         effects,
         logged,
@@ -162,25 +173,3 @@ def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:
     """Return the candidate of the plain model, which adds nothing to the log."""
     values = {p.name: value for p, value in zip(model.parameters, theta, strict=True)}
     return np.array([0.0 if p.kind == 'measurement' else values[p.name] for p in plain.parameters])
-
-
-def _closest(
-    model: DriveModel,
-    theta: Array,
-    joints: tuple[Joint, ...],
-    links: Links | None,
-    effects: tuple[EffectAt, ...],
-) -> tuple[Joint, ...]:
-    """Return the joints; of those with effects, friction and armature closest to all of it."""
-    if links is None or not effects or not isinstance(model, Serial):
-        return joints
-    whole = at_joints(model, theta, model.simulated_effort(theta))
-    asked = effort_of(model, links)
-    _, speed, accel = model.motion
-    out = []
-    for o, joint in enumerate(joints):
-        d = model.machine.drives.index(joint.name)
-        if any(at.where in (joint.name, 'all') for at in effects):
-            joint = joint.closest(whole[o] - asked[d], speed[d], accel[d])
-        out.append(joint)
-    return tuple(out)

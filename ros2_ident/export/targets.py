@@ -250,7 +250,15 @@ def sentences(content: Content, target: Target, description: str) -> Iterator[st
     if lacking:
         yield f'{target.title} has no place for {joined(lacking)}'
     if rows and not target.beside:
-        kept = {joint: _kept(row) for joint, row in rows.items()}
+        # of what was identified beyond the description
+        kept = dict.fromkeys(rows, math.nan)
+        for joint, row in rows.items():
+            described, exported, identified = (
+                row[f'missed_as_{x}'] ** 2 for x in ('described', 'exported', 'identified')
+            )
+            if described > identified:
+                share = (described - exported) / (described - identified)
+                kept[joint] = min(max(share, 0.0), 1.0)
         least = min(kept, key=lambda joint: kept[joint] if np.isfinite(kept[joint]) else 1.0)
         row = rows[least]
         yield (
@@ -272,13 +280,6 @@ def sentences(content: Content, target: Target, description: str) -> Iterator[st
             yield f'links without mass {target.massless}: {joined(names)}'
         if names := followers(description):
             yield f'joints that follow others {target.follows}: {joined(names)}'
-
-
-def _kept(row: Mapping[str, Any]) -> float:
-    """Return the share of what was identified beyond the description that a target keeps."""
-    before = row['missed_as_described'] ** 2 - row['missed_as_identified'] ** 2
-    after = row['missed_as_described'] ** 2 - row['missed_as_exported'] ** 2
-    return float(np.clip(after / before, 0.0, 1.0)) if before > 0.0 else float('nan')
 
 
 _PARTS = {

@@ -16,7 +16,7 @@ import numpy as np
 
 from ros2_ident.arrays import plain
 from ros2_ident.change.result import Comparison
-from ros2_ident.effects import CATALOGUE, EffectParameter
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_text
 from ros2_ident.gap.result import Diagnosis
@@ -24,7 +24,7 @@ from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import History, Identification
-from ros2_ident.machine.keys import digits, Key
+from ros2_ident.machine.keys import digits
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.models.registry import KINDS
@@ -254,29 +254,25 @@ def _lines(found: Diagnosis, machine: Machine, at: EffectAt) -> Iterator[tuple[s
         return
     keys = [key for key in KINDS[machine.kind].keys if key.name in names]
     for key in keys:
-        if key.constant:
-            yield from _constant(machine, key, size, value.value, at)
-            return
+        if not key.constant:
+            continue
+        # its new value, of each drive where the effect sits on one
+        old = machine.numbers(key.name).tolist()
+        new = [
+            (x * value.value if size.how == 'scale' else x + value.value)
+            if at.where in ('all', drive)
+            else x
+            for drive, x in zip(machine.drives, old, strict=True)
+        ]
+        if all(map(math.isfinite, new)):
+            said = [digits(float(f'{x:.5g}')) for x in new]
+            text = said[0] if len(set(said)) == 1 else f'[{", ".join(said)}]'
+            before = ', '.join(dict.fromkeys(digits(x) for x in old))
+            yield key.section, f'  {key.name}: {text}  # {before} before'
+        return
     fitting = [k for k in keys if value.unit in (k.unit, k.force_unit)]
     if fitting:
         key = max(fitting, key=lambda k: k.unit == value.unit)
         reach = digits(float(f'{2.0 * abs(value.value):.2g}'))
         low = f'-{reach}' if value.value < 0.0 else '0.0'
         yield key.section, f'  {key.name}: [{low}, {reach}, {value.unit}]'
-
-
-def _constant(
-    machine: Machine, key: Key, size: EffectParameter, value: float, at: EffectAt
-) -> Iterator[tuple[str, str]]:
-    """Yield a constant with its new value, of each drive where the effect sits on one."""
-    old = machine.numbers(key.name).tolist()
-    new = [
-        (x * value if size.how == 'scale' else x + value) if at.where in ('all', drive) else x
-        for drive, x in zip(machine.drives, old, strict=True)
-    ]
-    if not all(map(math.isfinite, new)):
-        return
-    said = [digits(float(f'{x:.5g}')) for x in new]
-    text = said[0] if len(set(said)) == 1 else f'[{", ".join(said)}]'
-    before = ', '.join(dict.fromkeys(digits(x) for x in old))
-    yield key.section, f'  {key.name}: {text}  # {before} before'

@@ -51,7 +51,13 @@ def picture(found: ResidualMap, effects: str = '') -> Picture | None:
     before = [line for line in found.before if line.place.size]
     if not before:
         return None
-    laws = _laws(found) if effects else []
+    # Both residuals are of the same samples: what was measured drops out of their difference.
+    after = {line.heading: line for line in found.after} if effects else {}
+    laws = [
+        (b.heading, b.place, b.mean - a.mean)
+        for b in found.before
+        if (a := after.get(b.heading)) is not None and b.place.size == a.place.size > 0
+    ]
     name, _, _ = found.label.partition(' [')
     title = f'{found.drive}: measured minus simulated {compared(found.unit)} over the {name}'
     keys = [_KEYS[line.heading] for line in before]
@@ -113,19 +119,6 @@ def _stretches(axis: Axis, place: Array) -> list[slice]:
     wide = apart > max(_EMPTY * float(np.ptp(at)), 3.0 * float(np.median(apart)))
     ends = [0, *(np.flatnonzero(wide) + 1), len(place)]
     return [slice(a, b) for a, b in itertools.pairwise(ends)]
-
-
-def _laws(found: ResidualMap) -> list[tuple[str, Array, Array]]:
-    """Return what the effects add to the simulation, in bins of each direction.
-
-    Both residuals are of the same samples: what was measured drops out of their difference.
-    """
-    after = {line.heading: line for line in found.after}
-    return [
-        (b.heading, b.place, b.mean - a.mean)
-        for b in found.before
-        if (a := after.get(b.heading)) is not None and b.place.size == a.place.size > 0
-    ]
 
 
 def all_of(w: Written, effects: str) -> tuple[Picture | None, list[Picture]]:

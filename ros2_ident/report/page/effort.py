@@ -5,7 +5,7 @@ The page holds the samples in whole numbers of two bytes, and draws for each col
 least and the largest of the samples in view: `page.js` does that at first and on every zoom.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.report.page.render import BLUE, GREY, INK, Key, ORANGE, Picture, RED, SKY
+from ros2_ident.report.page.render import BLUE, Choice, GREY, INK, Key, ORANGE, Picture, RED, SKY
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.words.figures import compared
 
@@ -105,6 +105,13 @@ def effort_plot(
     plots.fill_with_zoom()
     named = zip(signals.models, _colours(signals), strict=True)
     models = [Key(f'simulated, {model}', colour, '1.5') for model, colour in named]
+    choices, judged = list[Choice](), signals.judged
+    if len(signals.drives) >= TABS:
+        drives = ((n, str(d), d == first) for d, n in enumerate(signals.drives))
+        choices.append(('Drive', 'drive', tuple(drives)))
+    if len(signals.models) > 1:
+        several = [(n, str(m), m == judged) for m, n in enumerate(signals.models)]
+        choices.append(('Simulation', 'model', (('both', '', judged < 0), *several)))
     told = 'following error: set-point minus measured position'
     tracked = [Key(told, ORANGE, '1.5')] * bool(np.isfinite(tracking).any())
     return Picture(
@@ -113,7 +120,7 @@ def effort_plot(
         f'{", ".join(signals.drives)} over time, with the residual below',
         keys=(Key('measured', SKY, '3'), *models, *tracked),
         notes=tuple(_notes(recordings, rows, bool(floor))),
-        choices=tuple(_choices(signals, first)),
+        choices=tuple(choices),
         height=sum(made.height for made in plots.figures if made.visible),
         least=320,
     )
@@ -121,18 +128,6 @@ def effort_plot(
 
 def _colours(signals: Signals) -> list[str]:
     return [RED, INK][-len(signals.models) :]
-
-
-def _choices(
-    signals: Signals, first: int
-) -> Iterator[tuple[str, str, tuple[tuple[str, str, bool], ...]]]:
-    """Yield the buttons: drives and models."""
-    drives, judged = signals.drives, signals.judged
-    if len(drives) >= TABS:
-        yield 'Drive', 'drive', tuple((n, str(d), d == first) for d, n in enumerate(drives))
-    if len(signals.models) > 1:
-        models = [(n, str(m), m == judged) for m, n in enumerate(signals.models)]
-        yield 'Simulation', 'model', (('both', '', judged < 0), *models)
 
 
 class _Plots:

@@ -37,6 +37,9 @@ class Key:
     style: str
 
 
+Choice = tuple[str, str, tuple[tuple[str, str, bool], ...]]
+
+
 @dataclass(frozen=True)
 class Picture:
     """A picture and what is said with it.
@@ -58,7 +61,7 @@ class Picture:
     title: str = ''
     keys: tuple[Key, ...] = ()
     notes: tuple[str, ...] = ()
-    choices: tuple[tuple[str, str, tuple[tuple[str, str, bool], ...]], ...] = ()
+    choices: tuple[Choice, ...] = ()
     height: int = 0
     least: int = 0
 

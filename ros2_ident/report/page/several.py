@@ -144,27 +144,12 @@ def _would_show(smallest: Mapping[str, Mapping[str, Any]]) -> str:
 
 @dataclass(frozen=True)
 class _Run:
+    """A result directory; with a diagnosis, the parameters beside its effects."""
+
     label: str
     answer: answer.Answer
     parameters: Parameters
     effects: frozenset[EffectAt] = frozenset()
-
-
-def _run(folder: Path) -> _Run:
-    """Return what a result directory holds; with a diagnosis, the parameters beside its effects.
-
-    Raises:
-        IdentError: NO_DATA where there is neither a result nor a diagnosis.
-    """
-    label, (result, diagnosis) = str(folder), load(folder)
-    if diagnosis is None:
-        assert result is not None
-        said = answer.of_identification(result, label)
-        values: dict[str, Any] = {p.name: vars(p) for p in result.parameters}
-        return _Run(label, said, plain(values))
-    said = answer.of_diagnosis(diagnosis, label)
-    values = {name: vars(v) for name, v in diagnosis.found.parameters.items()}
-    return _Run(label, said, plain(values), frozenset(named(diagnosis.found)))
 
 
 def write_comparison(directories: Sequence[str | Path], page: str | Path | None = None) -> Path:
@@ -179,8 +164,17 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     """
     runs = []
     for folder in map(Path, directories):
+        label = str(folder)
         with intact(folder):
-            runs.append(_run(folder))
+            result, diagnosis = load(folder)
+            if diagnosis is not None:
+                said = answer.of_diagnosis(diagnosis, label)
+                values = {name: vars(v) for name, v in diagnosis.found.parameters.items()}
+                runs.append(_Run(label, said, plain(values), frozenset(named(diagnosis.found))))
+            elif result is not None:
+                said = answer.of_identification(result, label)
+                values = {p.name: vars(p) for p in result.parameters}
+                runs.append(_Run(label, said, plain(values)))
     alike = [(r.label, r.parameters) for r in runs if r.effects == runs[0].effects]
     made, pairs = strips([(r.label, r.parameters) for r in runs], differing(alike)), _pairs(alike)
     shared = len({name for _, name, _, _ in pairs})
