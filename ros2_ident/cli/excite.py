@@ -67,7 +67,7 @@ def _expected(args: argparse.Namespace) -> dict[str, float]:
     given = once(args.set, '--set')
     if args.results is None:
         return given
-    from ros2_ident.report.estimate import read_estimate
+    from ros2_ident.report.files import read_estimate
 
     return {**read_estimate(args.results).values, **given}
 

@@ -11,14 +11,14 @@ from ros2_ident.errors import ErrorCode
 
 if TYPE_CHECKING:
     from ros2_ident.identify.problem import Problem
-    from ros2_ident.report.estimate import Estimate
+    from ros2_ident.report.files import Estimate
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the files, say what they lack."""
     from ros2_ident.export.content import content_of
     from ros2_ident.export.targets import fitting, TARGETS, write
-    from ros2_ident.report.estimate import read_estimate
+    from ros2_ident.report.files import read_estimate
 
     wrong = [name for name in args.to or () if name not in TARGETS]
     if wrong:

@@ -3,10 +3,11 @@
 
 An identification: `result.json`, `history.npz`, `signals.npz`. A diagnosis:
 `diagnosis.json`, `diagnosis.npz`, and lines for the machine file that bring in what was found.
+An estimate is read back from either.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 import json
 import math
 from pathlib import Path
@@ -14,22 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.arrays import plain
+from ros2_ident.arrays import NORMAL, plain
 from ros2_ident.change.result import Comparison
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_text
-from ros2_ident.gap.result import Diagnosis
+from ros2_ident.gap.result import Diagnosis, Value
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import History, Identification
+from ros2_ident.identify.result import History, Identification, ParameterEstimate
 from ros2_ident.machine.keys import digits
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.models.registry import KINDS
+from ros2_ident.report.diagnosis import effects_in, SCHEMA, Written
 from ros2_ident.report.diagnosis import from_mapping as diagnosis_from
-from ros2_ident.report.diagnosis import SCHEMA, Written
 from ros2_ident.report.diagnosis import to_mapping as diagnosis_mapping
 from ros2_ident.report.schema import from_mapping, intact, to_mapping
 from ros2_ident.report.signals import (
@@ -276,3 +277,73 @@ def _lines(found: Diagnosis, machine: Machine, at: EffectAt) -> Iterator[tuple[s
         reach = digits(float(f'{2.0 * abs(value.value):.2g}'))
         low = f'-{reach}' if value.value < 0.0 else '0.0'
         yield key.section, f'  {key.name}: [{low}, {reach}, {value.unit}]'
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters with their uncertainty.
+
+    Attributes:
+        values: By name.
+        deviations: Standard deviations by name; inf where the log sets no limit.
+        fixed: Parameters that were held.
+        drives: Drives compared; all where empty.
+        settings: What was asked for.
+        source: Where the log was.
+    """
+
+    values: Mapping[str, float]
+    deviations: Mapping[str, float]
+    fixed: Mapping[str, float]
+    drives: tuple[str, ...]
+    settings: Mapping[str, Any]
+    source: str
+
+    def effects(self, nominal: Iterable[str]) -> tuple[EffectAt, ...]:
+        """Return the effects whose parameters are here beside the nominal ones."""
+        return effects_in(self.values, set(nominal))
+
+
+def read_estimate(path: str | Path) -> Estimate:
+    """Return the estimate of a run's directory, of a diagnosis where no other is there, or a file.
+
+    Raises:
+        IdentError: NO_DATA or BAD_VALUES as the files' readers; INVALID_GOAL where the estimate
+            cannot stand for one machine.
+    """
+    folder = Path(path)
+    whole = not folder.is_dir() or (folder / JSON).exists()
+    diagnosis = folder.parent if folder.name == DIAGNOSIS else folder
+    of: Identification | Written
+    known: Mapping[str, ParameterEstimate | Value]
+    if diagnosis == folder and (whole or not (folder / DIAGNOSIS).exists()):
+        of = load_result(folder)
+        known, fixed, drives = {p.name: p for p in of.parameters}, of.fixed, of.drives
+    else:
+        of = load_diagnosis(diagnosis)
+        known, fixed = of.found.parameters, of.settings.get('fixed', {})
+        drives = tuple(of.settings.get('drives', ()))
+    found = Estimate(
+        {name: v.value for name, v in known.items()},
+        {name: _deviation(v.low, v.high) for name, v in known.items()},
+        {name: float(value) for name, value in fixed.items()},
+        drives,
+        of.settings,
+        of.provenance.source,
+    )
+    # Without --each an @ belongs to a joint's name.
+    several = [name for name in found.values if of.settings.get('each') and '@' in name]
+    if several:
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{several[0]} is the value of one recording; identify one recording without --each, '
+            'or hold it with --fix, and export that'
+        )
+    broken = [name for name, value in found.values.items() if not math.isfinite(value)]
+    if broken:
+        raise ErrorCode.INVALID_GOAL.error(f'{path} holds no value of {broken[0]}; identify again')
+    return found
+
+
+def _deviation(low: float, high: float) -> float:
+    half = 0.5 * (high - low)
+    return math.inf if math.isnan(half) else half / NORMAL

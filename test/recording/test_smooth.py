@@ -8,7 +8,7 @@ import pytest
 import scipy.signal
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import butterworth, smooth_motion
+from ros2_ident.recording import motion, smooth_motion
 
 CYCLE = 5e-4
 TIME = np.arange(6000) * CYCLE
@@ -69,14 +69,14 @@ def test_errors_name_the_remedy(position, cutoff, text):
 @pytest.mark.parametrize('order', [2, 4])
 @pytest.mark.parametrize('share', [0.003, 0.1, 0.6, 0.95])
 def test_the_filter_is_that_of_scipy(order, share, loaded, monkeypatch):
-    poles, sections = butterworth.butterworth(order, share)
+    poles, sections = motion.butterworth(order, share)
     np.testing.assert_array_equal(poles, scipy.signal.butter(order, share, output='zpk')[1])
     np.testing.assert_array_equal(sections, scipy.signal.butter(order, share, output='sos'))
     if not loaded:
-        monkeypatch.setattr(butterworth, 'sys', SimpleNamespace(modules={}))
+        monkeypatch.setattr(motion, 'sys', SimpleNamespace(modules={}))
     for shape in ((900,), (3, 400), (1, 2), (1, 1)):
         rows = np.random.default_rng(0).normal(size=shape).cumsum(axis=-1)
         reach = min(shape[-1] - 1, 300)
-        found = butterworth.forwards_and_backwards(sections, rows, reach)
+        found = motion.forwards_and_backwards(sections, rows, reach)
         expected = scipy.signal.sosfiltfilt(sections, rows, padlen=reach)
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
