@@ -450,22 +450,17 @@ def _split_pauses(recording: Recording) -> list[Recording]:
     A grid over a clock that was set forward would hold the years between. A command that is only
     sent when it changes is no pause, since the state goes on.
     """
-    streams = recording.streams.values()
-    periods = [sample_period(x.stamp) for x in streams]
-    pause = round(1e9 * max(_PAUSE, _PAUSE_SAMPLES * min((x for x in periods if x), default=0.0)))
+    stamps = [x.stamp for x in recording.streams.values()]
+    periods = [x for x in map(sample_period, stamps) if x]
+    pause = round(1e9 * max(_PAUSE, _PAUSE_SAMPLES * min(periods, default=0.0)))
     spans: list[tuple[int, int]] = []
-    for stream in streams:
-        long = np.flatnonzero(np.diff(stream.stamp) > pause)
-        begins = stream.stamp[[0, *(long + 1)]]
-        spans += zip(begins.tolist(), stream.stamp[[*long, -1]].tolist(), strict=True)
-    spans.sort()
-    joined = [spans[0]]
-    for begin, end in spans[1:]:
-        first, last = joined[-1]
-        if begin - last > pause:
-            joined.append((begin, end))
-        else:
-            joined[-1] = first, max(last, end)
-    if len(joined) == 1:
+    for stamp in stamps:
+        long = np.flatnonzero(np.diff(stamp) > pause)
+        spans += zip(stamp[[0, *(long + 1)]].tolist(), stamp[[*long, -1]].tolist(), strict=True)
+    begins, ends = np.array(sorted(spans)).T
+    ends = np.maximum.accumulate(ends)
+    last = np.flatnonzero(begins[1:] - ends[:-1] > pause)
+    if not last.size:
         return [recording]
-    return [recording.between(begin, end + 1) for begin, end in joined]
+    parts = zip(begins[[0, *(last + 1)]].tolist(), ends[[*last, -1]].tolist(), strict=True)
+    return [recording.between(begin, end + 1) for begin, end in parts]

@@ -98,16 +98,8 @@ def _reader(kind: str, form: str, schema: bytes) -> Callable[[bytes], Any]:
         raise ErrorCode.INVALID_GOAL.error(text) from None
     try:
         pool = descriptor_pool.DescriptorPool()
-        left = list(descriptor_pb2.FileDescriptorSet.FromString(schema).file)
-        known: set[str] = set()
-        while left:
-            able = [x for x in left if known.issuperset(x.dependency)]
-            for file in able:
-                pool.Add(file)
-                known.add(file.name)
-            left = [x for x in left if x.name not in known]
-            if not able:
-                raise ValueError('a file that it needs is missing')
+        files = descriptor_pb2.FileDescriptorSet.FromString(schema).file
+        message_factory.GetMessages(files, pool)  # adds what a file needs before it
         made = message_factory.GetMessageClass(pool.FindMessageTypeByName(kind))
         read: Callable[[bytes], Any] = made.FromString
     except Exception as exc:  # the library lets whatever damaged bytes cause through

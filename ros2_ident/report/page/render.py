@@ -79,18 +79,12 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         undefined=StrictUndefined,
         trim_blocks=True,
     )
-    environment.filters |= {
-        'breaks': numbers.breaks,
-        'change': numbers.change,
-        'equation': numbers.equation,
-        'item': _item,
-        'number': numbers.number,
-        'percent': numbers.percent,
-        'precision': numbers.precision,
-        'prose': numbers.prose,
-        'undetermined': steps.undetermined,
-        'unit': numbers.unit_of,
-    }
+    named = (
+        numbers.breaks, numbers.change, numbers.equation, numbers.number, numbers.percent,
+        numbers.precision, numbers.prose, steps.undetermined,
+    )  # fmt: skip
+    environment.filters |= {x.__name__: x for x in named}
+    environment.filters |= {'item': _item, 'unit': numbers.unit_of}
     folder = resources('ros2_ident.report.page')
     library = Resources(mode='inline', components=['bokeh']).render() if plots else ''
     page: str = environment.get_template(template).render(
