@@ -75,11 +75,11 @@ def _log(args: argparse.Namespace) -> 'Recording':
     """
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.columns import MAP_SUFFIX
-    from ros2_ident.recording.table import SUFFIXES
+    from ros2_ident.recording.table import TABLES
 
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
-    if path.suffix.lower() in SUFFIXES and path.is_file() and not (args.columns or where.exists()):
+    if path.suffix.lower() in TABLES and path.is_file() and not (args.columns or where.exists()):
         read = _draft(path, where, args.column)
         args.travel = args.travel or read
     recording = read_bag(args.bag, topics_of(args))[0]

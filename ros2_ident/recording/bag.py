@@ -9,8 +9,6 @@ import shlex
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording.arrays import read_arrays
-from ros2_ident.recording.arrays import SUFFIXES as ARRAYS
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import Column, load_topics, summed, TopicMap
 from ros2_ident.recording.content import Content, Messages, why
@@ -20,8 +18,7 @@ from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, nameless, role
 from ros2_ident.recording.scan import scan
 from ros2_ident.recording.storage import Damage, damaged, digest, storage_files, SUFFIXES, unpacked
 from ros2_ident.recording.streams import Recording, ROLES
-from ros2_ident.recording.table import read_table
-from ros2_ident.recording.table import SUFFIXES as TABLES
+from ros2_ident.recording.table import ARRAYS, read_arrays, read_table, TABLES
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_small
-from ros2_ident.recording.arrays import parquet_columns
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.limits import listed, printable
 from ros2_ident.recording.storage import damaged, digest
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
+from ros2_ident.recording.table import parquet_columns
 
 # Ends of each joint's travel by its name: low and high, rad.
 Travel = Mapping[str, tuple[float, float]]

@@ -1,19 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Logs as tables (CSV), read by a column map: what each column is."""
+"""Logs of columns, read by a column map: tables (CSV), and files of arrays with names.
 
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+Of arrays: NumPy, MATLAB, HDF5, Parquet, JSON lines.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, ExitStack, suppress
 import csv
+from dataclasses import replace
 from decimal import Decimal
 from functools import partial
+from importlib import import_module
 import io
 from itertools import islice
+import json
 import math
 from pathlib import Path
+import re
 import shlex
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import unreadable
@@ -28,10 +37,11 @@ from ros2_ident.recording.columns import (
     summed,
 )
 from ros2_ident.recording.limits import listed, printable, require_memory, short
-from ros2_ident.recording.storage import digest
+from ros2_ident.recording.matlab import arrays_of
+from ros2_ident.recording.storage import counted, damaged, digest
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
 
-SUFFIXES = ('.csv', '.tsv', '.txt')
+TABLES = ('.csv', '.tsv', '.txt')
 # Rows converted at once: bounds the memory that texts take.
 _BLOCK = 1 << 14
 _NO_TIME = 'write a number, or leave lines of units below the names out by `skip_below: 1`'
@@ -66,12 +76,27 @@ def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
         text += f'`{command}`; the first line is: {names}'
         raise refuse(path, text)
     layout = load_columns(where)
-    stamp, values, warnings = _parse(path, text, layout)
-    builder = RecordingBuilder(str(path), digest([path, where]))
+    return _recorded(str(path), [path, where], layout, *_parse(path, text, layout))
+
+
+def _recorded(
+    source: str, files: Sequence[Path], layout: ColumnMap, stamp: IntArray,
+    values: Sequence[FloatArray], warnings: Sequence[str],
+) -> list[Recording]:  # fmt: skip
+    """Return recordings of columns (T,) with their stamps (T,), ns."""
+    builder = RecordingBuilder(source, digest(files))
     for sentence in warnings:
         builder.warn(sentence)
-    builder.add_columns(stamp, summed(str(path), layout.columns, stamp, values))
+    builder.add_columns(stamp, summed(str(files[0]), layout.columns, stamp, values))
     return builder.build()
+
+
+def _nanoseconds(time: str | int, digits: int) -> int:
+    """Return a time in ns, of decimals to the last digit; a double has not enough."""
+    stamp = time * 10**digits if isinstance(time, int) else round(Decimal(time).scaleb(digits))
+    if abs(stamp) > LATEST_STAMP:
+        raise OverflowError
+    return stamp
 
 
 def _bad(path: object, text: str) -> IdentError:
@@ -114,13 +139,7 @@ def _parse(
     parts: list[list[FloatArray]] = [[] for _ in layout.columns]
     warnings: list[str] = []
 
-    def nanoseconds(text: str) -> int:
-        # a double has not enough digits
-        stamp = round(Decimal(text).scaleb(layout.digits))
-        if abs(stamp) > LATEST_STAMP:
-            raise OverflowError
-        return stamp
-
+    nanoseconds = partial(_nanoseconds, digits=layout.digits)
     rows = _rows_of(path, reader, max(time, *where, *asked) + 1, layout.skip, warnings)
     met = (row for row in rows if all(_equal(row[1][at], x) for at, x in asked.items()))
     while block := list(islice(met, _BLOCK)):
@@ -205,3 +224,286 @@ def _converted(
             text = f'line {number}{where} {short(row[at])} is no number; {remedy}'
             raise _bad(path, text) from None
     return out
+
+
+# ---------------------------------------------------------------------- files of arrays
+
+# Names of the arrays of a file, what returns one, and what was left out of it.
+_Opened = tuple[Sequence[str], Callable[[str], NDArray[Any]], Sequence[str]]
+# A name, and of several columns the number of one, or some as a slice.
+_CELL = re.compile(r'(.*?)(?:\[(-?\d+)\]|\[(-?\d*):(-?\d*)\])?', re.DOTALL)
+_MOST_NAMES = 100_000
+
+
+def read_arrays(path: Path, columns: str | Path = '') -> list[Recording]:
+    """Read arrays of samples.
+
+    Args:
+        path: A file with one of `ARRAYS`.
+        columns: The column map; where empty, `NAME.columns.yaml` beside the file.
+
+    Returns:
+        One recording per uninterrupted stretch, and per group that a `*` in its map stands for.
+
+    Raises:
+        IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES, DAMAGED_BAG, or INVALID_GOAL for the map
+            and for a library that is not there; each with the remedy.
+    """
+    if why := unreadable(path):
+        raise ErrorCode.NO_DATA.error(f'{path}: {why}; give the path of a log')
+    where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
+    with ExitStack() as stack:
+        with _careful(path):
+            opened = stack.enter_context(_OPEN[path.suffix.lower()](path))
+        names, get, warnings = opened
+        if not where.exists():
+            text = f'needs the column map {where}, as in docs/logs.md; it holds '
+            raise refuse(path, text + listed(names, 20))
+        layout = load_columns(where, arrays=True)
+        found = []
+        for key in _keys(path, layout, names):
+            own = replace(layout, columns=tuple(
+                replace(x, cell=str(x.cell).replace('*', key)) for x in layout.columns
+            ), time=str(layout.time).replace('*', key))  # fmt: skip
+            source = f'{path}/{key}' if key else str(path)
+            rows = _rows(path, own, names, get)
+            found += _recorded(source, [path, where], own, *rows, warnings)
+    return found
+
+
+def _keys(path: Path, layout: ColumnMap, names: Sequence[str]) -> list[str]:
+    """Return what a `*` in the names stands for, in their order; '' where there is none."""
+    cells = [str(x.cell) for x in layout.columns]
+    starred = next((x for x in cells if x.count('*') == 1), '')
+    if not starred:
+        return ['']
+    name, *_ = _parts(starred)
+    pattern = re.compile(re.escape(name).replace(r'\*', '([^/]+)'))
+    found = [x[1] for x in map(pattern.fullmatch, names) if x]
+    if not found:
+        raise _missing(path, name, names)
+    return sorted(found, key=counted)
+
+
+def _parts(cell: str) -> tuple[str, int | slice | None]:
+    """Return a cell's name, and which of its columns it means."""
+    found = _CELL.fullmatch(cell)
+    assert found is not None
+    name, one, low, high = found.groups()
+    if one is not None:
+        return name, int(one)
+    if low is None:
+        return name, None
+    return name, slice(*(int(x) if x else None for x in (low, high)))
+
+
+def _missing(path: Path, name: str, names: Sequence[str]) -> Exception:
+    text = f'{path}: has no array {short(name)}, its arrays are {listed(names, 30)}'
+    return ErrorCode.MISSING_STREAM.error(f'{text}; correct the column map')
+
+
+def _rows(
+    path: Path, layout: ColumnMap, names: Sequence[str], get: Callable[[str], NDArray[Any]]
+) -> tuple[IntArray, list[FloatArray]]:
+    """Return stamps (T,) ns and each column's scaled values (T,)."""
+    held: dict[str, NDArray[Any]] = {}
+
+    def column(cell: object, entry: int = 0, of: int = 1) -> NDArray[Any]:
+        name, index = _parts(str(cell))
+        if name not in held:
+            if name not in names:
+                raise _missing(path, name, names)
+            with _careful(path):
+                found = get(name)
+            if found.dtype.kind == 'M':
+                found = found.astype('M8[ns]').astype(np.int64)
+            if found.dtype.kind not in 'biuf' or found.ndim > 2:
+                text = f'{short(name)} holds {found.dtype.name} of {found.ndim} axes'
+                raise _bad(path, f'{text}; name an array of numbers, a row for each time')
+            plain = found.ndim < 2 or found.shape[0] == 1
+            held[name] = found.reshape(-1, 1) if plain else found
+        table = held[name]
+        try:
+            chosen = table if index is None else table[:, index]
+        except IndexError:
+            raise _bad(
+                path, f'{short(name)} has {table.shape[1]} columns; correct {cell}'
+            ) from None
+        chosen = chosen.reshape(len(table), -1)
+        if chosen.shape[1] != of:
+            text = f'{printable(str(cell))} is {chosen.shape[1]} columns for {of} joints'
+            raise _bad(path, f'{text}; write as NAME[0], or NAME[0:{of}] for {of} joints')
+        return chosen[:, entry]
+
+    values = [column(x.cell, x.entry, x.of) for x in layout.columns]
+    if layout.time:
+        times = column(layout.time)
+        exact = map(repr, times.tolist()) if times.dtype.kind == 'f' else times.tolist()
+        try:
+            stamp = np.array([_nanoseconds(x, layout.digits) for x in exact], dtype=np.int64)
+        except (ArithmeticError, ValueError):
+            text = 'a time is no number, or too large; correct it or its unit'
+            raise _bad(path, text) from None
+    else:
+        stamp = np.round(np.arange(len(values[0])) * (1e9 / layout.rate)).astype(np.int64)
+    there = np.ones(stamp.size, dtype=np.bool_)
+    for cell, wanted in layout.where:
+        asked = column(cell)
+        there &= asked == float(wanted) if asked.dtype.kind != 'U' else asked == wanted
+    for x, row in zip(layout.columns, values, strict=True):
+        if row.size != stamp.size:
+            text = f'{printable(str(x.cell))} has {row.size} rows, the time {stamp.size}'
+            raise _bad(path, f'{text}; write arrays of one length, or a map for each')
+    if not there.any():
+        text = ' with what `where` asks for' * bool(layout.where)
+        raise ErrorCode.NO_DATA.error(f'{path}: holds no row of values{text}; record again')
+    require_steps(path, stamp[there])
+    pairs = zip(layout.columns, values, strict=True)
+    return stamp[there], [x.scale * row[there].astype(np.float64) for x, row in pairs]
+
+
+def _library(name: str, path: Path) -> Any:
+    """Return a library that only some logs need."""
+    try:
+        return import_module(name)
+    except ModuleNotFoundError:
+        text = f'{path}: needs {name.partition(".")[0]}; `pip install "ros2-ident[tables]"`'
+        raise ErrorCode.INVALID_GOAL.error(text) from None
+
+
+@contextmanager
+def _careful(path: Path) -> Iterator[None]:
+    """Turn what a library raises at a damaged file into the refusal of the file."""
+    try:
+        yield
+    except IdentError:
+        raise
+    except Exception as exc:  # libraries let whatever damaged bytes cause through
+        said = printable(' '.join(str(exc).split()) or type(exc).__name__, 120)
+        raise damaged(path, f'cannot be read ({said}); write or copy it again') from None
+
+
+@contextmanager
+def _numpy(path: Path) -> Iterator[_Opened]:
+    if not is_zipfile(path):
+        raise ValueError('it is no archive of arrays, as numpy.savez writes it')
+    with np.load(path, allow_pickle=False) as file:
+        sizes = {x.filename: x.file_size for x in file.zip.infolist()}
+
+        def get(name: str) -> NDArray[Any]:
+            require_memory(f'{path}: {name} takes', 3 * sizes.get(f'{name}.npy', 0))
+            return np.asarray(file[name])
+
+        yield file.files, get, ()
+
+
+@contextmanager
+def _matlab(path: Path) -> Iterator[_Opened]:
+    with path.open('rb') as stream:
+        newer = stream.read(19) == b'MATLAB 7.3 MAT-file'
+    if newer:
+        with _hdf5(path) as (names, get_there, _):
+            paths = {x.replace('/', '.'): x for x in names}
+            yield [*paths], lambda name: get_there(paths[name]).T, ()
+        return
+    require_memory(f'{path}: its values take', 4 * path.stat().st_size)
+    found = dict(arrays_of(path.read_bytes()))
+    yield [*found], found.__getitem__, ()
+
+
+@contextmanager
+def _hdf5(path: Path) -> Iterator[_Opened]:
+    h5py = _library('h5py', path)
+    found: dict[str, Any] = {}
+
+    def visit(name: str, node: Any) -> int | None:
+        # a dataset that lies in other files is none of this one
+        if isinstance(node, h5py.Dataset) and not (node.external or node.is_virtual):
+            found[name] = node
+        return 1 if len(found) > _MOST_NAMES else None
+
+    def get(name: str) -> NDArray[Any]:
+        size = found[name].size * max(found[name].dtype.itemsize, 8)
+        require_memory(f'{path}: {name} takes', 3 * size)
+        return np.asarray(found[name][()])
+
+    with h5py.File(path, 'r') as file:
+        file.visititems(visit)
+        yield [*found], get, ()
+
+
+@contextmanager
+def _parquet(path: Path) -> Iterator[_Opened]:
+    with _library('pyarrow.parquet', path).ParquetFile(path) as file:
+        yield file.schema_arrow.names, lambda name: parquet_columns(path, [name])[name], ()
+
+
+def parquet_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Return columns of a Parquet file, (T,) or, of lists, (T, C).
+
+    Raises:
+        IdentError: DAMAGED_BAG, or BAD_VALUES for lists of unlike lengths; INVALID_GOAL without
+            pyarrow.
+    """
+    parquet, found = _library('pyarrow.parquet', path), {}
+    with _careful(path), parquet.ParquetFile(path) as file:
+        require_memory(f'{path}: its values take', 24 * file.metadata.num_rows * len(names))
+        table = file.read(list(names))
+        for name in names:
+            rows = table[name].combine_chunks()
+            lists = hasattr(rows, 'flatten') and 'list' in str(rows.type)
+            flat = (rows.flatten() if lists else rows).to_numpy(zero_copy_only=False)
+            width = flat.size // max(1, len(rows)) if lists else 1
+            sizes = set(rows.value_lengths().to_pylist()) if lists else ()
+            if len(sizes) > 1:
+                raise ValueError(f'{name} holds lists of unlike lengths')
+            found[name] = flat.reshape(len(rows), width) if lists else flat
+    return found
+
+
+@contextmanager
+def _json_lines(path: Path) -> Iterator[_Opened]:
+    require_memory(f'{path}: its values take', 20 * path.stat().st_size)
+    rows: list[Any] = []
+    warnings = []
+    lines = path.read_text(encoding='utf-8', errors='replace').splitlines()
+    for number, line in enumerate(lines, 1):
+        try:
+            row = json.loads(line) if line.strip() else None
+        except (ValueError, RecursionError):
+            if number == len(lines):  # a log that was cut off ends in the middle of a line
+                warnings.append(f'{path}: its last line {number} breaks off and is left out')
+                continue
+            raise _bad(path, f'line {number} is no JSON; correct the line') from None
+        if isinstance(row, Mapping):
+            rows.append(row)
+    names = dict.fromkeys(name for row in rows[:_SHOWN] for name, _ in _leaves(row))
+
+    def get(name: str) -> NDArray[Any]:
+        values = [dict(_leaves(row)).get(name) if '.' in name else row.get(name) for row in rows]
+        width = next((len(x) for x in values if isinstance(x, list)), 0)
+        none = [np.nan] * width if width else np.nan
+        return np.array([none if x is None else x for x in values])
+
+    yield [*names], get, warnings
+
+
+def _leaves(row: Mapping[str, Any], before: str = '', deep: int = 0) -> Iterator[tuple[str, Any]]:
+    for name, value in row.items():
+        if isinstance(value, Mapping) and deep < 8:
+            yield from _leaves(value, f'{before}{name}.', deep + 1)
+        else:
+            yield before + name, value
+
+
+# Lines in which names are looked for.
+_SHOWN = 100
+_OPEN = {
+    '.npz': _numpy,
+    '.mat': _matlab,
+    '.hdf5': _hdf5,
+    '.h5': _hdf5,
+    '.parquet': _parquet,
+    '.jsonl': _json_lines,
+}
+ARRAYS = tuple(_OPEN)
