@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 import scipy
 
 from ros2_ident.arrays import Array
+from ros2_ident.gates import scale
 from ros2_ident.gates.asked import Asked, Event, is_limited
 from ros2_ident.gates.instants import LONGEST, robust_fit, robust_size, SHARE, swings
 from ros2_ident.gates.law import Law
-from ros2_ident.gates.scale import MOSTLY, STANDS_OUT, STEP
 from ros2_ident.gates.signals import Fit, signals_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
@@ -46,10 +46,10 @@ def added_to(machine: Machine, data: Dataset, law: Law, recording: int = 1) -> A
     left = min(rows, key=lambda row: float(np.log1p((row / noise) ** 2).sum()))
     every = np.zeros(signals.position.size)
     every[signals.index] = left
-    width = max(1, round(STEP / cycle))
+    width = max(1, round(scale.STEP / cycle))
     mean = scipy.ndimage.uniform_filter1d(every, width)
     usual = max(robust_size(mean[signals.index]), noise / math.sqrt(width))
-    inside, found = _parts(mean, STANDS_OUT * usual, width)
+    inside, found = _parts(mean, scale.STANDS_OUT * usual, width)
     if not found or is_limited(signals.effort, left, np.full(left.size, usual)):
         return None
     rest = float(np.sqrt(np.mean(mean[~inside] ** 2)))
@@ -59,7 +59,7 @@ def added_to(machine: Machine, data: Dataset, law: Law, recording: int = 1) -> A
     top = float(np.abs(size).max()) / max(usual, rest)
     few = (last - first).max() * cycle <= LONGEST and inside.mean() <= SHARE
     swing = swings(0.5 * (first + last), last - first, np.sign(size))
-    if not few or swing or share < MOSTLY or top < STANDS_OUT:
+    if not few or swing or share < scale.MOSTLY or top < scale.STANDS_OUT:
         return None
     pushes = tuple(
         Event(law.drive, recording, begin * cycle, size, end * cycle) for begin, end, size in found

@@ -15,20 +15,21 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
+from ros2_ident.gates import scale
 from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size, robust_weights
-from ros2_ident.gates.scale import LATEST_EFFORT, MOSTLY, OWN, SLOW, STANDS_OUT
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
 
-# Values that are compared in each period of the band's end, and periods left out at either end.
-_VALUES, _ENDS = 8.0, 1.5
-# Periods of the band below which nothing is said.
+# Values that are compared in each period of the band's end: four times what Nyquist asks for. By
+# hand.
+_VALUES = 8.0
+# Periods of the band below which nothing is said. By hand.
 _SHORTEST = 10.0
-# An effort that stands out does so by this share of the highest.
+# An effort that stands out does so by this share of the highest. By hand.
 _SMALL = 0.2
 # A drive that makes less than it is asked for at this share of its largest effort is limited,
-# where most of all that is left lies there.
+# where most of all that is left lies there. By hand.
 _LIMITED = 0.9
 
 
@@ -132,26 +133,26 @@ def fit_asked(machine: Machine, data: Dataset, drive: str, recording: int = 1) -
     if log is None:
         return None
     fits = []
-    for lag in np.arange(0.0, LATEST_EFFORT, log.cycle):
+    for lag in np.arange(0.0, scale.LATEST_EFFORT, log.cycle):
         columns = np.concatenate([log.late(lag)[:, None], log.beside], axis=1)
         fits.append((lag, *robust_fit(columns, log.effort, log.noise)))
     late, solution, left = min(fits, key=lambda f: float(np.log1p((f[2] / log.noise) ** 2).sum()))
     size = max(robust_size(left), log.noise)
     weight = robust_weights(left, size) ** 2
     apart = log.effort - float(weight @ log.effort) / float(weight.sum())
-    if float(weight @ left**2) > (1.0 - OWN) * float(weight @ apart**2):
+    if float(weight @ left**2) > (1.0 - scale.OWN) * float(weight @ apart**2):
         return None  # the command asks for a part of it only
     asked = Asked(drive, float(late), float(solution[0]), size)
     stamped = log.scatter * np.abs(np.gradient(log.late(late), log.step))
     usual = np.hypot(size, float(solution[0]) * stamped)
     if is_limited(log.effort, left, usual):
         return replace(asked, limit=float(np.abs(log.effort).max()))
-    peaks = peaks_of(left, STANDS_OUT * usual, log.step, _SMALL)
+    peaks = peaks_of(left, scale.STANDS_OUT * usual, log.step, _SMALL)
     if peaks is None:
         return asked
     rest = float(np.sqrt(np.mean(left[~peaks.inside] ** 2)))
     top = float((np.abs(left) / np.maximum(usual, rest))[peaks.at].max())
-    if top < STANDS_OUT:
+    if top < scale.STANDS_OUT:
         return asked
     square = float((left[peaks.inside] ** 2).sum())
     pushes = tuple(
@@ -177,24 +178,25 @@ def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
     asked, effort = data.command_effort[d], data.effort[d]
     if not np.isfinite(asked).all() or not np.ptp(asked) or not np.isfinite(effort).any():
         return None
-    band = min(machine.number('bandwidth') if machine.known('bandwidth') else SLOW, SLOW)
-    cutoff = allowed_cutoff(data.position[d], data.cycle, 2.0 * band)
-    band = min(band, 0.5 * cutoff)
-    if data.duration < (_SHORTEST + 2.0 * _ENDS) / band:
+    band = machine.number('bandwidth') if machine.known('bandwidth') else scale.SLOW
+    band = min(band, scale.SLOW)
+    band = min(band, 0.5 * allowed_cutoff(data.position[d], data.cycle, 2.0 * band))
+    if data.duration < (_SHORTEST + 2.0 * scale.ENDS) / band:
         return None
     try:
-        motion = smooth_motion(data.position[d : d + 1], data.cycle, cutoff)
+        motion = smooth_motion(data.position[d : d + 1], data.cycle, 2.0 * band)
     except IdentError:
         return None
-    ends, stride = int(_ENDS / (band * data.cycle)), int(1.0 / (_VALUES * band * data.cycle))
-    kept = slice(ends, asked.size - ends, max(1, stride))
+    ends = int(scale.ENDS / (band * data.cycle))
+    stride = max(1, int(1.0 / (_VALUES * band * data.cycle)))
+    kept = slice(ends, asked.size - ends, stride)
     rows = np.stack([asked, fill_gaps(effort), motion[1][0], motion[2][0]])
     slow = low_pass(rows, data.cycle, band)
     beside = np.stack([np.ones_like(slow[1, kept]), slow[2, kept], slow[3, kept]], axis=1)
     stream = data.streams.get('effort') or data.streams.get('state')
     jitter = 0.0 if stream is None else stream.jitter
     return _Log(
-        ends * data.cycle, max(1, stride) * data.cycle, data.cycle,
+        ends * data.cycle, stride * data.cycle, data.cycle,
         slow[0], slow[1, kept], beside,
         # A sample stands at the nearest cycle.
         math.hypot(jitter, data.cycle / math.sqrt(12.0)),
@@ -210,5 +212,5 @@ def is_limited(effort: Array, left: Array, usual: Array) -> bool:
     """Whether most of what is left is missing where the drive makes its largest effort."""
     most = float(np.abs(effort).max())
     short = (left * effort < 0.0) & (np.abs(effort) > _LIMITED * most)
-    short &= np.abs(left) > STANDS_OUT * usual
-    return float(left[short] @ left[short]) > MOSTLY * float(left @ left)
+    short &= np.abs(left) > scale.STANDS_OUT * usual
+    return float(left[short] @ left[short]) > scale.MOSTLY * float(left @ left)

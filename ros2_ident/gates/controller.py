@@ -7,20 +7,10 @@ import math
 
 import numpy as np
 
+from ros2_ident.gates import scale
 from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.gates.law import fit_law, Gain, Law
-from ros2_ident.gates.scale import (
-    ANOTHER,
-    FOLLOWS,
-    LATE,
-    LATEST_EFFORT,
-    MORE,
-    near,
-    OWN,
-    STRAYS,
-    SWAPPED,
-    UNITS,
-)
+from ros2_ident.gates.scale import near
 from ros2_ident.gates.signals import LATEST_COMMAND
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
@@ -54,25 +44,25 @@ def check_law(
         return [Gate('law', drive, 'warn', math.nan, '1', text, cause='unread')]
     level = _STATED * machine.effort_noise if noise is None else noise
     unit = machine.model_unit
-    clean = law.misfit <= MORE * math.hypot(level, law.steps)
+    clean = law.misfit <= scale.MORE * math.hypot(level, law.steps)
     # Where no other gains explain more than the stated ones the law ran, and something else is
     # between it and the log: an effort that does not belong to it would ask for other gains.
-    ran = not law.stray and law.explained > STRAYS
+    ran = not law.stray and law.explained > scale.STRAYS
     # Other gains would explain the effort if the law ran; a drive that is limited follows none.
-    if math.isfinite(law.limit) and law.explained < OWN:
+    if math.isfinite(law.limit) and law.explained < scale.OWN:
         text = (
             f'{drive}: the effort stays at about {law.limit:.3g} {unit} wherever the control law '
             'asks for more; something limits it there'
         )
         return [Gate('limited', drive, 'warn', law.limit, unit, text)]
-    if law.explained < FOLLOWS and not clean and not ran:
+    if law.explained < scale.FOLLOWS and not clean and not ran:
         text = (
             f'{drive}: the stated control law explains {100.0 * law.explained:.0f} % of the '
             'logged effort, whatever its gains; check that effort, command and position belong '
             'together'
         )
         # An effect in the controller or its sensor explains as little.
-        lost = law.explained < STRAYS
+        lost = law.explained < scale.STRAYS
         how: Level = 'fail' if lost else 'warn'
         return [Gate('law', drive, how, law.explained, '1', text, lost, cause='any gains')]
     found = _late(machine, law, clean)
@@ -101,7 +91,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
             f'{drive}: the effort follows the stated control law to within '
             f'{law.misfit_file:.3g} {unit} RMS'
         )
-        if noise is not None and law.misfit > MORE * noise and law.steps > noise:
+        if noise is not None and law.misfit > scale.MORE * noise and law.steps > noise:
             text += f', no more than the steps of the logged position make ({law.steps:.3g})'
         return Gate('law', drive, 'ok', best.ratio, '1', text)
     if not law.fits(best.misfit):
@@ -112,7 +102,7 @@ def _gains(machine: Machine, law: Law, noise: float | None, clean: bool) -> Gate
             'other gains'
         )
         return Gate('law', drive, 'warn', math.nan, '1', text, cause='several gains')
-    another = not near(best.ratio, ANOTHER)
+    another = not near(best.ratio, scale.ANOTHER)
     if best.ratio < 0.0:
         # A sign that is reversed leaves the size; another size is another cause.
         another = _of_all(law, best) and near(-best.ratio)
@@ -139,7 +129,7 @@ def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
             f'the effort, or position and set-point, in the driver ({best.ratio:.4g} times the '
             f'stated law {fits})'
         )
-    for factor, name in UNITS.get(travel, ()):
+    for factor, name in scale.UNITS.get(travel, ()):
         if abs(best.ratio * factor - 1.0) <= GAIN_OFF and best.name in ('velocity_gain', 'scale'):
             return (
                 f'position and set-point look logged in another unit, {name}: the stated law '
@@ -173,8 +163,8 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
             f'late; a {effect.title} has to be in the model'
         )
         return [Gate(effect.id, law.drive, 'warn', late, 's', text)]
-    if -_EARLY <= lag <= LATEST_EFFORT and -_EARLY <= late <= LATEST_COMMAND:
-        if lag < LATE or not clean:
+    if -_EARLY <= lag <= scale.LATEST_EFFORT and -_EARLY <= late <= LATEST_COMMAND:
+        if lag < scale.LATE or not clean:
             return []
         from ros2_ident.models.drives.candidates import SLOTS
 
@@ -257,7 +247,7 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
         data: The recording.
         laws: What `fit_law` returned for each drive.
     """
-    lost = [law.drive for law in laws if law.explained < OWN]
+    lost = [law.drive for law in laws if law.explained < scale.OWN]
     if len(lost) < 2 or data.effort is None:
         return []
     rows = {name: data.effort[data.names.index(name)] for name in lost}
@@ -270,10 +260,10 @@ def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate
         if law is None:
             continue
         # What is far off on its own drive need not be near on the other one's.
-        better = law.misfit_file < SWAPPED * own[drive].misfit_file
-        stated = better and law.followed > STRAYS
+        better = law.misfit_file < scale.SWAPPED * own[drive].misfit_file
+        stated = better and law.followed > scale.STRAYS
         rest = 1.0 - own[drive].explained
-        if stated or 1.0 - law.explained < min(1.0 - OWN, 0.5 * rest):
+        if stated or 1.0 - law.explained < min(1.0 - scale.OWN, 0.5 * rest):
             owner[drive] = other
     if len(owner) < 2 or len(set(owner.values())) != len(owner):
         return []

@@ -9,12 +9,13 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
+from ros2_ident.gates import scale
 from ros2_ident.gates.added import added_to, without
 from ros2_ident.gates.asked import Asked, fit_asked
 from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
 from ros2_ident.gates.finding import Gate, GateReport, Level, LEVELS
 from ros2_ident.gates.law import fit_law, Law
-from ros2_ident.gates.scale import figure, MORE, near
+from ros2_ident.gates.scale import figure, near
 from ros2_ident.gates.tracking import check_tracking, tracking_of
 from ros2_ident.gates.weight import check_weight
 from ros2_ident.models import FullModel, Machine
@@ -146,29 +147,23 @@ def _of_motion(
 ) -> GateReport:
     """Ask what belongs to set-points of position, and to the log as a whole."""
     found = check_streams(data)
+    tracking = tracking_of(data, drives)
+    told = check_tracking(tracking, data.cycle, machine.travel_unit) if tracking else []
+    apart = [gate for gate in told if gate.gate == 'offset']
+    wrong = [gate for gate in told if gate.level == 'fail' and gate not in apart]
     if 'effort' not in compared_of(machine):
         # Signs, sizes and laws below are those of efforts, which such a log need not hold; and a
         # law without an integral part may follow late and stop short.
-        tracking = tracking_of(data, drives)
-        told = check_tracking(tracking, data.cycle, machine.travel_unit) if tracking else ()
-        wrong = [
-            g for g in told if g.level == 'fail' and g.gate != 'offset' and g.cause != 'factor'
-        ]
-        return GateReport((*found, *wrong))
+        return GateReport((*found, *(gate for gate in wrong if gate.cause != 'factor')))
     for drive in drives:
         found += check_effort(machine, data, drive)
-    tracking = tracking_of(data, drives)
-    apart: list[Gate] = []
-    if tracking is not None:
-        told = check_tracking(tracking, data.cycle, machine.travel_unit)
-        apart = [gate for gate in told if gate.gate == 'offset']
-        found += [gate for gate in told if gate.gate != 'offset']
-        if any(gate.level == 'fail' and gate not in apart for gate in told):
-            # A law that is fed with another drive's motion, or in other units, says nothing new.
-            return GateReport((*found, *apart))
+    found += [gate for gate in told if gate not in apart]
+    if wrong:
+        # A law that is fed with another drive's motion, or in other units, says nothing new.
+        return GateReport((*found, *apart))
     if data.command_position is None:
         # A kind that follows none needs none.
-        missed = (NO_COMMAND if knows_gains(machine) else NO_GAINS,) if follows(machine) else ()
+        missed = [NO_COMMAND if knows_gains(machine) else NO_GAINS] if follows(machine) else []
         return GateReport((*found, *missed))
     if not (machine.known('position_gain') and machine.known('velocity_gain')):
         return GateReport((*found, *apart))
@@ -252,7 +247,7 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     limit = machine.number('torque_limit', drive)
     top = float(np.nanmax(np.abs(data.effort[d])))
     if math.isfinite(limit):
-        bad = top > MORE * limit
+        bad = top > scale.MORE * limit
         text = f'{drive}: the effort reaches {top:.4g}, the limit is {limit:.4g}'
         if bad:
             text += '; state the unit of the log as effort_unit, or the true torque_limit'

@@ -13,16 +13,8 @@ from numpy.typing import NDArray
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.gates.scale import (
-    ANOTHER,
-    APART,
-    FEWEST,
-    LATEST_EFFORT,
-    MORE,
-    MOSTLY,
-    near,
-    STRAYS,
-)
+from ros2_ident.gates import scale
+from ros2_ident.gates.scale import near
 from ros2_ident.gates.signals import best_delays, Fit, LATEST_COMMAND, sane, Signals, signals_of
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
@@ -139,7 +131,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
     if signals is None:
         return None
     cycle = signals.cycle
-    usual, last = (0.0, LATEST_EFFORT / cycle), LATEST_COMMAND / cycle
+    usual, last = (0.0, scale.LATEST_EFFORT / cycle), LATEST_COMMAND / cycle
     # A set-point may be rough from cycle to cycle: every cycle of its delay is looked at.
     late = [best_delays(signals, usual, lates) for lates in (np.zeros(1), np.arange(last + 1.0))]
     # The free law leaves least there. But where positions are coarse it leaves less with smaller
@@ -157,7 +149,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
         law = stated if stated.misfit_file**2 <= _COUNTS * law.left**2 else law
     inside = signals.inside
     noise = math.hypot(machine.effort_noise, law.steps)
-    if law.left <= _MISSED * noise or inside.sum() < FEWEST:
+    if law.left <= _MISSED * noise or inside.sum() < scale.FEWEST:
         return law
     # A loop follows late by at most about the time of its gain.
     gain = sane(machine.number('position_gain', drive))
@@ -166,7 +158,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
     # A loop with feed-forward follows at once, and its law is lost within a fraction of a ms.
     sharp = tracked + np.arange(-3e-3, 3e-3, 2.5e-4)
     lates = np.unique(np.concatenate([coarse, sharp])) / cycle
-    found = best_delays(signals, (-APART / cycle, APART / cycle), lates, inside)
+    found = best_delays(signals, (-scale.APART / cycle, scale.APART / cycle), lates, inside)
     apart = _law_at(machine, drive, signals, found, inside)
     return apart if apart.left**2 < _TOGETHER * law.left**2 else law
 
@@ -183,24 +175,14 @@ def _law_at(
     solution, free = _solve(columns, effort)
     sought = [name for name in GAINS if name in machine.bounds]
     gains = {name: sane(machine.number(name, drive)) for name in GAINS}
-    # Those of the free law's coefficients, columns as of `Fit.system`.
-    kv = float(solution[1])
-    free_ones = (
-        float(solution[0]) / kv if kv else 0.0,
-        kv,
-        float(solution[4]) if solution.size > 4 else 0.0,
-    )
-    start = {name: x for name, x in zip(GAINS, free_ones, strict=True) if name in sought}
-    gains |= _fitted(columns, effort, gains, start)
+    gains |= _fitted(columns, effort, gains, sought, solution)
     known = _law_of(columns, gains)
     alone = []
-    for name in (*gains, 'scale'):
-        if name == 'scale' and not signals.integral and signals.forward == 0.0:
-            continue  # the same as the velocity gain
-        if name in sought or (name != 'scale' and not gains[name]):
-            continue
-        if name == 'scale' and 'velocity_gain' in sought:
-            continue
+    tried = [name for name in GAINS if gains[name] and name not in sought]
+    # Without an integral part and a feed-forward it is the same as the velocity gain.
+    if (signals.integral or signals.forward) and 'velocity_gain' not in sought:
+        tried.append('scale')
+    for name in tried:
         # The law is linear in each gain by itself.
         part = known if name == 'scale' else known - _law_of(columns, {**gains, name: 0.0})
         factor, misfit = _solve(
@@ -213,7 +195,7 @@ def _law_at(
     # Steps are multiplied by the gain that ran; quite another one shows.
     slope = next((abs(g.value) for g in alone[:1] if g.name == 'velocity_gain'), 0.0)
     stated = gains['velocity_gain']
-    gain = stated if not slope or near(stated / slope, ANOTHER) else slope
+    gain = stated if not slope or near(stated / slope, scale.ANOTHER) else slope
     file = _solve(np.ones((effort.size, 1)), effort - known)[1]
     return Law(
         drive,
@@ -240,16 +222,16 @@ def _limit(asked: Array, effort: Array) -> float:
     size = np.abs(effort)
     calm = size <= max(0.5 * float(size.max()), float(np.median(size)))
     asked = asked + float(np.median((effort - asked)[calm]))
-    least = np.maximum(MORE * size, 0.4 * size.max())
+    least = np.maximum(scale.MORE * size, 0.4 * size.max())
     beyond = (np.abs(asked) > least) & (size > 0.4 * size.max())
     if beyond.sum() < max(_FEW, _RARE * effort.size):
         return math.inf
     missed = (effort - asked) ** 2
     much, had = np.log(np.abs(asked[beyond])), np.log(size[beyond])
-    if missed[beyond].sum() < MOSTLY * missed.sum() or much.std() < _SPREAD:
+    if missed[beyond].sum() < scale.MOSTLY * missed.sum() or much.std() < _SPREAD:
         return math.inf
     slope = float(np.cov(much, had)[0, 1] / much.var())
-    return float(np.median(size[beyond])) if abs(slope) < STRAYS else math.inf
+    return float(np.median(size[beyond])) if abs(slope) < scale.STRAYS else math.inf
 
 
 def _law_of(columns: Array, gains: dict[str, float]) -> Array:
@@ -259,14 +241,18 @@ def _law_of(columns: Array, gains: dict[str, float]) -> Array:
 
 
 def _fitted(
-    columns: Array, effort: Array, gains: dict[str, float], start: dict[str, float]
+    columns: Array, effort: Array, gains: dict[str, float], sought: list[str], free: Array
 ) -> dict[str, float]:
-    """Return some gains of a law by an effort, the others as known.
+    """Return the gains sought of a law by an effort, the others as known.
 
-    Of the free law alone they are uncertain: an integral of the velocity is a position.
+    By the free law's coefficients alone, where the search starts, they are uncertain: an integral
+    of the velocity is a position.
     """
-    if not start:
+    if not sought:
         return {}
+    kv = float(free[1])
+    every = float(free[0]) / kv if kv else 0.0, kv, float(free[4]) if free.size > 4 else 0.0
+    start = {name: x for name, x in zip(GAINS, every, strict=True) if name in sought}
 
     def left(x: Array) -> Array:
         rest = effort - _law_of(columns, gains | dict(zip(start, x, strict=True)))
@@ -285,7 +271,7 @@ def _weights(gains: dict[str, float]) -> Array:
 
 def _solve(columns: Array, effort: Array) -> tuple[Array, float]:
     """Return the coefficients, and the RMS of what is left."""
-    scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
-    solution = np.linalg.lstsq(columns / scale, effort, rcond=1e-10)[0]
-    left = effort - (columns / scale) @ solution
-    return solution / scale, math.sqrt(float((left**2).mean()))
+    size = np.sqrt((columns**2).mean(axis=0)) + 1e-300
+    solution = np.linalg.lstsq(columns / size, effort, rcond=1e-10)[0]
+    left = effort - (columns / size) @ solution
+    return solution / size, math.sqrt(float((left**2).mean()))

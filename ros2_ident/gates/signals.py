@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.gates.scale import APART, FEWEST, LATEST_EFFORT, MORE
+from ros2_ident.gates import scale
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import fill_smoothly
@@ -42,7 +42,7 @@ class Signals:
     @property
     def inside(self) -> NDArray[np.bool_]:
         """Samples whose motion is in the log however far the stamps lie apart."""
-        edge = APART / self.cycle
+        edge = scale.APART / self.cycle
         out: NDArray[np.bool_] = (self.index > edge) & (self.index < self.position.size - edge)
         return out
 
@@ -71,13 +71,13 @@ def signals_of(machine: Machine, data: Dataset, drive: str) -> Signals | None:
     if not np.isfinite(effort).any():
         return None
     limit = machine.number('torque_limit', drive)
-    if float(np.nanmax(np.abs(effort))) > MORE * limit:
+    if float(np.nanmax(np.abs(effort))) > scale.MORE * limit:
         limit = math.inf  # that is no effort in the unit of the limit
     index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < _SATURATED * limit))
     # The first samples of the log are taken up before the delayed effort begins.
-    index = index[index > LATEST_EFFORT / data.cycle]
+    index = index[index > scale.LATEST_EFFORT / data.cycle]
     forward = sane(machine.number('velocity_feedforward', drive))
-    if index.size < FEWEST:
+    if index.size < scale.FEWEST:
         return None
     return Signals(
         data.cycle,
@@ -113,7 +113,7 @@ def step_of(row: Array) -> float:
 
 def _filled(row: Array) -> Array | None:
     """Return a row with the cycles between samples filled, None where there are too few."""
-    return fill_smoothly(row) if np.isfinite(row).sum() >= FEWEST else None
+    return fill_smoothly(row) if np.isfinite(row).sum() >= scale.FEWEST else None
 
 
 class Fit:

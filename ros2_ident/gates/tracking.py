@@ -9,20 +9,10 @@ import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
+from ros2_ident.gates import scale
 from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.gates.instants import highest
-from ros2_ident.gates.scale import (
-    ANOTHER,
-    APART,
-    FEWEST,
-    FOLLOWS,
-    LATE,
-    near,
-    OWN,
-    STRAYS,
-    SWAPPED,
-    UNITS,
-)
+from ros2_ident.gates.scale import near
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff, correlation
 
@@ -49,7 +39,7 @@ class Tracking:
     def late(self, drive: str) -> float:
         """Return how late a drive follows its own set-point, s; 0 where it does not follow."""
         d = self.drives.index(drive)
-        return float(self.lag[d, d]) if self.share[d, d] >= FOLLOWS else 0.0
+        return float(self.lag[d, d]) if self.share[d, d] >= scale.FOLLOWS else 0.0
 
 
 def tracking_of(data: Dataset, drives: Sequence[str]) -> Tracking | None:
@@ -62,7 +52,7 @@ def tracking_of(data: Dataset, drives: Sequence[str]) -> Tracking | None:
     # Beyond its ends a log would seem to stand still, and a motor that is off follows nothing.
     span = slice(there[0], data.released or there[-1] + 1) if there.size else slice(0)
     position, command = position[:, span], command[:, span]
-    few = (np.isfinite(position).sum(axis=1) < FEWEST).any()
+    few = (np.isfinite(position).sum(axis=1) < scale.FEWEST).any()
     if few or not np.ptp(command, axis=1).all():
         return None
     cutoff = allowed_cutoff(position, data.cycle, _SLOW)
@@ -82,7 +72,7 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
     """Return share, lag [s] and slope of one speed on another one, both without a mean."""
     moved, wanted = moved - moved.mean(), wanted - wanted.mean()
     size = moved.size
-    reach = min(round(APART / period), size // 3)
+    reach = min(round(scale.APART / period), size // 3)
     product = correlation(moved, wanted)[size - 1 - reach : size + reach]
     # Only where both are: a log may end in motion.
     lags = np.arange(-reach, reach + 1)
@@ -93,7 +83,7 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
     share = product**2 / np.maximum(of_moved * of_wanted, 1e-300)
     # Half a period late, a swing is its own reverse: the other sign has to explain far more.
     best, same = (int(np.argmax(x)) for x in (share, np.where(product > 0.0, share, 0.0)))
-    if 1.0 - share[best] > SWAPPED * (1.0 - share[same]):
+    if 1.0 - share[best] > scale.SWAPPED * (1.0 - share[same]):
         best = same
     fine = highest(share, best) if 0 < best < share.size - 1 else 0.0
     slope = float(product[best]) / max(float(of_wanted[best]), 1e-300)
@@ -115,7 +105,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
     for d, drive in enumerate(tracking.drives):
         of = tracking.share, tracking.lag, tracking.slope
         share, lag, slope = (float(x[d, d]) for x in of)
-        if share < STRAYS:
+        if share < scale.STRAYS:
             text = (
                 f'{drive}: the position does not follow its set-point, which explains '
                 f'{100.0 * share:.0f} % of the speed; check that names and stamps of both topics '
@@ -123,9 +113,9 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
             )
             # A drive at its limit does not follow either.
             found.append(Gate('set_point', drive, 'warn', share, '1', text, cause='strays'))
-        elif share >= FOLLOWS and not near(slope):
+        elif share >= scale.FOLLOWS and not near(slope):
             found.append(_of_another_unit(drive, slope, unit))
-        elif share >= FOLLOWS and lag < -(LATE + 2.0 * cycle):
+        elif share >= scale.FOLLOWS and lag < -(scale.LATE + 2.0 * cycle):
             text = (
                 f'{drive}: the position leads its set-point by {-1e3 * lag:.3g} ms, so the '
                 'stamps of the command are late or those of the position early; stamp both with '
@@ -140,21 +130,21 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
 
 def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
     """Return what to say of a position that moves farther, less or the other way."""
-    if near(-slope, ANOTHER):
+    if near(-slope, scale.ANOTHER):
         text = (
             f'{drive}: the position moves against its set-point; its sign is reversed in one of '
             'the two topics, negate it there'
         )
         return Gate('set_point', drive, 'fail', slope, '1', text, True, cause='sign')
     text = f'{drive}: the position moves {slope:.4g} times as far as its set-point'
-    for factor, name in UNITS.get(unit, ()):
+    for factor, name in scale.UNITS.get(unit, ()):
         for ratio, topic in ((factor, 'position'), (1.0 / factor, 'set-point')):
             if near(slope / ratio):
                 text += f', so the {topic} is logged in {name}; log {unit}'
                 return Gate('set_point', drive, 'fail', slope, '1', text, True, cause=topic + name)
     text += f'; log both in {unit}, of the same side of the gear'
     # A force that the controller does not hold moves a drive, too.
-    strange = not near(slope, ANOTHER)
+    strange = not near(slope, scale.ANOTHER)
     level: Level = 'fail' if strange else 'warn'
     return Gate('set_point', drive, level, slope, '1', text, strange, cause='factor')
 
@@ -166,12 +156,12 @@ def _mixed(tracking: Tracking) -> list[Gate]:
     # path all move alike, but for a factor.
     slope = np.where(tracking.slope == 0.0, np.inf, tracking.slope)
     left = 1.0 - tracking.share * (2.0 / slope - 1.0 / slope**2)
-    if count < 2 or (np.diag(left) <= 1.0 - OWN).all():
+    if count < 2 or (np.diag(left) <= 1.0 - scale.OWN).all():
         return []
     best = scipy.optimize.linear_sum_assignment(left)[1].tolist()
     moved = [d for d in range(count) if best[d] != d]
-    fits = all(tracking.share[d, best[d]] >= FOLLOWS for d in moved)
-    if not moved or not fits or any(left[d, best[d]] > SWAPPED * left[d, d] for d in moved):
+    fits = all(tracking.share[d, best[d]] >= scale.FOLLOWS for d in moved)
+    if not moved or not fits or any(left[d, best[d]] > scale.SWAPPED * left[d, d] for d in moved):
         return []
     pairs = ', '.join(f"{tracking.drives[d]} follows {tracking.drives[best[d]]}'s" for d in moved)
     text = (

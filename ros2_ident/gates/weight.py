@@ -14,23 +14,26 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
+from ros2_ident.gates import scale
 from ros2_ident.gates.finding import Gate, Level, likewise
-from ros2_ident.gates.scale import ANOTHER, FEWEST, figure, FOLLOWS, near, SLOW, SWAPPED
+from ros2_ident.gates.scale import figure, near
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
 from ros2_ident.recording.quality import standing
 
-# Samples compared at most, and periods of the band's end left out at either end.
-_MOST, _ENDS = 2000, 1.5
-# Friction turns over within this share of the top speed.
+# Samples compared at most, for time: below 10 Hz more of them say the same. By hand.
+_MOST = 2000
+# Friction turns over within this share of the top speed. By hand.
 _TURNS = 0.02
-# The best of gears, one stage of spur wheels, loses this share of what it transmits.
+# The best of gears, one stage of spur wheels, loses this share of what it transmits (textbooks:
+# 1 to 3 %).
 _LOSES = 0.03
-# Effort that is this share of a weight holds none of it.
+# Effort that is this share of a weight holds none of it. By hand.
 _NOTHING = 0.05
-# A direction that joints feel by less than this share of the one they feel most is not told.
+# A direction that joints feel by less than this share of the one they feel most is not told: a
+# hundred times as much noise. By hand.
 _FELT = 1e-2
 
 
@@ -72,7 +75,7 @@ class _Joint:
             return factor
         beside = self.friction, self.free
         factor = _factor(_without(self.inertia, *beside), _without(self.effort, *beside))
-        return factor if factor < 1.0 / ANOTHER else math.nan
+        return factor if factor < 1.0 / scale.ANOTHER else math.nan
 
     def lost(self) -> float:
         """Return the larger of friction and rotor, as a share of how the effort varies."""
@@ -104,10 +107,10 @@ def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
         return
     order = [data.names.index(name) for name in machine.drives]
     position, effort = data.position[order], data.effort[order]
-    cutoff = allowed_cutoff(position, data.cycle, SLOW)
-    ends = int(_ENDS / (cutoff * data.cycle))
+    cutoff = allowed_cutoff(position, data.cycle, scale.SLOW)
+    ends = int(scale.ENDS / (cutoff * data.cycle))
     count = position.shape[1] - 2 * ends
-    if count < FEWEST:
+    if count < scale.FEWEST:
         return
     kept = slice(ends, ends + count, math.ceil(count / _MOST))
     motion = np.stack(smooth_motion(position, data.cycle, cutoff))[:, :, kept]
@@ -117,7 +120,7 @@ def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
     for d, drive in enumerate(machine.drives):
         described = inertia[d].any() or weight[d].any()
         logged = effort[d, np.isfinite(effort[d])]
-        told = logged.size >= FEWEST and np.ptp(logged) > 0.0
+        told = logged.size >= scale.FEWEST and np.ptp(logged) > 0.0
         if not (described and told and strokes[drive]) or drive in still:
             continue
         more = np.array(others)[:, d].T
@@ -145,7 +148,7 @@ def _factor(column: Array, row: Array) -> float:
     square = float(column @ column)
     factor = float(column @ row) / square if square else math.nan
     left = row - factor * column
-    told = float(left @ left) <= (1.0 - FOLLOWS) * max(1.0, factor**2) * square
+    told = float(left @ left) <= (1.0 - scale.FOLLOWS) * max(1.0, factor**2) * square
     return factor if told else math.nan
 
 
@@ -160,7 +163,7 @@ def _tilted(machine: Machine, joints: list[_Joint]) -> list[Gate]:
     every = np.concatenate(rows)
     fall: Array = np.asarray(np.linalg.lstsq(every[:, 2:], every[:, 0], rcond=_FELT)[0])
     left = float(np.square(every[:, 0] - every[:, 2:] @ fall).sum())
-    if left > SWAPPED * stated or not near(math.sqrt(float(fall @ fall)) / size):
+    if left > scale.SWAPPED * stated or not near(math.sqrt(float(fall @ fall)) / size):
         return []
     keys = tilt(fall)
     listed = ', '.join(f'{key}: {round(value, 2) + 0.0:g}' for key, value in keys.items())
@@ -173,7 +176,7 @@ def _tilted(machine: Machine, joints: list[_Joint]) -> list[Gate]:
 
 def _sized(factors: dict[str, float]) -> list[Gate]:
     """Say it where efforts are another's size than a description asks for."""
-    off = {drive: factor for drive, factor in factors.items() if not near(factor, ANOTHER)}
+    off = {drive: factor for drive, factor in factors.items() if not near(factor, scale.ANOTHER)}
     if not off:
         return []
     (drive, factor), *others = off.items()
