@@ -13,42 +13,15 @@ from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.fits import Fits
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.recordings import Split
-from ros2_ident.gap.result import (
-    at_bound,
-    Cause,
-    Diagnosis,
-    DriveGap,
-    Facts,
-    Ranked,
-    Step,
-    Trace,
-    Value,
-)
+from ros2_ident.gap.result import at_bound, Diagnosis, DriveGap, Facts, Ranked, Step, Trace, Value
 from ros2_ident.gap.selection import Selector
 from ros2_ident.gap.suspects.encoder_steps import EncoderSteps
-from ros2_ident.gap.verdict import (
-    BOOKKEEPING,
-    NAMELESS,
-    NONE,
-    RankedFit,
-    REFUSED,
-    UNKNOWN,
-    Verdict,
-    WRONG_MODEL,
-)
+from ros2_ident.gap.verdict import NONE, RankedFit, Verdict
 from ros2_ident.gap.where.localise import Finding
 from ros2_ident.gates import Gate
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
-from ros2_ident.prediction import (
-    CHECK,
-    IDENTIFIED,
-    LOG,
-    of_description,
-    predicted,
-    Prediction,
-    Run,
-)
+from ros2_ident.prediction import CHECK, IDENTIFIED, LOG, of_description, predicted, Prediction
 from ros2_ident.search.evidence import Evidence
 
 
@@ -75,7 +48,7 @@ def assemble(
         seed: Of the resampling.
     """
     floor, fits, split = selector.floor, selector.fits, selector.split
-    chain = found.chain if verdict.effect not in NAMELESS else found.chain[:1]
+    chain = found.chain if verdict.named else found.chain[:1]
     final = chain[-1]
     model = split.fit.with_effects(final.effects).models[0]
     rows = [split.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
@@ -95,9 +68,7 @@ def assemble(
         for c in verdict.facts.constants
         if math.isfinite(c.stated)
     }
-    nominal = {
-        p.name: v for p, v in zip(split.fit.with_effects(()).parameters, first.theta, strict=True)
-    }
+    nominal = dict(zip(split.fit.with_effects(()).names, first.theta, strict=True))
     moved = {
         name: (values[name].value - v) / v
         for name, v in nominal.items()
@@ -146,12 +117,12 @@ def _facts(selector: Selector, found: Selection, verdict: Verdict, gates: Sequen
     slow_noise = {
         name: math.sqrt(value**2 - low**2)
         for name, value, low in zip(split.drives, floor.per_drive, floor.low, strict=True)
-        if value > MORE * low and verdict.effect not in (UNKNOWN, *REFUSED)
+        if value > MORE * low and (verdict.named or verdict.effect == NONE)
     }
     best = max((w.model.closes(base) for w in verdict.ranking), default=0.0)
     return replace(
         verdict.facts,
-        cause=_cause(verdict, complete=found.complete),
+        cause=verdict.cause(complete=found.complete),
         worst=split.drives[int(base.gap.argmax())],
         effort_unit=model.effort_unit,
         travel=model.travel,
@@ -162,22 +133,6 @@ def _facts(selector: Selector, found: Selection, verdict: Verdict, gates: Sequen
         best=max(verdict.closed, best, 0.0),
         ties=found.ties,
     )
-
-
-def _cause(verdict: Verdict, *, complete: bool) -> Cause:
-    if verdict.effect == NONE:
-        return Cause.NONE
-    if verdict.effect == WRONG_MODEL:
-        return Cause.MODEL
-    if verdict.effect == BOOKKEEPING:
-        return Cause.CONSTANT if verdict.facts.constants else Cause.LOG
-    if verdict.effect != UNKNOWN:
-        return Cause.EFFECT
-    if verdict.facts.events:
-        return Cause.EVENTS
-    if verdict.facts.slow:
-        return Cause.SLOW
-    return Cause.UNKNOWN if complete else Cause.CUT_SHORT
 
 
 def _traces(split: Split, found: Selection) -> tuple[Trace, ...]:
@@ -216,12 +171,11 @@ def _predicted(selector: Selector, chain: Sequence[Hypothesis], verdict: Verdict
         fit = Fits(stated, selector.floor.per_drive).refit((), chain[0].theta)
         models.append((f'{wrong.key} {wrong.value:.4g}', stated, fit))
     apart = split.held_out == CHECK
-    stages: list[tuple[str, list[Run]]] = []
+    stages = []
     for label, own, e in models:
         joint = (own.check if apart else own.fit).with_effects(e.effects)
-        runs = [(m, joint.own(k, e.theta)[0]) for k, m in enumerate(joint.models)]
-        stages += [*([] if stages else of_description(runs)), (label, runs)]
-    return predicted(CHECK if apart else LOG, stages)
+        stages.append((label, [(m, joint.own(k, e.theta)[0]) for k, m in enumerate(joint.models)]))
+    return predicted(CHECK if apart else LOG, [*of_description(stages[0][1]), *stages])
 
 
 def _values(
@@ -232,20 +186,17 @@ def _values(
 ) -> dict[str, Value]:
     joint = selector.split.fit.with_effects(e.effects)
     # What the log does not say the box does: an interval ends where its parameter was searched.
-    low, high, *noise = np.clip(selector.ends(e, evidence, fits), joint.low, joint.high)
+    ends = np.clip(selector.ends(e, evidence, fits), joint.low, joint.high).T.tolist()
     # Those of the effects come last; the bounds of the others are the machine file's matter.
     sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
-    first = len(joint.parameters) - len(sizes)
-    ends = [False] * first + [
-        at_bound(p, float(v)) for p, v in zip(sizes, e.theta[first:], strict=True)
-    ]
+    own = [None] * (len(ends) - len(sizes)) + sizes
     return {
         p.name: Value(
-            float(v), p.unit, float(lo), float(hi), end, float(less), float(more),
+            v, p.unit, low, high, bool(size and at_bound(size, v)), less, more,
             p.low, p.high, p.kind,
         )
-        for p, v, lo, hi, end, less, more in zip(
-            joint.parameters, e.theta, low, high, ends, *noise, strict=True
+        for p, v, size, (low, high, less, more) in zip(
+            joint.parameters, e.theta.tolist(), own, ends, strict=True
         )
     }  # fmt: skip
 
@@ -254,10 +205,8 @@ def _steps(encoders: Sequence[EncoderSteps]) -> dict[str, Value]:
     """Return the steps of the encoders named."""
     out = {}
     for r in encoders:
-        at = r.at
-        (step,) = get_effect(at.effect).parameters
-        name = f'{at.prefix}{step.name}'
-        out[name] = Value(
+        (step,) = get_effect(r.at.effect).parameters
+        out[f'{r.at.prefix}{step.name}'] = Value(
             r.step, r.unit, r.step - r.error, r.step + r.error,
             lower_bound=step.low, upper_bound=step.high,
         )  # fmt: skip

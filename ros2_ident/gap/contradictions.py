@@ -148,7 +148,7 @@ def of_events(verdict: Verdict, report: GateReport) -> Verdict:
 
 
 def _without_effects(effect: str, where: tuple[str, ...], **facts: Any) -> Verdict:
-    return Verdict(effect, where, Temperatures().sure, (), (), (), 0.0, facts=Facts(**facts))
+    return Verdict(effect, where, Temperatures().sure, facts=Facts(**facts))
 
 
 def _spread(split: Split, drive: int) -> float:

@@ -10,7 +10,7 @@ import scipy
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
-from ros2_ident.gap.result import Facts
+from ros2_ident.gap.result import Cause, Facts
 from ros2_ident.gap.rules import Rules, Temperatures
 from ros2_ident.gap.suspects.encoder_steps import EncoderSteps
 from ros2_ident.models import EffectAt
@@ -58,10 +58,10 @@ class Verdict:
     effect: str
     where: tuple[str, ...]
     probability: float
-    also: tuple[EffectAt, ...]
-    confusable: tuple[RankedFit, ...]
-    ranking: tuple[RankedFit, ...]
-    closed: float
+    also: tuple[EffectAt, ...] = ()
+    confusable: tuple[RankedFit, ...] = ()
+    ranking: tuple[RankedFit, ...] = ()
+    closed: float = 0.0
     encoders: tuple[EncoderSteps, ...] = ()
     facts: Facts = Facts()
 
@@ -71,6 +71,16 @@ class Verdict:
         if self.effect in NAMELESS:
             return ()
         return (EffectAt(self.effect, self.where[0]), *self.also)
+
+    def cause(self, *, complete: bool) -> Cause:
+        """Return the kind of answer of a diagnosis that is complete, or was cut short."""
+        if self.effect == BOOKKEEPING:
+            return Cause.CONSTANT if self.facts.constants else Cause.LOG
+        if self.effect != UNKNOWN:
+            return {NONE: Cause.NONE, WRONG_MODEL: Cause.MODEL}.get(self.effect, Cause.EFFECT)
+        if self.facts.events or self.facts.slow:
+            return Cause.EVENTS if self.facts.events else Cause.SLOW
+        return Cause.UNKNOWN if complete else Cause.CUT_SHORT
 
 
 def twins(at: EffectAt) -> list[EffectAt]:
@@ -141,16 +151,14 @@ def _with_encoder_steps(
         if plain.effect == UNKNOWN and not unexplained:
             plain = replace(plain, effect=chain[0].effect, where=(chain[0].where,), also=chain[1:])
         return replace(plain, also=(*plain.also, *others), encoders=tuple(encoders))
-    also = tuple(a for a in dict.fromkeys((*chain, *coarse)) if a != first)
     return Verdict(
         first.effect,
         (first.where,),
         t.sure * sure,
-        also,
-        (),
-        plain.ranking,
-        plain.closed,
-        tuple(encoders),
+        also=tuple(a for a in dict.fromkeys((*chain, *coarse)) if a != first),
+        ranking=plain.ranking,
+        closed=plain.closed,
+        encoders=tuple(encoders),
     )
 
 
@@ -172,30 +180,32 @@ def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
     if believed:
         named = max(named, t.believed)
     ranking = _weigh(found, missing * named, rules, t)
+    nothing = Verdict(NONE, (), 1.0 - missing, ranking=ranking, closed=closed)
+    unknown = replace(nothing, effect=UNKNOWN, where=_where(final, found.drives))
     if base.size < rules.material:
-        return Verdict(NONE, (), 1.0 - missing, (), (), ranking, closed)
+        return nothing
     if len(found.chain) == 1 and not found.complete:
         # Cut short before anything was found: no answer, said with no confidence.
-        return Verdict(UNKNOWN, _where(final, found.drives), 0.0, (), (), ranking, closed)
+        return replace(unknown, probability=0.0)
     if len(found.chain) == 1 and base.certain_size < rules.unknown:
         # Too small to be sure of it, and nothing explains it: small imperfections look like this,
         # and so does noise that was slow enough to be quiet where it was measured.
         sure = scipy.special.expit((rules.unknown - base.certain_size) / t.size)
-        return Verdict(NONE, (), sure, (), (), ranking, closed)
+        return replace(nothing, probability=sure)
     if len(found.chain) == 1 or (closed < rules.closed and not believed):
-        return Verdict(
-            UNKNOWN, _where(final, found.drives), missing * (1.0 - named), (), (), ranking, closed
-        )
+        return replace(unknown, probability=missing * (1.0 - named))
     leader = final.effects[0]
-    confusable = _confusable(found, ranking, rules)
     # Twins are one answer under two names.
     same = {leader, *twins(leader)}
-    probability = sum(w.probability for w in ranking if w.at in same)
-    also = final.effects[1:]
-    return Verdict(
-        leader.effect, (leader.where,), probability, also, confusable, ranking, closed,
+    return replace(
+        nothing,
+        effect=leader.effect,
+        where=(leader.where,),
+        probability=sum(w.probability for w in ranking if w.at in same),
+        also=final.effects[1:],
+        confusable=_confusable(found, ranking, rules),
         facts=Facts(limits=limits),
-    )  # fmt: skip
+    )
 
 
 def _where(e: Hypothesis, drives: Sequence[str]) -> tuple[str, ...]:
@@ -258,21 +268,14 @@ def _confusable(
     # What the effect itself takes away from the final model, not what all of them do.
     rest = found.rests[0]
     full = rest.loss - final.loss
-    near = []
-    for e in found.rivals:
-        at = leader if leader in e.effects else e.effects[-1]
-        if full > 0 and (rest.loss - e.loss) / full >= 1.0 - rules.rival:
-            near.append(at)
-    for twin in twins(leader):
-        if twin not in near:
-            near.append(twin)
-    by_place = {w.at: w for w in ranking}
-    missing = by_place.get(leader)
-    out = []
-    for at in dict.fromkeys([leader, *near]):
-        known = by_place.get(at)
-        if known is not None:
-            out.append(known)
-        elif missing is not None:
-            out.append(RankedFit(at, missing.probability, missing.model))
-    return tuple(out)
+    near = [
+        leader if leader in e.effects else e.effects[-1]
+        for e in found.rivals
+        if full > 0 and (rest.loss - e.loss) / full >= 1.0 - rules.rival
+    ]
+    known = {w.at: w for w in ranking}
+    own = known.get(leader)
+    places = dict.fromkeys([leader, *near, *twins(leader)])
+    # One that was not fitted is as likely as the effect itself.
+    rows = (known.get(at) or (own and replace(own, at=at)) for at in places)
+    return tuple(row for row in rows if row)
