@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recordings of one machine, and what any extended model makes of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import copy
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
-from threading import Lock
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -29,8 +28,6 @@ Mask = npt.NDArray[np.bool_]
 _KEPT = 16
 # Values of a drive that a part has at least, where a band of the recorded motion is compared.
 _FEWEST = 10
-# Threads that screen effects side by side ask for joints of one part; it is held for an instant.
-_KEEPING = Lock()
 
 
 def recordings_of(
@@ -147,7 +144,6 @@ class Part:
     labels: tuple[str, ...] = ()
     masks: tuple[Mask, ...] = ()
     conditions: Conditions = Conditions()
-    _joints: dict[tuple[EffectAt, ...], JointModel] = field(default_factory=dict, repr=False)
 
     def __add__(self, other: 'Part') -> 'Part':
         """Return the recordings of both."""
@@ -156,20 +152,15 @@ class Part:
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out what is made again."""
-        return {f.name: getattr(self, f.name) for f in fields(self)} | {'_joints': {}}
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    @cached_property
+    def _joints(self) -> Callable[[tuple[EffectAt, ...]], JointModel]:
+        return lru_cache(_KEPT)(partial(JointModel, self))
 
     def with_effects(self, effects: Sequence[EffectAt]) -> JointModel:
         """Return the models with these effects."""
-        key = tuple(effects)
-        kept = self._joints
-        with _KEEPING:
-            found = kept.pop(key, None)
-        found = found or JointModel(self, key)
-        with _KEEPING:
-            kept[key] = found
-            while len(kept) > _KEPT:
-                kept.pop(next(iter(kept)))
-        return found
+        return self._joints(tuple(effects))
 
     @cached_property
     def seen(self) -> tuple[RecordedMotion, ...]:
