@@ -18,7 +18,7 @@ from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
 from ros2_ident.gap.recordings import JointModel
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.gates.signals import step_of
-from ros2_ident.identify.hidden import OTHER_NOISE, runs_of, weigh_fit, Weighed
+from ros2_ident.identify.hidden import Missing, missing_beside, OTHER_NOISE, runs_of
 from ros2_ident.models import FullModel
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
@@ -172,7 +172,7 @@ def predictability(
         steps: (D,) RMS of what steps of encoders make, whose course nothing predicts.
     """
     first = joint.models[0]
-    weighed = weigh_fit(joint, theta, stopped)
+    weighed = missing_beside(joint, theta, stopped=stopped)
     evidence = weighed.evidence
     found = _by_motion(joint, theta, weighed)
     noise = tuple(e.noise[0] for e in found)
@@ -206,7 +206,7 @@ def predictability(
     return Floor(value, value / spread, value * spread, method, scaled, evidence)
 
 
-def _by_motion(joint: JointModel, theta: Array, weighed: Weighed) -> list[Evidence]:
+def _by_motion(joint: JointModel, theta: Array, weighed: Missing) -> list[Evidence]:
     """Return for each drive what functions of motion and time predict of what effects leave."""
     evidence, rows = weighed.evidence, weighed.rows
     data = joint.models[0].data

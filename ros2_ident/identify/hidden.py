@@ -4,6 +4,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -107,24 +108,6 @@ def _uninterrupted(there: npt.NDArray[np.intp]) -> list[npt.NDArray[np.intp]]:
     return np.split(there, np.flatnonzero(steps > _GAP * usual) + 1)
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """Noise of a residual, and what hides in it.
-
-    Attributes:
-        evidence: Noise, what effects of the catalogue predict, the parameters' certainty; places
-            are the outputs, in the unit of the weighted residual.
-        rows: The R samples that were weighed.
-        slopes: (R, N) derivative of the residual by the parameters' shares of their box.
-        residual: (R,) the residual, weighted.
-    """
-
-    evidence: Evidence
-    rows: Rows
-    slopes: Array
-    residual: Array
-
-
 def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
     """Return (R,) the residual of a fit, and (R, N) its derivative by shares of the box.
 
@@ -142,30 +125,6 @@ def residuals_at(fitted: Layout, rows: Rows) -> Callable[[Array], Array]:
     """Return what makes the residuals (S, R) of candidates (S, N) at the rows looked at."""
     seen = [m.restricted(mask) for m, mask in zip(fitted.models, rows.masks, strict=True)]
     return lambda theta: np.hstack([m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)])
-
-
-def weigh_fit(
-    fitted: Layout,
-    theta: Array,
-    stopped: Callable[[], bool] = lambda: False,
-    threads: int | None = None,
-) -> Weighed:
-    """Weigh what the residual of a fit shows against what the catalogue's effects can do.
-
-    Args:
-        fitted: The models.
-        theta: (N,) their parameters.
-        stopped: Asked often; True leaves the rest of the catalogue out.
-        threads: That simulate; one for each processor where None.
-    """
-    first = fitted.models[0]
-    candidates = [at for at in first.extensions() if at not in first.effects]
-    seen = missing_beside(fitted, theta, candidates, stopped, threads)
-    rows, residual, slopes = seen.rows, seen.residual, seen.slopes
-    evidence = weigh(
-        residual, slopes, seen.columns, rows.runs, rows.blocks, most=seen.most, share=rows.share
-    )
-    return Weighed(evidence, rows, slopes, residual)
 
 
 @dataclass(frozen=True)
@@ -189,7 +148,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Missing:
-    """Residual of a fit, and what its models may lack.
+    """Residual of a fit, its noise, and what its models may lack.
 
     Attributes:
         rows: The R samples that are looked at.
@@ -207,11 +166,23 @@ class Missing:
     columns: Array
     most: Array
 
+    @cached_property
+    def evidence(self) -> Evidence:
+        """Noise, what effects predict, the parameters' certainty; places are the outputs.
+
+        In the unit of the weighted residual.
+        """
+        rows = self.rows
+        return weigh(
+            self.residual, self.slopes, self.columns, rows.runs, rows.blocks,
+            most=self.most, share=rows.share,
+        )  # fmt: skip
+
 
 def missing_beside(
     fitted: Layout,
     theta: Array,
-    candidates: Sequence[EffectAt],
+    candidates: Sequence[EffectAt] | None = None,
     stopped: Callable[[], bool] = lambda: False,
     threads: int | None = None,
     times: int = 1,
@@ -221,12 +192,14 @@ def missing_beside(
     Args:
         fitted: The models.
         theta: (N,) their parameters.
-        candidates: Effects that the models do not have.
+        candidates: Effects that the models do not have; all of the catalogue where None.
         stopped: Asked often; True leaves the rest of the candidates empty.
         threads: That simulate; one for each processor where None.
         times: How often each column is weighed.
     """
     first, *others = models = fitted.models
+    if candidates is None:
+        candidates = [at for at in first.extensions() if at not in first.effects]
     wide = [first.extended((*first.effects, at)) for at in candidates]
     tried = sum(len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
     rows = rows_of(models, _MOST // (times * max(200, tried)))

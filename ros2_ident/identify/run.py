@@ -14,7 +14,7 @@ from ros2_ident.gates import examine, GateReport, sentences
 from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.data import read_data as read_data
-from ros2_ident.identify.hidden import weigh_fit, Weighed
+from ros2_ident.identify.hidden import Missing, missing_beside
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outcome import assemble, cut_short, doubted
 from ros2_ident.identify.outputs import checked, Outputs
@@ -175,7 +175,7 @@ def solve(
         stopped = cancel.is_set if cancel else lambda: False
         if watch:
             watch.intervals()
-        weighed = weigh_fit(problem, found.theta, stopped, settings.threads)
+        weighed = missing_beside(problem, found.theta, None, stopped, settings.threads)
     evidence = None if weighed is None else weighed.evidence
     # Threads do not change the result, so files of one and of two of them are the same.
     plain = {name: value for name, value in asdict(settings).items() if name != 'threads'}
@@ -292,7 +292,7 @@ def judged(result: Identification, report: GateReport, poor: Sequence[PoorFit]) 
 
 
 def with_held_out(
-    result: Identification, problem: Problem, weighed: Weighed | None, check: Problem | None
+    result: Identification, problem: Problem, weighed: Missing | None, check: Problem | None
 ) -> Identification:
     """Return a result with its held-out error.
 
@@ -356,7 +356,7 @@ def check_problem(problem: Problem, check: Data) -> Problem:
     return other
 
 
-def quarters(problem: Problem, weighed: Weighed, theta: Array) -> Array:
+def quarters(problem: Problem, weighed: Missing, theta: Array) -> Array:
     """Return (R,) what the estimate from all other parts of the log leaves of each part.
 
     That estimate is a Gauss-Newton step away from the one of the whole log; no fit is repeated.

@@ -11,7 +11,7 @@ from checks.reference.bag_making import simulate_bag
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
-from ros2_ident.identify.hidden import weigh_fit
+from ros2_ident.identify.hidden import missing_beside
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.run import identify, QUARTERS, quarters
@@ -40,7 +40,7 @@ def another(effort: float = 1.0):
 
 def test_a_quarter_left_out_is_predicted_as_a_fit_of_the_others_does(found) -> None:
     problem = problem_of(axis(), axis_data())
-    weighed = weigh_fit(problem, found.theta)
+    weighed = missing_beside(problem, found.theta)
     left = quarters(problem, weighed, found.theta)
     blocks = weighed.rows.blocks
     out = 4 * (blocks - blocks[0]) // (int(np.ptp(blocks)) + 1) == 2
