@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One vector of parameters for several recordings: what they share, and what each has alone."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import functools
 from pathlib import Path
@@ -123,8 +123,9 @@ class Layout:
         conditions = conditions or Conditions()
         labels = tuple(labels) or ('',) * len(models)
         self.models = tuple(models)
-        every = {p.name for m in models for p in m.parameters}
-        alone = _named(every, conditions.each)
+        every = dict.fromkeys(p.name for m in models for p in m.parameters)
+        each = 'have a value for each recording'
+        alone = {full for name in conditions.each for full in _meant(every, name, each)}
         found: dict[str, Parameter] = {}
         for parameter in (p for m in models for p in m.parameters):
             names = [parameter.name]
@@ -187,22 +188,29 @@ class Layout:
         return np.clip(total / np.maximum(count, 1.0), self.low, self.high)
 
 
-def _named(every: set[str], names: Sequence[str]) -> set[str]:
-    """Return full names of parameters; `coulomb_torque` means that of every drive."""
-    out: set[str] = set()
-    for name in names:
-        meant = {full for full in every if full == name or full.endswith(f'.{name}')}
-        if not meant:
-            raise ErrorCode.UNKNOWN_PARAMETER.error(
-                f'{name!r} cannot have a value for each recording: no such parameter is free; '
-                f'choose from {", ".join(sorted(every))}'
-            )
-        out |= meant
-    return out
+def _meant(known: Iterable[str], name: str, what: str) -> list[str]:
+    """Return the full names that a name means.
+
+    `coulomb_torque` means that of every drive, and `tool_mass` that of every recording where each
+    has its own.
+
+    Raises:
+        IdentError: UNKNOWN_PARAMETER, with what it cannot do, where it means none.
+    """
+    found = [
+        full
+        for full in known
+        if name in (full, bare := full.partition('@')[0]) or bare.endswith(f'.{name}')
+    ]
+    if not found:
+        raise ErrorCode.UNKNOWN_PARAMETER.error(
+            f'{name!r} cannot {what}: no such parameter is free; choose from {", ".join(known)}'
+        )
+    return found
 
 
 def _more(
-    own: Sequence[str], every: set[str], label: str, known: Mapping[str, float]
+    own: Sequence[str], every: Iterable[str], label: str, known: Mapping[str, float]
 ) -> Array | None:
     """Return one recording's known parameter offsets (N'), or None."""
     if not known:
@@ -213,7 +221,7 @@ def _more(
             raise ErrorCode.INVALID_GOAL.error(
                 f'{label}: {name} is known to differ by {value}; give a finite number'
             )
-        for full in _named(every, [name]):
+        for full in _meant(every, name, 'differ between recordings'):
             if full in own:
                 more[list(own).index(full)] += value
     return more
@@ -243,26 +251,14 @@ def held_of(
         if drive not in drives and name in SLOTS and not SLOTS[name].shared
     ]
     known = [*(p.name for p in free.parameters), *followers]
-    return expanded(known, machine.drives, given, 'fixed')
+    return expanded(known, given, 'be fixed')
 
 
-def expanded(
-    known: Sequence[str], drives: Sequence[str], given: Mapping[str, T], what: str
-) -> dict[str, T]:
-    """Return the entries by full name; the more a name says, the later it counts.
-
-    `coulomb_torque` means that of every drive, and `tool_mass` that of every recording where each
-    has its own.
-    """
+def expanded(known: Sequence[str], given: Mapping[str, T], what: str) -> dict[str, T]:
+    """Return the entries by full name, see `_meant`; the more a name says, the later it counts."""
     out: dict[str, T] = {}
     for name, value in sorted(given.items(), key=lambda item: ('.' in item[0], '@' in item[0])):
-        names = {name, *(f'{drive}.{name}' for drive in drives)}
-        meant = [full for full in known if full in names or full.partition('@')[0] in names]
-        if not meant:
-            raise ErrorCode.UNKNOWN_PARAMETER.error(
-                f'{name!r} cannot be {what}: no such parameter; choose from {", ".join(known)}'
-            )
-        out.update(dict.fromkeys(meant, value))
+        out.update(dict.fromkeys(_meant(known, name, what), value))
     return out
 
 

@@ -76,9 +76,9 @@ class Problem(Layout):
         self.drives = several[0].places
         self._own = labels, conditions, fixed, bounds
         names = Layout(several, labels, conditions).names
-        found = expanded(names, self.drives, fixed or {}, 'fixed')
+        found = expanded(names, fixed or {}, 'be fixed')
         self.fixed = {**(held or {}), **found}
-        box = expanded([*names, *(held or {})], self.drives, bounds or {}, 'bounded')
+        box = expanded([*names, *(held or {})], bounds or {}, 'be bounded')
         check_overrides(self.fixed, box)
         super().__init__(several, labels, conditions, found, box)
         if not self.parameters:
