@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From what the rounds found to the diagnosis as a value."""
+"""From the selected effects to the diagnosis as a value."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -16,13 +16,8 @@ import scipy
 from ros2_ident.arrays import Array
 from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.gates.scale import STEP
-from ros2_ident.identify.hidden import SETTLE
+from ros2_ident.identify.hidden import BLOCKS, SETTLE
 from ros2_ident.search.noise import correlation_time
-
-# A block holds so many times the time over which the squared residual stays alike.
-_TIMES = 4.0
-# A log falls into at least so many blocks, whatever its autocorrelation.
-FEWEST = 16
 
 
 @dataclass(frozen=True)
@@ -48,11 +43,11 @@ def block_length(rows: Array, cycle: float) -> int:
         cycle: Time from column to column, s.
 
     Returns:
-        Length in cycles: at least the settling time, at most a sixteenth of the log.
+        Length in cycles, see `length_of`.
 
     Reference:
         Integrated autocorrelation time with a self-consistent window: Sokal (1997), Monte Carlo
-        Methods in Statistical Mechanics, section 3; the use for blocks: Politis and White (2004).
+        Methods in Statistical Mechanics, section 3.
     """
     count = rows.shape[1]
     # A coarse grid is enough and holds no NaN where samples come every few cycles.
@@ -60,8 +55,29 @@ def block_length(rows: Array, cycle: float) -> int:
     for values in (*rows, *rows**2):
         stride, coarse, weight = averages(values, cycle)
         longest = max(longest, correlation_time(coarse[weight > 0.0]))
-    length = max(SETTLE / cycle, _TIMES * longest * stride)
-    return int(max(1, min(length, count // FEWEST)))
+    return int(length_of(longest, stride, count, cycle))
+
+
+def length_of(time: float, stride: float, count: int, cycle: float) -> float:
+    """Return the block length of a series whose error of a mean's variance is least, in cycles.
+
+    At least the settling time, and at most what leaves the log `BLOCKS` blocks.
+
+    Args:
+        time: Autocorrelation time of the series, samples; its colour is taken for that of a
+            first-order process.
+        stride: Cycles from sample to sample.
+        count: Cycles of the log.
+        cycle: Time of a cycle, s.
+
+    Reference:
+        Politis and White (2004), Econometric Reviews 23(1), with the correction of Patton, Politis
+        and White (2009), 28(4): (2 G^2 / D)^(1/3) n^(1/3), G and D of a first-order process.
+    """
+    # Autocorrelation from sample to sample: the time is (1 + r) / (1 - r).
+    r = (time - 1.0) / (time + 1.0)
+    best = stride * (math.sqrt(6.0 * count / stride) * r / (1.0 - r**2)) ** (2.0 / 3.0)
+    return float(max(1.0, min(max(SETTLE / cycle, best), count / BLOCKS)))
 
 
 def averages(values: Array, cycle: float) -> tuple[int, Array, Array]:

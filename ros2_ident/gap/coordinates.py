@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The coordinates along which a gap is looked for: what the drives did when it was logged."""
+"""The coordinates along which a gap is looked for: motion and effort of the drives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,16 +19,15 @@ from ros2_ident.recording.motion import allowed_cutoff
 Parity = Literal['', 'odd', 'even']
 
 PHASES = ('rest', 'creep', 'acceleration', 'cruise', 'deceleration', 'reversal')
-# Shares of top speed and top acceleration below which a drive rests; creeps, or cruises.
+# Shares of top speed and top acceleration below which a drive rests; creeps, or cruises. By hand.
 _REST, _SLOW = 0.01, 0.1
-# Orders of the motor's turn that are looked at.
+# Orders of the motor's turn that are looked at: those of `models.trials`.
 ORDERS = 24
-# A friction that lags behind does so by these times, s; by a way, it is one since a reversal.
+# A friction that lags behind does so by these times, s; by a way, it is one since a reversal. A
+# grid by threes, from the drive's own loop on.
 _LAGS = (0.01, 0.03, 0.1, 0.3)
 # Knots of the splines that an answer to a switch of the motion may follow, until it is over, s.
 _AFTER = np.pad(np.expm1(np.linspace(0.0, math.log(8.0), 16)) / 7.0, 3, mode='edge')
-# An order has to go round so often within the stroke to be told from a plain position.
-_TURNS = 1.5
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class Coordinate:
 
 
 def motion_of(model: FullModel, theta: Array) -> Motion:
-    """Return what the drives of a model did, by the recording where it holds positions.
+    """Return the motion of a model's drives, by the recording where it holds positions.
 
     Args:
         model: The model with its data.
@@ -245,7 +244,7 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
 def _answers(
     name: str, parity: Parity, state: Array, cycle: float, at: NDArray[np.int64]
 ) -> list[Coordinate]:
-    """Return what follows each step of a state (K,) by its sign, and what follows any step alike.
+    """Return answers to each step of a state (K,): by its sign, and to any step alike.
 
     The courses are splines: noise of a long memory would follow a stair better than they do.
     """
@@ -298,7 +297,8 @@ def _orders(position: Array, gear: float) -> list[Coordinate]:
     """Return sine and cosine of each order of the motor's angle that the stroke can resolve."""
     angle = gear * position
     turns = float(np.ptp(angle)) / (2.0 * np.pi)
-    orders = [k for k in range(1, ORDERS + 1) if k * turns >= _TURNS]
+    # Rayleigh's limit: one round at least tells a swing from a plain position.
+    orders = [k for k in range(1, ORDERS + 1) if k * turns >= 1.0]
     if not orders:
         return []
     columns = np.stack([f(k * angle) for k in orders for f in (np.cos, np.sin)], axis=1)

@@ -54,16 +54,13 @@ SEARCH = FitSettings(
     genetic=GeneticSettings(initial_population=512, survivors=8, children=8, generations=8)
 )
 _RULES = Rules()
-# An effect whose largest trial leaves less than this, in units of the floor, cannot be seen in the
-# log.
-VISIBLE = 0.3
 
-# Share of the work from which on the time to go is told; before, simulations may be compiled.
+# Share of the work from which on the time to go is told; before, simulations may be compiled. By
+# hand.
 KNOWN = 0.05
-# Rounds for each doubling of the gap over the noise floor, as on tripods, axes and arms.
-_ROUNDS = 1.2
-# The end takes this share of a round.
-_END = 0.3
+# Rounds for each doubling of the gap over the noise floor, and the end as a share of a round: as
+# timed on tripods, axes and arms.
+_ROUNDS, _END = 1.2, 0.3
 
 
 @dataclass(frozen=True)
@@ -326,7 +323,9 @@ class _Passes:
             )
         clock.stage = 0.2, 0.35
         clock.step(0.0, 'telling noise from what the motion predicts')
-        encoders = self._encoders(split, base.theta)
+        known, encoders = shown_by('reading_steps'), tuple[EncoderSteps, ...]()
+        if known and known.id in {at.effect for at in split.candidates(self.without)}:
+            encoders = () if clock.stopped() else find_encoder_steps(split, base.theta)
         steps = made_by_steps(encoders, split, base.theta)
         first, floor = base, predictability(joint, base.theta, clock.stopped, steps)
         decided = split.decided(base.theta, floor.per_drive)
@@ -344,12 +343,6 @@ class _Passes:
         selector.limits = {law.drive: law.limit for law in report.laws if math.isfinite(law.limit)}
         selector.knows(first, floor)
         return _Pass(selector, base, report, encoders)
-
-    def _encoders(self, split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
-        """Return encoders whose steps show, where these are among the effects looked for."""
-        known = shown_by('reading_steps')
-        looked_for = known and known.id in {at.effect for at in split.candidates(self.without)}
-        return find_encoder_steps(split, theta) if looked_for and not self.clock.stopped() else ()
 
     def _carrying(self, split: Split, joint: JointModel, theta: Array, floor: Array) -> Split:
         """Return the split that knows when a payload is carried, where the log shows that.
@@ -460,9 +453,10 @@ class _Passes:
                 low, high, at = (joint.own(0, x)[0] for x in (joint.low, joint.high, base.theta))
                 where = tuple(bursts(joint.models[0], low, high, at, begun.selector.floor))
             where = (*where, *_located(begun, base, self.seed))
-        # What was found was seen.
+        # A large one that leaves less than the first has to take away cannot be found; what was
+        # found was seen.
         hidden = tuple(
-            at for at, seen in visible.items() if seen < VISIBLE and at not in verdict.named
+            at for at, seen in visible.items() if seen < _RULES.step and at not in verdict.named
         )
         return assemble(
             begun.selector,
@@ -495,7 +489,7 @@ def _located(begun: _Pass, base: Hypothesis, seed: int) -> tuple[Finding, ...]:
 
 
 def _left_anywhere(selector: Selector, e: Hypothesis) -> float:
-    """Return the size of what a nominal fit leaves, where it is judged and on all samples.
+    """Return the size of a nominal fit's gap, where it is judged and on all samples.
 
     Between blocks that take turns some samples are in neither part, and what happens for a moment
     may happen there.

@@ -19,9 +19,9 @@ from ros2_ident.search.jacobian import Box, mean_squares
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.least_squares import least_squares, Point, within_box
 
-# What explains less than this share of what the best does is not followed.
+# What explains less than this share of what the best does is not followed. By hand.
 PROMISING = 0.5
-# Shares of the way to a screened start, which lies where straight lines lead.
+# Shares of the way to a screened start, which lies where straight lines lead. A grid.
 _WAY = np.array([1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02])
 
 
@@ -94,15 +94,15 @@ class Fits:
         return weight
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what cannot travel: only the process that asks knows when to stop."""
+        """Leave out `stopped`: only the process that asks knows when to stop."""
         return {k: v for k, v in self.__dict__.items() if k != 'stopped'}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        """Take up what travelled."""
+        """Restore all but `stopped`."""
         self.__dict__.update(state, stopped=lambda: False)
 
     def watch_law(self, base: Hypothesis) -> Hypothesis:
-        """From here on let fits also see what the controllers make of the recorded motion.
+        """From here on let fits also see the controllers' error on the recorded motion.
 
         No machine is in these rows, so they tell what sits in a controller or behind a sensor from
         what happens in the machine.
@@ -143,7 +143,7 @@ class Fits:
         )
 
     def evaluate(self, joint: JointModel) -> Callable[[Array], Array]:
-        """Return what a fit minimises: (S, N) candidates to (S, R) weighted residuals."""
+        """Return a fit's objective: (S, N) candidates to (S, R) weighted residuals."""
         law_weight = self.law_weight
 
         def outputs(theta: Array) -> Array:
@@ -165,13 +165,13 @@ class Fits:
         return self.hypothesis(joint, found)
 
     def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Hypothesis:
-        """Return what `refit` returned where the fit ended at (N,) shares of the box."""
+        """Return the fit that ended at (N,) shares of the box."""
         joint = self.split.fit.with_effects(effects)
         box = Box.of(joint.low, joint.high)
         return self.hypothesis(joint, Point.at(self.evaluate(joint), box, unit))
 
     def key(self, base: Hypothesis | None = None) -> bytes:
-        """Return a digest of what a fit depends on beside its effects and start.
+        """Return a digest of a fit's inputs beside its effects and start.
 
         Args:
             base: What it is tried on top of.
@@ -220,7 +220,7 @@ class Trials:
             self.outputs = np.linalg.qr(base.jacobian[:rows])[0]
 
     def prepare(self) -> None:
-        """Compile, or read from the cache, what every fit needs."""
+        """Compile the simulation of every fit, or read it from the cache."""
         joint = self.fits.split.fit.with_effects(())
         self.fits.evaluate(joint)(0.5 * (joint.low + joint.high))
 

@@ -19,7 +19,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.fits import Fits, PROMISING, Start, Trials
 from ros2_ident.gap.hypothesis import Hypothesis, Round
 from ros2_ident.gap.recordings import Split
-from ros2_ident.identify.hidden import MATERIAL, residuals_at, rows_of, slopes_of
+from ros2_ident.identify.hidden import MATERIAL, MOST, residuals_at, rows_of, slopes_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.search import Progress, Threads, Workers
@@ -28,20 +28,18 @@ from ros2_ident.search.fit import fit, FitSettings
 from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.noise import fit_noise, Whitening
 
-# Joint fits of one round: at most, and at least whatever the screen says of them.
+# Joint fits of one round: at most, and at least whatever the screen says of them. By hand.
 _FITS = 12
 _LEAST = 4
-# Every start of a round gets so many iterations; who is far behind then gets no more.
+# Every start of a round gets so many iterations; what is far behind then gets no more. By hand.
 _HEAT = 4
-# Names that are tried on several drives at once, at most.
-_ALIKE = 3
-# What the log itself shows starts far from a fit that it bent, and gets more; so do the best.
+# What the log itself shows starts far from a fit that it bent, and gets more; so do the best. By
+# hand.
 _SHOWN, _WHOLE = 16, 40
-# Samples times parameters that a step is held against noise on, at most.
-_MOST = 4_000_000
-# Samples of a mean that noise hardly lifts.
+# Samples of a mean that noise hardly lifts: to a third.
 _MEAN = 9
-# Shares of the highest effort that a drive would make without a limit, to start looking below.
+# Shares of the highest effort that a drive would make without a limit, to start looking below. A
+# grid.
 _BELOW = (0.92, 0.8, 0.65, 0.5)
 
 
@@ -123,7 +121,7 @@ class Fitter:
             Seber and Wild (2003), Nonlinear Regression, chapter 6.
         """
         first, second = (self.split.whole.with_effects(e.effects) for e in (before, after))
-        rows = rows_of(second.models, _MOST // len(after.theta))
+        rows = rows_of(second.models, MOST // len(after.theta))
         left, jacobian = slopes_of(second, after.theta, rows)
         change = residuals_at(first, rows)(before.theta[None])[0] - left
         noise = [
@@ -143,7 +141,7 @@ class Fitter:
         chain: Sequence[Hypothesis],
         rounds: Sequence[Round],
     ) -> tuple[list[Hypothesis], list[Round]]:
-        """Go on at another noise floor; return what was fitted before in units of it."""
+        """Go on at another noise floor; return the fits so far in units of it."""
         old = self.fits
         self.fits = Fits(self.split, floor, self.stopped, old.missed, certain)
 
@@ -337,7 +335,7 @@ class Fitter:
                         max(s.visible for s in parts),
                     )
                 )
-        return sorted(out, key=lambda s: -s.gain)[:_ALIKE]
+        return sorted(out, key=lambda s: -s.gain)
 
     def _promising(self, screened: dict[EffectAt, list[Start]]) -> list[Start]:
         """Return the starts worth a joint fit: best candidates, relatives, second starts."""
@@ -374,7 +372,7 @@ def _next(candidate: EffectAt, effects: Sequence[EffectAt]) -> EffectAt | None:
 
 
 def visibility(screened: dict[EffectAt, list[Start]]) -> dict[EffectAt, float]:
-    """Return for every candidate what the log would show of it, see `fits.Start`."""
+    """Return every candidate's visibility in the log, see `fits.Start`."""
     return {c: max(one.visible for one in starts) for c, starts in screened.items()}
 
 
@@ -425,7 +423,7 @@ def _highest(model: FullModel, row: int) -> float:
 
 
 def share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:
-    """Return what makes an effort an effect's (P,) parameters; None where it is no limit's."""
+    """Return the map from an effort to a limit's (P,) parameters; None for another effect."""
     if get_effect(candidate.effect).shown_by != 'flat_top':
         return None
     (parameter, *others) = model.scaled(candidate)

@@ -14,11 +14,13 @@ import numpy as np
 import scipy
 
 from ros2_ident.arrays import Array, NORMAL
-from ros2_ident.gap.coordinates import coordinates, Motion, motion_of
+from ros2_ident.gap.coordinates import coordinates, motion_of
 from ros2_ident.gap.recordings import JointModel
 from ros2_ident.gap.spectrum import lines
+from ros2_ident.gates.scale import OTHER_NOISE
 from ros2_ident.gates.signals import step_of
-from ros2_ident.identify.hidden import Missing, missing_beside, OTHER_NOISE, runs_of
+from ros2_ident.identify.data import SHORTEST
+from ros2_ident.identify.hidden import Missing, missing_beside, runs_of
 from ros2_ident.models import FullModel
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
@@ -27,21 +29,20 @@ from ros2_ident.search.noise import NoiseModel, Whitening
 
 Method = Literal['repeats', 'prediction']
 
-# Two stretches of command are one motion where they differ by less than this share in the square.
+# Two stretches of command are one motion where they differ by less than this share in the
+# square. By hand: 3 % of the amplitude.
 _SAME = 1e-3
-# Squares beyond so many standard deviations are clipped: impacts do not count.
+# Squares beyond so many standard deviations are clipped: impacts do not count. By hand.
 _CLIP = 2.0
-# A repeat has to last so long, s.
-_SHORTEST = 0.5
 # Noise is slow whose samples hang together so that their own past leaves only this part of them
 # open. Beyond so many times what is stated it is something that moves; where none is stated, from
-# the last on.
+# the last on. By hand.
 OPEN, _BEYOND, _SLOWEST = 0.5, 4.0, 0.05
 
 
 @dataclass(frozen=True)
 class Floor:
-    """Standard deviation of what no model can explain.
+    """Standard deviation of the part of a residual that no model can explain.
 
     Attributes:
         per_drive: (D,) floor, in the unit of the residual.
@@ -145,7 +146,7 @@ def find_repeats(dataset: Dataset) -> int | None:
     apart = int(np.argmax(different > 0.5)) if (different > 0.5).any() else size
     lags = np.arange(size)
     fits = (
-        (lags > max(apart, _SHORTEST / dataset.cycle))
+        (lags > max(apart, SHORTEST / dataset.cycle))
         & (different < 10.0 * _SAME)
         & (both > square[-1])
     )
@@ -163,7 +164,7 @@ def predictability(
     stopped: Callable[[], bool] = lambda: False,
     steps: Array | float = 0.0,
 ) -> Floor:
-    """Tell noise from what the motion predicts.
+    """Tell noise from the part of a residual that the motion predicts.
 
     Args:
         joint: The models of all recordings.
@@ -207,25 +208,27 @@ def predictability(
 
 
 def _by_motion(joint: JointModel, theta: Array, weighed: Missing) -> list[Evidence]:
-    """Return for each drive what functions of motion and time predict of what effects leave."""
-    evidence, rows = weighed.evidence, weighed.rows
+    """Return each drive's evidence of functions of motion and time beside the effects."""
+    evidence, masks = weighed.evidence, weighed.rows.masks
     data = joint.models[0].data
     unknown = data.position is None and data.command_position is None
     motions = [
         motion_of(model, joint.own(number, theta)[0]) for number, model in enumerate(joint.models)
     ]
-    whole = _side_by_side(motions)
+    rows = 'position', 'velocity', 'acceleration', 'jerk', 'torque', 'load', 'output'
+    joined: dict[str, Any] = {n: np.hstack([getattr(m, n) for m in motions]) for n in rows}
+    whole = replace(motions[0], **joined)
     starts = np.cumsum([0, *(m.position.shape[1] for m in motions)])
-    counts = np.array([mask.sum(axis=1) for mask in rows.masks])
+    counts = np.array([mask.sum(axis=1) for mask in masks])
     ends = np.cumsum(counts).reshape(counts.shape)
     found = []
     for drive in range(len(whole.drives)):
-        masks = [mask[drive : drive + 1] for mask in rows.masks]
-        at = [start + np.flatnonzero(m) for start, m in zip(starts, masks, strict=False)]
+        own = [mask[drive : drive + 1] for mask in masks]
+        at = [start + np.flatnonzero(m) for start, m in zip(starts, own, strict=False)]
         here = np.concatenate(
             [np.arange(e - c, e) for e, c in zip(ends[:, drive], counts[:, drive], strict=True)]
         )
-        when, runs, left = np.concatenate(at), runs_of(masks), evidence.left[here]
+        when, runs, left = np.concatenate(at), runs_of(own), evidence.left[here]
         columns = [c.columns for c in coordinates(whole, drive, when)]
         whiten = Whitening(runs, [evidence.noise[drive]])
         for place in (when.astype(np.float64), whole.position[drive, when]):
@@ -238,16 +241,9 @@ def _by_motion(joint: JointModel, theta: Array, weighed: Missing) -> list[Eviden
             x = slopes[:, size > 0.0] / size[size > 0.0]
             columns += [x, x**2, x**3, x * np.abs(x), np.sign(x)]
         alone = np.empty((here.size, 0))
-        missing, blocks = np.hstack(columns), rows.blocks[here]
-        found.append(weigh(left, alone, missing, runs, blocks, share=rows.share))
+        missing, blocks = np.hstack(columns), weighed.rows.blocks[here]
+        found.append(weigh(left, alone, missing, runs, blocks, share=weighed.rows.share))
     return found
-
-
-def _side_by_side(motions: Sequence[Motion]) -> Motion:
-    """Return the motions of several recordings as one."""
-    rows = 'position', 'velocity', 'acceleration', 'jerk', 'torque', 'load', 'output'
-    whole: dict[str, Any] = {n: np.hstack([getattr(m, n) for m in motions]) for n in rows}
-    return replace(motions[0], **whole)
 
 
 def _alike(model: FullModel) -> bool:

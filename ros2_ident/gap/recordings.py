@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recordings of one machine, and what any extended model makes of them."""
+"""The recordings of one machine, and the residuals of any extended model on them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -24,9 +24,10 @@ from ros2_ident.recording import Dataset
 
 Mask = npt.NDArray[np.bool_]
 
-# Extended models of a part that are kept: those of the rounds go on being asked for.
+# Extended models of a part that are kept: those of the rounds go on being asked for. By hand.
 _KEPT = 16
-# Values of a drive that a part has at least, where a band of the recorded motion is compared.
+# Values of a drive that a part has at least, where a band of the recorded motion is compared. By
+# hand.
 _FEWEST = 10
 
 
@@ -113,7 +114,7 @@ class JointModel(Layout):
         return np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
 
     def law_residual(self, theta: Array) -> Array:
-        """Return (S, L) measured effort less what the controllers make of the recorded motion.
+        """Return (S, L) measured effort less that of the controllers on the recorded motion.
 
         A controller's effort is known but for a constant, so the mean of each drive is zero.
         """
@@ -151,7 +152,7 @@ class Part:
         return Part(self.models + other.models, labels)
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what is made again."""
+        """Leave out cached values."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @cached_property

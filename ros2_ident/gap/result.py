@@ -20,7 +20,8 @@ from ros2_ident.gates.asked import Event
 from ros2_ident.models import EffectAt
 from ros2_ident.prediction import Prediction
 
-# A value as near to an end of its range as this share of it lies on that end.
+# A value as near to an end of its range as this share of it lies on that end: coarser than fits
+# end. By hand.
 AT_BOUND = 1e-3
 
 
@@ -255,7 +256,7 @@ class DriveGap:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One recording beside what the models make of it.
+    """One recording beside its simulations.
 
     Attributes:
         held_out: Whether all of it was held out from fitting.

@@ -4,6 +4,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import scipy
+
 from ros2_ident.arrays import NORMAL
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Round
@@ -11,8 +13,10 @@ from ros2_ident.gates.scale import FLOORS
 from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.search.evidence import OWN
 
-# Sum of squares, in units of the noise's, that two fits of one model may differ by chance.
-TIE = 20.0
+# Sum of squares, in units of the noise's, that two fits of one model may differ by chance: the
+# quantile of chi-square of one number, at which one in a thousand diagnoses of a hundred fits sees
+# more.
+TIE = float(scipy.special.chdtri(1, 1e-3 / 100))
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ class Rules:
     slow: float = 0.5
 
     def open(self, e: Hypothesis) -> bool:
-        """Whether what is left counts, so that more may be missing."""
+        """Whether the gap left counts, so that more may be missing."""
         return e.size >= self.material
 
     def least(self, before: Hypothesis) -> float:
@@ -102,7 +106,7 @@ class Rules:
         return after.reduces(before) * (1.0 - NORMAL / max(errors, NORMAL)) >= self.least(before)
 
     def mends_a_form(self, chain: Sequence[Hypothesis], after: Hypothesis) -> bool:
-        """Whether what is new sits where earlier effects do, and closes as little as their forms.
+        """Whether the new effects sit where earlier ones do, and close as little as their forms.
 
         A share of the gap of the chain's first fit. A further order of a ripple mends none.
         """

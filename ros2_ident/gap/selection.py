@@ -23,9 +23,6 @@ from ros2_ident.models.registry import kind_of
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
 
-# A floor that falls below this share of what it was is taken over.
-_LOWER = 0.97
-
 
 class Selector(Fitter):
     """Runs the rounds and judges their fits; further arguments as of `Fitter`.
@@ -100,7 +97,7 @@ class Selector(Fitter):
         on_best: Callable[[Hypothesis], None],
         limited: Hypothesis | None = None,
     ) -> Selection:
-        """Add effects while they are material, drop what became superfluous, look for rivals.
+        """Add effects while they are material, drop superfluous ones, look for rivals.
 
         Args:
             base: The nominal fit.
@@ -173,7 +170,7 @@ class Selector(Fitter):
         return round_, ties
 
     def own(self, e: Hypothesis, index: int) -> float:
-        """Return the share, RMS, of what an effect changes that nothing else imitates."""
+        """Return the share, RMS, of an effect's change that nothing else imitates."""
         joint, columns = self.split.fit.with_effects(e.effects), e.columns(index)
         without = e.theta.copy()
         for column, p in zip(columns, joint.models[0].scaled(e.effects[index]), strict=True):
@@ -262,17 +259,18 @@ class Selector(Fitter):
     ) -> tuple[list[Hypothesis], list[Round]]:
         """Look at the noise once more, now that a cause of the residual is known.
 
-        What an effect does beyond a straight line is no noise, though it looked like it before.
+        What an effect does beyond a straight line is no noise, though it looked like it before. A
+        floor is taken over where the end of its interval is below the one before.
         """
         floor = self.noise_of(chain[-1])
-        if not (floor.per_drive < _LOWER * self.fits.floor).any():
+        if not (floor.high < self.fits.floor).any():
             return chain, rounds
         self.floor = floor
         chain, rounds = self.renew(floor.per_drive, _certain(floor), chain, rounds)
         return [*chain[:-1], self.refit(chain[-1].effects, chain[-1].theta)], rounds
 
     def noise_of(self, e: Hypothesis) -> Floor:
-        """Return what can be predicted of what a fit leaves on all recordings, and what cannot.
+        """Return the noise floor of a fit on all recordings.
 
         Known once for a set of effects: another order and other weights change no noise, and to
         first order the parameters end up where they did.
@@ -304,7 +302,7 @@ class Selector(Fitter):
         self._seen[frozenset(e.effects)] = e, seen
 
     def rests(self, chain: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-        """For each effect of the final model, what is left when it is taken out again."""
+        """Return the final model without each of its effects, refitted."""
         final = chain[-1]
         if len(final.effects) == 1:
             return (chain[0],)
@@ -368,7 +366,7 @@ class Selector(Fitter):
     def ordered(
         self, chain: list[Hypothesis], rests: tuple[Hypothesis, ...]
     ) -> tuple[list[Hypothesis], tuple[Hypothesis, ...]]:
-        """Put what the final model needs most first, so that the first is the largest."""
+        """Put the effect that the final model needs most first."""
         final = chain[-1]
         needs = np.array([e.loss - final.loss for e in rests])
         # Several of one effect at a place stay in their turn, where the most needed of them is.

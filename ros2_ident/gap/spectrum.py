@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Peaks in the spectrum of a residual: what swings by itself, whatever the motion asks for."""
+"""Peaks in the spectrum of a residual: oscillations that the motion does not ask for."""
 
 from dataclasses import dataclass
 import math
@@ -9,21 +9,20 @@ import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates.scale import MOSTLY
+from ros2_ident.recording.motion import LOWEST
 
-# Segments of about a second, but so many at least.
+# Segments of about a second, but so many at least: a density is then known to a third. By hand.
 _SEGMENTS = 6
-# Below this frequency everything is motion, Hz.
-_SLOW = 3.0
 # A coordinate is cut into so many bins; a line goes round so often over it at least; its frequency
-# is found to such a part of one round.
+# is found to such a part of one round. A grid; the least number of rounds by hand.
 _BINS, _FEWEST, _FINER = 8192, 4, 16
-# Of the motion's acceleration this share of the power lies below its band's end.
+# Of the motion's acceleration this share of the power lies below its band's end. By hand.
 _POWER = 0.95
 
 
 @dataclass(frozen=True)
 class Peak:
-    """A band that stands above what surrounds it.
+    """A band that stands above its surroundings.
 
     Attributes:
         frequency: Where it is highest, Hz.
@@ -141,7 +140,7 @@ def motion_band(acceleration: Array, cycle: float) -> float:
     power = np.abs(np.fft.rfft(acceleration - acceleration.mean())) ** 2
     total = np.cumsum(power) / max(float(power.sum()), 1e-300)
     frequency = np.fft.rfftfreq(acceleration.size, cycle)
-    return max(_SLOW, float(frequency[int(np.argmax(total > _POWER))]))
+    return max(LOWEST, float(frequency[int(np.argmax(total > _POWER))]))
 
 
 def _beside(power: Array, frequency: Array, at: float) -> float:

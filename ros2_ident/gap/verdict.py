@@ -94,7 +94,7 @@ def judge(
     rules: Rules | None = None,
     temperatures: Temperatures | None = None,
 ) -> Verdict:
-    """Turn what was found into an answer.
+    """Turn a selection into an answer.
 
     Args:
         found: The chain of hypotheses and the rivals.
@@ -110,13 +110,10 @@ def judge(
     left = [r for r in encoders if gap[found.drives.index(r.drive)] >= rules.material]
     if left:
         return _with_encoder_steps(found, left, rules, t)
-    return _with_restless(found, _judge(found, rules, t), t)
-
-
-def _with_restless(found: Selection, plain: Verdict, t: Temperatures) -> Verdict:
-    """Answer where nothing that can be predicted is left, and more than noise."""
+    plain = _judge(found, rules, t)
     if plain.effect != NONE or not found.complete or not found.restless:
         return plain
+    # Nothing that can be predicted is left, and more than noise.
     return replace(
         plain,
         effect=UNKNOWN,
@@ -262,7 +259,7 @@ def _weigh(found: Selection, mass: float, rules: Rules, t: Temperatures) -> tupl
 def _confusable(
     found: Selection, ranking: Sequence[RankedFit], rules: Rules
 ) -> tuple[RankedFit, ...]:
-    """Return the verdict's effect and what closes nearly as much in its place."""
+    """Return the verdict's effect and those that close nearly as much in its place."""
     final = found.chain[-1]
     leader = final.effects[0]
     # What the effect itself takes away from the final model, not what all of them do.

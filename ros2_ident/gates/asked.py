@@ -209,7 +209,7 @@ def _log_of(machine: Machine, data: Dataset, d: int) -> _Log | None:
 
 
 def is_limited(effort: Array, left: Array, usual: Array) -> bool:
-    """Whether most of what is left is missing where the drive makes its largest effort."""
+    """Whether most of the residual lies where the drive makes its largest effort."""
     most = float(np.abs(effort).max())
     short = (left * effort < 0.0) & (np.abs(effort) > _LIMITED * most)
     short &= np.abs(left) > scale.STANDS_OUT * usual

@@ -15,11 +15,11 @@ from ros2_ident.gates.signals import LATEST_COMMAND
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 
-# A gain has to be off by this share to be spoken of; nearer to a factor, it is that factor.
+# A gain has to be off by this share to be spoken of; nearer to a factor, it is that factor. By
+# hand.
 GAIN_OFF = 0.02
-# What is stated as noise may be off by so much.
-_STATED = 2.5
-# An effort that is logged before it acts by more than a cycle and this, s, has other stamps.
+# An effort that is logged before it acts by more than a cycle and this, s, has other stamps. By
+# hand.
 _EARLY = 1e-3
 # The cause that leaves a log of use: along its recorded motion, without the set-point.
 SET_POINT_LATE = 'command early'
@@ -42,7 +42,7 @@ def check_law(
             'and effort'
         )
         return [Gate('law', drive, 'warn', math.nan, '1', text, cause='unread')]
-    level = _STATED * machine.effort_noise if noise is None else noise
+    level = scale.OTHER_NOISE * machine.effort_noise if noise is None else noise
     unit = machine.model_unit
     clean = law.misfit <= scale.MORE * math.hypot(level, law.steps)
     # Where no other gains explain more than the stated ones the law ran, and something else is
@@ -121,7 +121,7 @@ def _of_all(law: Law, best: Gain) -> bool:
 
 
 def _correction(law: Law, best: Gain, unit: str, travel: str) -> str:
-    """Return what is to be written where, in words."""
+    """Return the correction of the machine file or the driver, in words."""
     fits = f'fits the log to {best.misfit:.2g} {unit}'
     if best.ratio < 0.0 and _of_all(law, best):
         return (
@@ -207,7 +207,7 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
 
 
 def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
-    """Return findings in which what only some drives show contradicts nothing.
+    """Return findings of which those of only some drives contradict nothing.
 
     A file that states one gain for all drives would have it wrong for all, one message holds all
     drives under one stamp, and a law that explains the others is the one that ran: here the drive

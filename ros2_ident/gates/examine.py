@@ -25,9 +25,9 @@ from ros2_ident.recording.motion import motion_in, ROOM
 from ros2_ident.recording.quality import SAID, sign_of, WRONG
 from ros2_ident.recording.streams import StreamQuality
 
-# Shares of samples missing from which on a log is suspect, and of no use.
+# Shares of samples missing from which on a log is suspect, and of no use. By hand.
 MISSING, TOO_MANY_MISSING = 0.02, 0.2
-# Motion up to this frequency is looked at where the log shows it, Hz.
+# Motion up to this frequency is looked at where the log shows it, Hz. By hand.
 SEEN = 50.0
 NO_COMMAND = Gate(
     'command', '', 'warn', math.nan, '1',
@@ -128,7 +128,7 @@ def _of_one(
 
 
 def _beyond_reach(machine: Machine, data: Dataset) -> Iterator[Gate]:
-    """Say what in the machine file, or in their unit, the recorded positions contradict."""
+    """Yield contradictions of the recorded positions and the machine file, or their unit."""
     check_motion = kind_of(machine).check_motion
     if check_motion is None or data.position is None:
         return
@@ -145,7 +145,7 @@ def _beyond_reach(machine: Machine, data: Dataset) -> Iterator[Gate]:
 def _of_motion(
     machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None, recording: int
 ) -> GateReport:
-    """Ask what belongs to set-points of position, and to the log as a whole."""
+    """Ask the gates of position set-points, and those of the log as a whole."""
     found = check_streams(data)
     tracking = tracking_of(data, drives)
     told = check_tracking(tracking, data.cycle, machine.travel_unit) if tracking else []

@@ -19,22 +19,21 @@ from ros2_ident.gates.signals import best_delays, Fit, LATEST_COMMAND, sane, Sig
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 
-# A delay counts where without it a law leaves so much more (mean square). Stamps that lie far
-# apart are looked for where a law misses the effort by so many times its noise, and believed where
-# it then leaves so much less (mean square).
-_COUNTS, _MISSED, _TOGETHER = 1.02, 1.5, 0.6
+# A delay counts where without it a law leaves so much more (mean square), and stamps that lie far
+# apart where the law then leaves so much less. By hand: of coloured residuals no F test tells it.
+_COUNTS, _TOGETHER = 1.02, 0.6
 # An effort is limited where the law asks for more than what is logged, on so many samples, and on
 # this share of all; where most of what the law misses lies there; and where it hardly follows what
-# is asked, over demands that spread so far (logarithm).
+# is asked, over demands that spread so far (logarithm). By hand.
 _FEW, _RARE, _SPREAD = 20, 0.005, 0.2
-# Gains are spoken of where the stated ones leave this share more than free ones do.
+# Gains are spoken of where the stated ones leave this share more than free ones do. By hand.
 _EXCESS = 0.3
 GAINS = ('position_gain', 'velocity_gain', 'integral_gain')
 
 
 @dataclass(frozen=True)
 class Gain:
-    """One gain as the log shows it, the others being what the machine file says.
+    """One gain as the log shows it, the others as stated in the machine file.
 
     Attributes:
         name: Its key in the machine file; `scale` for a factor on the whole effort.
@@ -149,7 +148,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
         law = stated if stated.misfit_file**2 <= _COUNTS * law.left**2 else law
     inside = signals.inside
     noise = math.hypot(machine.effort_noise, law.steps)
-    if law.left <= _MISSED * noise or inside.sum() < scale.FEWEST:
+    if law.left <= scale.OTHER_NOISE * noise or inside.sum() < scale.FEWEST:
         return law
     # A loop follows late by at most about the time of its gain.
     gain = sane(machine.number('position_gain', drive))
@@ -264,13 +263,13 @@ def _fitted(
 
 
 def _weights(gains: dict[str, float]) -> Array:
-    """Return what a law with these gains multiplies the columns of `Fit.system` by."""
+    """Return the weights of the columns of `Fit.system` in a law with these gains."""
     kp, kv, ki = gains['position_gain'], gains['velocity_gain'], gains['integral_gain']
     return np.array([kv * kp, kv, 0.0, ki * kp, ki])
 
 
 def _solve(columns: Array, effort: Array) -> tuple[Array, float]:
-    """Return the coefficients, and the RMS of what is left."""
+    """Return the coefficients, and the RMS of the residual."""
     size = np.sqrt((columns**2).mean(axis=0)) + 1e-300
     solution = np.linalg.lstsq(columns / size, effort, rcond=1e-10)[0]
     left = effort - (columns / size) @ solution

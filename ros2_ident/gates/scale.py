@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers that several judgements share, so that one idea has one value."""
+"""Numbers that several judgements share, so that one idea has one value.
 
-# Samples below which nothing is said.
+Where nothing else is said they are set by hand.
+"""
+
+# Samples below which nothing is said: a standard deviation of so many is known to 7 %.
 FEWEST = 100
 # Means over so long, s, keep what is slow: the motion changes little meanwhile.
 STEP = 0.005
 # Efforts are compared with motion up to this frequency, Hz.
 SLOW = 10.0
 # Periods of a band's end that are left out at either end of a log, where a filter knows nothing of
-# what came before. By hand.
+# what came before.
 ENDS = 1.5
 # Shares of one signal that another explains, from which on it follows and below which it does not.
 FOLLOWS, STRAYS = 0.9, 0.3
@@ -17,9 +20,12 @@ MOSTLY = 0.8
 # A factor on a noise, a limit or a unit that is more than inexact, and one that no force or tuning
 # makes: another unit, or another drive's.
 MORE, ANOTHER = 1.2, 3.0
+# Noise that is stated and noise that is found may differ by this factor.
+OTHER_NOISE = 1.5
 # So many times the noise is no noise.
 FLOORS = 20.0
-# A value stands out of others by so many of their standard deviations.
+# A value stands out of others by so many of their standard deviations: of 90,000 normal ones one
+# in twenty logs has one that does.
 STANDS_OUT = 5.0
 # Stamps of topics may lie so far apart, s; efforts and positions that are later than this, s, are
 # late, and efforts later than the last are no matter of a log.

@@ -14,19 +14,18 @@ from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import fill_smoothly
 
-# Beyond this share of the limit the law does not hold.
-_SATURATED = 0.98
-# Constants beyond this are slips of the pen whose squares would overflow.
-_ABSURD = 1e50
-# Set-points later than this are no matter of a log, s.
+# Constants beyond this are slips of the pen: squares of the products of two would overflow.
+_ABSURD = float(np.finfo(float).max ** 0.25)
+# Set-points later than this are no matter of a log, s. By hand.
 LATEST_COMMAND = 0.012
-# Delays of the effort between which no valley is missed, s, and valleys that are followed down.
+# Delays of the effort between which no valley is missed, s, and valleys that are followed down. By
+# hand.
 _WIDE, _VALLEYS = 6e-3, 3
 
 
 @dataclass(frozen=True)
 class Signals:
-    """One drive on the grid of cycles: what the law is made of, and the effort where measured."""
+    """One drive on the grid of cycles: inputs of its law, and the effort where measured."""
 
     cycle: float
     command: Array
@@ -73,7 +72,8 @@ def signals_of(machine: Machine, data: Dataset, drive: str) -> Signals | None:
     limit = machine.number('torque_limit', drive)
     if float(np.nanmax(np.abs(effort))) > scale.MORE * limit:
         limit = math.inf  # that is no effort in the unit of the limit
-    index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < _SATURATED * limit))
+    # As near to its limit as that the law does not hold.
+    index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < scale.OWN * limit))
     # The first samples of the log are taken up before the delayed effort begins.
     index = index[index > scale.LATEST_EFFORT / data.cycle]
     forward = sane(machine.number('velocity_feedforward', drive))

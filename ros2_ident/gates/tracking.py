@@ -16,7 +16,7 @@ from ros2_ident.gates.scale import near
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff, correlation
 
-# Motion faster than this is left out, Hz, and speeds are compared at about this rate, Hz.
+# Motion faster than this is left out, Hz, and speeds are compared at about this rate, Hz. By hand.
 _SLOW, _RATE = 15.0, 250.0
 
 
@@ -129,7 +129,7 @@ def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
 
 
 def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
-    """Return what to say of a position that moves farther, less or the other way."""
+    """Return the finding of a position that moves farther, less or the other way."""
     if near(-slope, scale.ANOTHER):
         text = (
             f'{drive}: the position moves against its set-point; its sign is reversed in one of '
@@ -150,7 +150,7 @@ def _of_another_unit(drive: str, slope: float, unit: str) -> Gate:
 
 
 def _mixed(tracking: Tracking) -> list[Gate]:
-    """Return what to say where the drives follow each other's set-points."""
+    """Return the finding of drives that follow each other's set-points."""
     count = len(tracking.drives)
     # What a set-point leaves of a drive's speed, as it is and not scaled: drives on a straight
     # path all move alike, but for a factor.

@@ -39,7 +39,7 @@ _FELT = 1e-2
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint's effort and what may explain it: (T,) or (T, C) values.
+    """A joint's effort and the columns that may explain it: (T,) or (T, C) values.
 
     Attributes:
         drive: The drive.
@@ -62,7 +62,7 @@ class _Joint:
     free: Array
 
     def beside_weight(self, rows: Array) -> Array:
-        """Return (T, ...) rows without what all but the weight explains of them."""
+        """Return (T, ...) rows less their least-squares fit by all but the weight."""
         return _without(rows, self.inertia, self.rotor, self.friction, self.free)
 
     def factor(self) -> float:
@@ -86,7 +86,7 @@ class _Joint:
 
 
 def check_weight(machine: Machine, data: Dataset) -> list[Gate]:
-    """Compare efforts with what a description of links asks for along the recorded motion.
+    """Compare efforts with those of a description of links along the recorded motion.
 
     Args:
         machine: The machine; of one without such a description nothing is said.
@@ -138,7 +138,7 @@ def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
 
 
 def _without(rows: Array, *parts: Array) -> Array:
-    """Return (T, ...) rows without what columns (T,) or (T, C) explain of them."""
+    """Return (T, ...) rows less their least-squares fit by columns (T,) or (T, C)."""
     columns = np.column_stack(parts)
     return rows - columns @ np.linalg.lstsq(columns, rows, rcond=1e-9)[0]
 
@@ -202,7 +202,7 @@ def _sized(factors: dict[str, float]) -> list[Gate]:
 
 
 def _behind_gears(machine: Machine, joints: list[_Joint]) -> list[Gate]:
-    """Say it where no effort shows what motors and gears take."""
+    """Say it where no effort shows the friction and inertia of motors and gears."""
     takes = ('drive_inertia', 'coulomb_torque', 'viscous_torque')
     sought = [name for name in takes if name in machine.bounds]
     if not joints or not sought or any(x.lost() > _LOSES for x in joints):

@@ -23,11 +23,11 @@ from ros2_ident.recording import (
     Topics,
 )
 
-# A shorter stretch holds hardly a motion.
+# A shorter stretch holds hardly a motion, s. By hand.
 SHORTEST = 0.5
-# The tripod starts at rest; a log that starts in motion needs so long to be forgotten.
+# A model starts at rest; a log that starts in motion needs so long, s, to be forgotten. By hand.
 SETTLING = 0.3
-# Points of the grid from one sample to the next where no controller is simulated.
+# Points of the grid from one sample to the next where no controller is simulated. By hand.
 POINTS = 16
 
 
@@ -90,7 +90,7 @@ def read_data(
     samples: int = SAMPLES,
     quantities: Sequence[str] | None = None,
 ) -> Data:
-    """Read bags into what `identify` takes.
+    """Read bags into the data that `identify` takes.
 
     Args:
         bags: Path of a bag, or of several of one machine, for one fit.
@@ -248,7 +248,7 @@ def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, 
 def _aligned(
     recording: Recording, machine: Machine, chosen: tuple[str, ...], quantities: Sequence[str]
 ) -> Dataset:
-    """Align all drives of the machine; only the chosen ones need what is compared.
+    """Align all drives of the machine; only the chosen ones need the quantities compared.
 
     Raises:
         IdentError: As `align`; MISSING_STREAM, BAD_VALUES or NO_DATA for what would cost minutes
@@ -303,7 +303,7 @@ def _starts_in_motion(dataset: Dataset, machine: Machine) -> bool:
 
 
 def _forgotten(dataset: Dataset) -> Dataset:
-    """Leave out the efforts in which what went on before is not forgotten yet."""
+    """Leave out the efforts that still depend on the motion before the log."""
     if dataset.effort is None:
         return dataset
     effort = dataset.effort.copy()

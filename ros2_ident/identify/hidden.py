@@ -23,18 +23,20 @@ from ros2_ident.threads import processors
 
 Mask = npt.NDArray[np.bool_]
 
-# What is predicted of a residual counts from this share of the noise on.
+# What is predicted of a residual counts from this share of the noise on. Practice cases of another
+# simulator, 2026-11-22; see `gap.rules`.
 MATERIAL = 0.45
-# Noise that is stated and noise that is found may differ by this factor.
-OTHER_NOISE = 1.5
-# Columns times rows of what is weighed, at most: a long log is thinned to whole blocks.
-_MOST = 20_000_000
-# A block is left out as a whole: so long, s, but a log has so many at least.
-_BLOCK, _BLOCKS = 1.0, 16
-# Samples further apart than so many usual steps do not follow one another.
+# Columns times rows of what is weighed at most, for memory, 160 MB: a long log is thinned to whole
+# blocks.
+MOST = 20_000_000
+# A block is left out as a whole: so long, s, longer than a motion's forces hang together. By hand.
+_BLOCK = 1.0
+# A log falls into so many blocks at least: their scatter is known to a sixth then, 1 / sqrt(2 16).
+BLOCKS = 16
+# Samples further apart than so many usual steps do not follow one another. By hand.
 _GAP = 3
 # Seconds at a log's start that are not compared: a machine that has stood still holds forces no
-# model knows.
+# model knows. By hand.
 SETTLE = 0.1
 
 
@@ -63,7 +65,7 @@ def settled(model: FullModel) -> Mask:
 
 
 def rows_of(models: Sequence[FullModel], most: int) -> Rows:
-    """Return what is weighed: all samples, or whole blocks spread evenly where they are too many.
+    """Return the samples weighed: all, or whole blocks spread evenly where they are too many.
 
     Args:
         models: One a recording.
@@ -72,7 +74,7 @@ def rows_of(models: Sequence[FullModel], most: int) -> Rows:
     masks = [settled(m) for m in models]
     total = sum(int(mask.sum()) for mask in masks)
     seconds = sum(m.shape[1] * model.cycle for m, model in zip(masks, models, strict=True))
-    length = min(_BLOCK, seconds / _BLOCKS)
+    length = min(_BLOCK, seconds / BLOCKS)
     every = max(1, -(-total // most))
     blocks: list[npt.NDArray[np.int64]] = []
     first = 0
@@ -122,7 +124,7 @@ def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
 
 
 def residuals_at(fitted: Layout, rows: Rows) -> Callable[[Array], Array]:
-    """Return what makes the residuals (S, R) of candidates (S, N) at the rows looked at."""
+    """Return the map from candidates (S, N) to their residuals (S, R) at the rows looked at."""
     seen = [m.restricted(mask) for m, mask in zip(fitted.models, rows.masks, strict=True)]
     return lambda theta: np.hstack([m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)])
 
@@ -148,7 +150,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Missing:
-    """Residual of a fit, its noise, and what its models may lack.
+    """Residual of a fit, its noise, and effects that its models may lack.
 
     Attributes:
         rows: The R samples that are looked at.
@@ -168,7 +170,7 @@ class Missing:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """Noise, what effects predict, the parameters' certainty; places are the outputs.
+        """Noise, effects' predictions, the parameters' certainty; places are the outputs.
 
         In the unit of the weighted residual.
         """
@@ -187,7 +189,7 @@ def missing_beside(
     threads: int | None = None,
     times: int = 1,
 ) -> Missing:
-    """Return what the models of a fit may lack.
+    """Return the effects that the models of a fit may lack.
 
     Args:
         fitted: The models.
@@ -202,7 +204,7 @@ def missing_beside(
         candidates = [at for at in first.extensions() if at not in first.effects]
     wide = [first.extended((*first.effects, at)) for at in candidates]
     tried = sum(len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
-    rows = rows_of(models, _MOST // (times * max(200, tried)))
+    rows = rows_of(models, MOST // (times * max(200, tried)))
     residual, slopes = slopes_of(fitted, theta, rows)
     basis = np.linalg.qr(slopes)[0]
     free = residual - basis @ (basis.T @ residual)

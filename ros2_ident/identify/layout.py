@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One vector of parameters for several recordings: what they share, and what each has alone."""
+"""One vector of parameters for several recordings: shared ones, and those of each alone."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -38,7 +38,7 @@ class Conditions:
         return bool(self.each or self.known)
 
     def plain(self) -> dict[str, object]:
-        """Return what differs, as plain data for files; nothing where nothing does."""
+        """Return the differences as plain data for files; nothing for none."""
         known = {label: dict(values) for label, values in self.known.items()}
         return {'each': list(self.each), 'differences': known} if self else {}
 
@@ -65,7 +65,7 @@ class Conditions:
 
 
 def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
-    """Read what is known to differ between recordings.
+    """Read the known differences between recordings.
 
     Args:
         each: Parameters with a value of their own for every recording.
@@ -230,7 +230,7 @@ def _more(
 def held_of(
     machine: Machine, free: Model, drives: Sequence[str], given: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return what is held in a model, by full name.
+    """Return the values held in a model, by full name.
 
     Args:
         machine: The machine.
@@ -263,7 +263,7 @@ def expanded(known: Sequence[str], given: Mapping[str, T], what: str) -> dict[st
 
 
 def check_overrides(fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse what is fixed or bounded to no number, or both.
+    """Refuse parameters fixed or bounded to no number, or both.
 
     Raises:
         IdentError: INVALID_GOAL, naming the parameter.

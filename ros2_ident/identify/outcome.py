@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From what a run found to the result: its outcome, its origin, and how certain each parameter is.
+"""From a fit to the result: its outcome, its origin, and how certain each parameter is.
 
 A parameter is identified where its 95 % interval, with what the model may lack, is narrower than
 its value and than half of its box; one that a machine can be without (friction, an offset, a
@@ -19,9 +19,9 @@ import numpy as np
 from ros2_ident import package_version
 from ros2_ident.arrays import Array
 from ros2_ident.gates import likewise
-from ros2_ident.gates.scale import figure
+from ros2_ident.gates.scale import figure, OTHER_NOISE
 from ros2_ident.identify.data import Data
-from ros2_ident.identify.hidden import MATERIAL, OTHER_NOISE
+from ros2_ident.identify.hidden import MATERIAL
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.result import (
     bound_of,
@@ -44,9 +44,10 @@ from ros2_ident.search.refine import StartOutcome
 # Of every parameter where refinements ended in different minima.
 ONE_OF_SEVERAL = 'of one of several minima that fit almost alike'
 # Minima lie apart by this part of the box in some parameter, and by so many half widths of its
-# interval: a parameter that the data do not determine makes none.
+# interval: a parameter that the data do not determine makes none. By hand.
 APART, BEYOND = 0.01, 3.0
-# One that leaves less than so many times the best one's mean square above the noise fits alike.
+# One that leaves less than so many times the best one's mean square above the noise fits alike. By
+# hand.
 ALIKE = 2.0
 
 
@@ -115,7 +116,7 @@ def assemble(
 def _gap(
     problem: Problem, left: tuple[DriveResidual, ...], evidence: Evidence | None
 ) -> tuple[str, ...]:
-    """Return what the residual says of the model and of the noise that is stated."""
+    """Return warnings of the residual: a model that lacks something, noise other than stated."""
     noise, machine = problem.noise, problem.models[0].machine
     told = machine is None or machine.stated('effort_noise')
     missing, noisy = dict[str, str](), dict[str, str]()
@@ -150,7 +151,7 @@ def _gap(
 
 
 def _of_outputs(said: Mapping[str, str]) -> tuple[str, ...]:
-    """Return what holds of outputs as one sentence: the first one's, with the others' names."""
+    """Return one sentence on several outputs: the first one's, with the others' names."""
     names = list(said)
     return tuple(f'{name}: {said[name]}{likewise(names[1:])}' for name in names[:1])
 
@@ -229,9 +230,9 @@ def _noise(residual: Array, series: Sequence[int]) -> float:
     return total / max(1, residual.size)
 
 
-# An interval wider than this part of the box says no more than the box does.
+# An interval wider than this part of the box says no more than the box does. By hand.
 MOST_OF_BOX = 0.5
-# Share of an output that does not matter.
+# Share of an output that does not matter. By hand.
 LITTLE = 0.01
 
 NOT_IDENTIFIABLE = 'not identifiable from this data'
@@ -249,7 +250,7 @@ CUT_SHORT = 'interval not computed: the run was cut short'
 
 
 def state_of(value: float, low: float, high: float, lower: float, upper: float) -> State:
-    """Return what is known of a value with an interval (low, high) in a box (lower, upper)."""
+    """Return the state of a value with an interval (low, high) in a box (lower, upper)."""
     if high - low <= min(abs(value), MOST_OF_BOX * (upper - lower)):
         return 'identified'
     return 'bounded' if bound_of(low, high, lower, upper, '') else 'not determined'

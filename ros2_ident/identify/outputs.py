@@ -18,7 +18,7 @@ Outputs = Mapping[str, float | None]
 
 
 def checked(outputs: Outputs | None, otherwise: Sequence[str] = ()) -> Outputs:
-    """Return what is compared, in the order of `QUANTITIES`; `otherwise` where None.
+    """Return the quantities compared, in the order of `QUANTITIES`; `otherwise` where None.
 
     Raises:
         IdentError: INVALID_GOAL naming what is wrong.
@@ -37,7 +37,7 @@ def checked(outputs: Outputs | None, otherwise: Sequence[str] = ()) -> Outputs:
 
 
 def read_outputs(texts: Sequence[str]) -> Outputs | None:
-    """Read what is compared from words as `effort` and `position=1e4`; None where there is none.
+    """Read quantities compared from words as `effort` and `position=1e4`; None for no word.
 
     Raises:
         IdentError: INVALID_GOAL where one is not understood.

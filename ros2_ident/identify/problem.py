@@ -111,7 +111,7 @@ class Problem(Layout):
 
     @cached_property
     def key(self) -> str:
-        """A digest of what the fit depends on: another one, another fit."""
+        """A digest of the fit's inputs: another one, another fit."""
         total = hashlib.sha256(sources().encode())
         total.update(repr((self.name, self.names, self.fixed, self.setup)).encode())
         total.update(np.concatenate([self.low, self.high]).tobytes())
@@ -123,14 +123,14 @@ class Problem(Layout):
         return total.hexdigest()
 
     def quality(self) -> Quality:
-        """Return what the data are like."""
+        """Return the quality of the data."""
         if self.setup is not None:
             return self.setup.data.quality(self.samples)
         seconds = sum(m.measured.shape[1] * m.cycle for m in self.models)
         return Quality(len(self.models), seconds, self.samples, {})
 
     def __reduce__(self) -> tuple[Callable[..., 'Problem'], tuple[object, ...]]:
-        """Pickle what the problem is made from; the models are made anew where it arrives."""
+        """Pickle machine and data; the models are made anew where they arrive."""
         if self.setup is None:
             labels, conditions, fixed, bounds = self._own
             again = partial(Problem, fixed=fixed, bounds=bounds)
@@ -201,7 +201,7 @@ class Problem(Layout):
     def parts(
         self, residual: Array, masks: Sequence[npt.NDArray[np.bool_]] | None = None
     ) -> Iterator[tuple[int, Array, Array]]:
-        """Yield outputs' numbers, what a residual leaves of each, and what was measured there.
+        """Yield outputs' numbers, the part of a residual that is theirs, and the measured values.
 
         Both in the output's own unit, model by model; arguments as for `left`.
         """
@@ -218,7 +218,7 @@ class Problem(Layout):
     def left(
         self, residual: Array, masks: Sequence[npt.NDArray[np.bool_]] | None = None
     ) -> tuple[DriveResidual, ...]:
-        """Return what a residual leaves of each output, in the output's own unit.
+        """Return the residual of each output, in the output's own unit.
 
         Args:
             residual: (R,) weighted.
@@ -301,7 +301,7 @@ class Setup:
         )
 
     def held_out(self) -> Problem | None:
-        """Make the problem of what is held out of a long log, None where nothing is."""
+        """Make the problem of the parts held out of a long log, None where there are none."""
         data = self.data.held_out() if self.data.held_out else None
         return self._on(data).problem() if data and data.datasets else None
 

@@ -37,7 +37,7 @@ from ros2_ident.search.noise import fast_noise
 # measured on a tripod of 6 s and axes of 6 and 25 s.
 INTERVALS_SHARE, INTERVALS_BESIDE = 1.5, 0.7
 
-# A log is left out in so many parts.
+# A log is left out in so many parts. By hand.
 PARTS = 4
 QUARTERS = 'each quarter of the log, predicted from the other three'
 REST = 'parts of the log that were not fitted on'
@@ -234,7 +234,7 @@ def _as_data(
 
 
 # A model that leaves this share of how an output varies, and far more than its noise, is not the
-# machine's.
+# machine's. By hand.
 LARGE = 0.3
 # What is said of every parameter then.
 NOTE = 'means nothing: the model does not fit the log'
@@ -357,7 +357,7 @@ def check_problem(problem: Problem, check: Data) -> Problem:
 
 
 def quarters(problem: Problem, weighed: Missing, theta: Array) -> Array:
-    """Return (R,) what the estimate from all other parts of the log leaves of each part.
+    """Return (R,) each part's residual at the estimate from all other parts of the log.
 
     That estimate is a Gauss-Newton step away from the one of the whole log; no fit is repeated.
 

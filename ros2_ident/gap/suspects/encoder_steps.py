@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps of an encoder in the loop, looked for in what the controllers miss of the log.
+"""Steps of an encoder in the loop, looked for in the controllers' error on the log.
 
 Whether an encoder is just below or just above its next step decides when a controller reacts, so
 no simulation repeats the course of the effort, however exact. But the error of a reading is a
@@ -9,6 +9,7 @@ should have, taken over the position in the log, has a line there and nowhere el
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 import scipy
@@ -17,26 +18,32 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import shown_by
 from ros2_ident.gap.recordings import Part, Split
 from ros2_ident.gates.scale import LATEST_EFFORT
-from ros2_ident.models import EffectAt, FullModel
-from ros2_ident.models.protocol import recorded_motion, RecordedMotion
+from ros2_ident.models import EffectAt
+from ros2_ident.models.protocol import recorded_motion
 
 # Steps over the way that are looked for: fewer may be what a gear or a motor repeats, and smaller
 # ones drown in the resolution of the log's own position. By hand.
 FEWEST, MOST = 200, 40_000
-# Power of a line, in units of its mean, that chance does not reach among all of them.
-CLEAR = 45.0
-# The same among the few lines of one period, so many to either side of it.
-_AGAIN, _NEAR = 15.0, np.arange(-2.0, 2.1, 0.5)
-# What is slower is no step, s.
+# A line's period is looked at again by its neighbours, so many periods over the way to either
+# side.
+_NEAR = np.arange(-2.0, 2.1, 0.5)
+# Power of a line of white noise, in units of its mean, that one in 100,000 logs reaches anywhere:
+# ln(lines / p), of two series at half periods (Fisher 1929, Proc. R. Soc. A 125). The density of
+# coloured noise may be twice its mean: by hand. At a period that is known few lines are looked at.
+CLEAR = 2.0 * math.log(4 * (MOST - FEWEST) / 1e-5)
+_AGAIN = math.log(2 * _NEAR.size / 1e-5)
+# What is slower is no step, s. By hand.
 _SLOW = 0.05
 # How much more than any other line's, so many lines away from its multiples, its power has to be.
+# By hand.
 _STANDS, _ASIDE = 2.5, 100
-# Share of its power in the line half as far on, from which on the clearest line is a second one.
+# Share of its power in the line half as far on, from which on the clearest line is a second one: a
+# saw-tooth's second line has a quarter of the first one's power.
 _HALVED = 0.25
 # The way falls into so many bins, 6.5 for each of the smallest steps.
 _BINS = 2**18
 # Cycles between the position that a controller read and the one logged beside its effort; what the
-# steps do to the nominal fit bends the delay that it finds.
+# steps do to the nominal fit bends the delay that it finds. A grid.
 _LAGS = np.arange(-2.5, 2.5, 0.25)
 
 
@@ -85,7 +92,7 @@ def find_encoder_steps(split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
 
 
 def made_by_steps(encoders: Sequence[EncoderSteps], split: Split, theta: Array) -> Array:
-    """Return (D,) what encoders' steps change of each drive's output, RMS in its unit.
+    """Return (D,) the change of each drive's output by encoders' steps, RMS in its unit.
 
     When a controller reacts to a step no simulation repeats; how much it reacts it does.
 
@@ -120,7 +127,7 @@ def _power_at(step: float, position: Array, velocity: Array, fast: Array) -> flo
 
 
 def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield position, velocity and what the controllers miss of the log, for each lag.
+    """Yield position, velocity and the controllers' error on the log, for each lag.
 
     Where the controllers cannot be replayed, for too few of their cycles are logged, the nominal
     fit's residual stands for what they miss: the machine hardly answers to steps.
@@ -134,7 +141,11 @@ def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array
     for number, model in enumerate(joint.models):
         drives = model.data.names if model.machine is None else model.machine.drives
         seen, own = part.seen[number] if part.seen else None, joint.own(number, theta)[0]
-        motion = seen or _logged(model, drives)
+        data = model.data
+        motion = seen
+        if seen is None and data.position is not None and data.effort is not None:
+            known = np.isfinite(data.position).any(axis=1).all()
+            motion = recorded_motion(data, drives) if known else None
         if motion is None:
             continue
         row = model.places.index(drive)
@@ -147,7 +158,7 @@ def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array
         else:
             made = model.replay_law(seen, own[None], wanted)[0]
         missed = model.measured[wanted] - made
-        count = model.data.cycles
+        count = data.cycles
         rate = there.size / (count * model.cycle)
         fast = missed - scipy.ndimage.uniform_filter1d(missed, max(3, int(_SLOW * rate)))
         logged = there - float(model.effort_delay(own)[row]) / model.cycle
@@ -155,15 +166,6 @@ def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array
         for lag in _LAGS:
             position, velocity = (np.interp(logged - lag, np.arange(count), x) for x in ways)
             yield position, velocity, fast
-
-
-def _logged(model: FullModel, drives: Sequence[str]) -> RecordedMotion | None:
-    """Return the motion as it was logged, None where a drive's is not."""
-    data = model.data
-    if data.position is None or data.effort is None:
-        return None
-    known = np.isfinite(data.position).any(axis=1).all()
-    return recorded_motion(data, drives) if known else None
 
 
 def _clearest(position: Array, velocity: Array, fast: Array) -> tuple[float, float, bool]:

@@ -18,18 +18,20 @@ from ros2_ident.gap.recordings import JointModel
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import TRIAL
 
-# Length of a bin, and the shortest time that a load stays or is away, s.
+# Length of a bin, and the shortest time that a load stays or is away, s. By hand: no gripper takes
+# up and puts down faster.
 _BIN, _SHORTEST = 0.04, 0.2
-# What a jump has to save of the missing mass's variance; what all jumps have to leave of it.
-_WORTH, _LEFT = 0.005, 0.8
-# Share of the whole jump that each drive has to show at the instants that the others tell.
-_ALIKE = 0.5
-# A drive counts from this share of what all tell of the mass.
-_TELLS = 0.05
+# Share of the missing mass's variance that a jump has to save. By hand: at Schwarz's price,
+# ln(n) / n of what is left, the shortest stays are lost.
+_WORTH = 0.005
+# Share of the whole jump that each drive has to show at the instants that the others tell, and its
+# share of what all tell of the mass from which on it counts. By hand.
+_ALIKE, _TELLS = 0.5, 0.05
+# Rounds at most of either search, which ends by itself after a few. By hand.
 _ROUNDS = 20
-# By how many bins a jump is moved to look for a better place.
+# By how many bins a jump is moved to look for a better place: halved steps.
 _SHIFTS = (-8, 8, -4, 4, -2, 2, -1, 1)
-# Quantiles of the bins' masses between which they are believed.
+# Quantiles of the bins' masses between which they are believed. By hand.
 _MIDDLE = (0.05, 0.95)
 
 
@@ -60,8 +62,9 @@ def find_pick_ups(joint: JointModel, theta: Array, floor: Array) -> tuple[Array,
     on = _jumps(told.sum(axis=1))
     if on is None or not _alike(told, on):
         return ()
+    # A load that comes and goes once is an effect of its own.
     parts = np.split(on, np.cumsum(counts)[:-1])
-    if max(_times(part) for part in parts) < 2:
+    if max(np.count_nonzero(part[1:] != part[:-1]) for part in parts) < 3:
         return ()
     levels = _levels(told.sum(axis=1), on)
     out = []
@@ -77,7 +80,7 @@ def _each(model: FullModel) -> int:
 
 
 def _cycles(bins: Array | npt.NDArray[np.bool_], model: FullModel) -> Array:
-    """Return what bins (B,) hold at each cycle (K,): nothing is taken up at once."""
+    """Return values of bins (B,) at each cycle (K,), interpolated: none is taken up at once."""
     middles = (np.arange(bins.size) + 0.5) * _each(model)
     out: Array = np.interp(np.arange(model.measured.shape[1]), middles, bins.astype(float))
     return out
@@ -154,6 +157,9 @@ def _jumps(told: Array) -> npt.NDArray[np.bool_] | None:
 
     Args:
         told: (2, B) information times mass, and information.
+
+    Reference:
+        Number of jumps: Yao (1988), Statistics & Probability Letters 6, by Schwarz's criterion.
     """
     if not told[1].any():
         return None
@@ -176,7 +182,10 @@ def _jumps(told: Array) -> npt.NDArray[np.bool_] | None:
         low, high = (float(np.average(mass[x], weights=weight[x])) for x in (~on, on))
     assert on is not None
     left = float((weight * (mass - np.where(on, high, low)) ** 2).sum())
-    return on if left < _LEFT * spread and _stays(on) else None
+    stays = np.diff(np.flatnonzero(np.concatenate([[True], on[1:] != on[:-1], [True]])))
+    # By Schwarz's criterion each instant is a number, and so is the second level.
+    pays = left < spread * mass.size ** (-stays.size / mass.size)
+    return on if pays and np.median(stays) * _BIN >= _SHORTEST else None
 
 
 def _cheapest(costs: Array, jump: float) -> npt.NDArray[np.bool_]:
@@ -193,18 +202,6 @@ def _cheapest(costs: Array, jump: float) -> npt.NDArray[np.bool_]:
     for k in range(count - 1, 0, -1):
         path[k - 1] = came[path[k], k]
     return path.astype(bool)
-
-
-def _times(on: npt.NDArray[np.bool_]) -> int:
-    """Return how often one of the two states comes and goes within a recording."""
-    jumps = int(np.count_nonzero(on[1:] != on[:-1]))
-    return (jumps + 1) // 2
-
-
-def _stays(on: npt.NDArray[np.bool_]) -> bool:
-    """Whether a load stays or is away for a time that a machine could make use of."""
-    lengths = np.diff(np.flatnonzero(np.concatenate([[True], on[1:] != on[:-1], [True]])))
-    return bool(np.median(lengths) * _BIN >= _SHORTEST)
 
 
 def _alike(told: Array, on: npt.NDArray[np.bool_]) -> bool:

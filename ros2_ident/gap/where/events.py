@@ -76,7 +76,7 @@ def _finding(
     events: tuple[Event, ...], share: float, size: float, noise: float, top: float,
     count: float, unit: str,
 ) -> Finding:  # fmt: skip
-    """Return what stands out on a drive, by its share and RMS, and its highest of `count`."""
+    """Return the finding of a drive's events, by share, RMS, and the highest of `count`."""
     chance = min(1.0, 2.0 * count * float(scipy.special.ndtr(-top)))
     return Finding(
         events[0].drive, 'instants', Region(), share, chance,

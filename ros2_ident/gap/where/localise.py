@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import scipy
 
 from ros2_ident.arrays import Above, Array, Below
-from ros2_ident.gap.bootstrap import averages, FEWEST
+from ros2_ident.gap.bootstrap import averages, length_of
 from ros2_ident.gap.coordinates import (
     Coordinate,
     coordinates,
@@ -28,25 +28,23 @@ from ros2_ident.gap.coordinates import (
 from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.gap.spectrum import find_peak, motion_band
 from ros2_ident.gates.asked import Event
-from ros2_ident.identify.hidden import SETTLE
+from ros2_ident.gates.scale import MOSTLY
+from ros2_ident.identify.hidden import BLOCKS
 from ros2_ident.search.noise import correlation_time
 
-# Sign changes thrown.
-_FLIPS = 3999
-# False findings among the findings, in the mean.
+# False findings among the findings, in the mean: the convention.
 LEVEL = 0.05
-# What explains less than this, as RMS over the floor, is of no matter, however certain.
+# Sign changes thrown: the least chance they can tell, one in so many, is below the level over all
+# coordinates of seven drives, 200.
+_FLIPS = 3999
+# What explains less than this, as RMS over the floor, is of no matter, however certain. By hand.
 LEAST = 0.2
-# A coordinate with this share leads: what it leaves is taken for the noise.
+# A coordinate with this share leads: what it leaves is taken for the noise. By hand.
 _LEADING = 0.4
-# A block is so many times as long as the residual's memory.
-_TIMES = 12.0
-# The regions that hold this share of what is explained are named.
+# The regions that hold this share of what is explained are named. By hand.
 _MOST = 0.75
-# Phases that hold this share of it, and so many times their share of the time, are named.
+# Phases that hold this share of it, and so many times their share of the time, are named. By hand.
 _MAINLY, _DENSER = 0.5, 1.5
-# A region wider than this share of the coordinate is all of it.
-_WIDE = 0.8
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ def coarse_of(row: Array, cycle: float, noise: float) -> Coarse | None:
     """
     stride, mean, weight = averages(row, cycle)
     keep = weight > 0.0
-    if keep.sum() < 10 * FEWEST:
+    if keep.sum() < 10 * BLOCKS:
         return None
     mean, weight = mean[keep], weight[keep]
     at = (np.flatnonzero(keep) * stride + stride // 2).astype(np.int64)
@@ -104,8 +102,7 @@ def blocks_of(
     """
     stride = float(np.median(np.diff(at)))
     memory = correlation_time(mean)
-    length = max(SETTLE / cycle, _TIMES * memory * stride)
-    length = max(1.0, min(length, size / FEWEST))
+    length = length_of(memory, stride, size, cycle)
     block = np.unique((at // length).astype(np.int64), return_inverse=True)[1]
     # What neighbouring blocks have in common is lost with the coin: their part of the variance.
     return block, 1.0 / (1.0 - min(0.5 * (memory - 1.0) * stride / length, 1.0 / 3.0))
@@ -402,7 +399,8 @@ def _narrowest(coordinate: Coordinate, power: Array) -> Region:
             last = first + int(enough[0])
             best = min(best, (last - first, -(total[last + 1] - total[first]), first, last))
     first, last = best[2:]
-    if last - first + 1 > _WIDE * size:
+    # A region as wide as most of the coordinate is all of it.
+    if last - first + 1 > MOSTLY * size:
         return Region()
     low = coordinate.place[first, 0] if first else -math.inf
     high = coordinate.place[last, 1] if first == 0 or last < size - 1 else math.inf
