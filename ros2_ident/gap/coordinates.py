@@ -77,7 +77,7 @@ class Coordinate:
         parity: `odd` where the columns change sign with the direction of motion.
         unit: Unit of `place`.
         columns: (T, B) columns, each nonzero in its own region.
-        place: (B, 2) ends of each column's region, NaN where it has none.
+        place: (B, 2) ends of each column's region; (0, 2) where they have none.
         labels: Names of the regions where they are no numbers.
         pick: Size of a group of columns where only the best group counts; None where all do.
     """
@@ -114,13 +114,9 @@ def motion_of(model: FullModel, theta: Array) -> Motion:
         cutoff = min(allowed_cutoff(source[rows], data.cycle, SEEN), 0.1 / data.cycle)
         grid = np.arange(torque.shape[1])
         delays = model.effort_delay(theta) / data.cycle
+        then = np.maximum(grid - delays[:, None], 0.0)
         position, velocity, acceleration = (
-            np.stack(
-                [
-                    np.interp(np.maximum(grid - delay, 0.0), grid, row)
-                    for row, delay in zip(part, delays, strict=True)
-                ]
-            )
+            np.stack([np.interp(at, grid, row) for at, row in zip(then, part, strict=True)])
             for part in smooth_motion(source[rows], data.cycle, cutoff)
         )
         load = torque - model.motor_effort(theta, velocity, acceleration)
@@ -325,8 +321,7 @@ def _graded(values: Array) -> Array:
 def _linear(name: str, labels: tuple[str, ...], rows: Sequence[Array]) -> Coordinate:
     """Return columns that the residual may be proportional to."""
     columns = np.stack(rows, axis=1)
-    columns = columns - columns.mean(axis=0)
-    return Coordinate(name, '', '', columns, np.full((len(labels), 2), np.nan), labels)
+    return Coordinate(name, '', '', columns - columns.mean(axis=0), np.empty((0, 2)), labels)
 
 
 def _named(name: str, index: NDArray[np.int64], heading: Array) -> Coordinate:
@@ -336,9 +331,7 @@ def _named(name: str, index: NDArray[np.int64], heading: Array) -> Coordinate:
     columns = [(index == i).astype(float) for i in there]
     columns += [(index == i) * heading for i in moving]
     labels = tuple(PHASES[i] for i in (*there, *moving))
-    return Coordinate(
-        name, '', '', np.stack(columns, axis=1), np.full((len(labels), 2), np.nan), labels
-    )
+    return Coordinate(name, '', '', np.stack(columns, axis=1), np.empty((0, 2)), labels)
 
 
 def _binned(

@@ -27,13 +27,7 @@ from ros2_ident.gap.selection import Selector
 from ros2_ident.gap.suspects.constants import factors_of_all_drives, fitted_constants
 from ros2_ident.gap.suspects.encoder_steps import EncoderSteps, find_encoder_steps, made_by_steps
 from ros2_ident.gap.suspects.payload import find_pick_ups
-from ros2_ident.gap.verdict import (
-    judge,
-    REFUSED,
-    UNKNOWN,
-    Verdict,
-    WRONG_MODEL,
-)
+from ros2_ident.gap.verdict import judge, REFUSED, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gap.where.events import bursts, not_asked
 from ros2_ident.gap.where.localise import Finding, localise
 from ros2_ident.gates import GateReport

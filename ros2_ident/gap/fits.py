@@ -250,20 +250,20 @@ class Trials:
         changes = (residual[None] - values).T
         free = residual - basis @ (basis.T @ residual)
         nonlinear = any(p.role == 'size' and p.starts for p in parameters)
+        enlarge = 1.0 if nonlinear else LARGE / TRIAL
         samples = len(outputs) / (1 if candidate.where == 'all' else len(model.places))
         starts = []
-        at = 0
-        for group in groups:
-            columns = changes[:, at : at + len(group)]
-            vectors = points[at : at + len(group)]
-            at += len(group)
+        ends = np.cumsum([len(group) for group in groups])[:-1]
+        for columns, vectors in zip(
+            np.split(changes, ends, axis=1), np.split(points, ends), strict=True
+        ):
             if not np.isfinite(columns).all():
                 continue
             rest = columns - basis @ (basis.T @ columns)
             if not (rest**2).sum() > 1e-9:
                 continue
             factor = np.linalg.lstsq(rest, free, rcond=1e-9)[0]
-            if len(group) == 1 and nonlinear:
+            if len(vectors) == 1 and nonlinear:
                 # A trial far from neutral stands for itself; the straight line through it is no
                 # guide far away.
                 factor = np.clip(factor, 0.02, 3.0)
@@ -280,16 +280,10 @@ class Trials:
             there = self._within(basis.T @ (residual - columns @ factor))
             left = columns[: len(outputs)]
             left = left - outputs @ (outputs.T @ left)
-            enlarge = 1.0 if nonlinear else LARGE / TRIAL
-            starts.append(
-                Start(
-                    (candidate,),
-                    low + there * (high - low),
-                    np.where(size, clipped, phi),
-                    gain,
-                    enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples)),
-                )
-            )
+            visible = enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples))
+            moved_along = low + there * (high - low)
+            own = np.where(size, clipped, phi)
+            starts.append(Start((candidate,), moved_along, own, gain, visible))
         return sorted(starts, key=lambda s: -s.gain)
 
     def _within(self, left: Array) -> Array:

@@ -8,6 +8,7 @@ left or nothing gains.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -144,18 +145,12 @@ class Fitter:
         """Go on at another noise floor; return the fits so far in units of it."""
         old = self.fits
         self.fits = Fits(self.split, floor, self.stopped, old.missed, certain)
-
-        def again(e: Hypothesis) -> Hypothesis:
-            return self.fits.restated(e, old)
-
-        return [again(e) for e in chain], [
-            replace(
-                r,
-                base=again(r.base),
-                fitted=tuple(sorted(map(again, r.fitted), key=lambda e: e.loss)),
-            )
-            for r in rounds
-        ]
+        again = partial(self.fits.restated, old=old)
+        renewed = []
+        for r in rounds:
+            fitted = sorted(map(again, r.fitted), key=lambda e: e.loss)
+            renewed.append(replace(r, base=again(r.base), fitted=tuple(fitted)))
+        return [again(e) for e in chain], renewed
 
     def limited(
         self, candidates: Sequence[EffectAt], settings: FitSettings, seed: int
@@ -302,12 +297,8 @@ class Fitter:
                 if e is not None:
                     done[e.effects] = e
                     self.on_step(0.9, f'refining {_named(e.effects[len(own) :])}')
-        fitted = [done.get(e.effects, e) for e in best]
-        return Round(
-            base,
-            visibility(screened),
-            tuple(sorted(fitted, key=lambda e: e.loss)),
-        )
+        fitted = sorted((done.get(e.effects, e) for e in best), key=lambda e: e.loss)
+        return Round(base, visibility(screened), tuple(fitted))
 
     def _alike(self, base: Hypothesis, screened: dict[EffectAt, list[Start]]) -> list[Start]:
         """Return effects on all drives where each promises to count, if together they lead.
@@ -322,19 +313,16 @@ class Fitter:
         alone = max((s[0].gain for s in screened.values()), default=0.0)
         out = []
         for parts in by_name.values():
-            gain = sum(s.gain for s in parts)
-            if len(parts) > 1 and gain > alone:
-                parts.sort(key=lambda s: s.gain)
-                theta = base.theta + sum(s.theta - base.theta for s in parts)
-                out.append(
-                    Start(
-                        tuple(at for s in parts for at in s.effects),
-                        theta,
-                        np.concatenate([s.phi for s in parts]),
-                        gain,
-                        max(s.visible for s in parts),
-                    )
-                )
+            parts.sort(key=lambda s: s.gain)
+            together = Start(
+                effects=tuple(at for s in parts for at in s.effects),
+                theta=base.theta + sum(s.theta - base.theta for s in parts),
+                phi=np.concatenate([s.phi for s in parts]),
+                gain=sum(s.gain for s in parts),
+                visible=max(s.visible for s in parts),
+            )
+            if len(parts) > 1 and together.gain > alone:
+                out.append(together)
         return sorted(out, key=lambda s: -s.gain)
 
     def _promising(self, screened: dict[EffectAt, list[Start]]) -> list[Start]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
 from ros2_ident.arrays import Array, NORMAL
@@ -37,7 +38,7 @@ _CLIP = 2.0
 # Noise is slow whose samples hang together so that their own past leaves only this part of them
 # open. Beyond so many times what is stated it is something that moves; where none is stated, from
 # the last on. By hand.
-OPEN, _BEYOND, _SLOWEST = 0.5, 4.0, 0.05
+_OPEN, _BEYOND, _SLOWEST = 0.5, 4.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -65,20 +66,15 @@ class Floor:
         """Root mean square over the drives, in the unit of the residual."""
         return float(np.sqrt(np.mean(self.per_drive**2)))
 
-    def restless(self, drives: Sequence[str], stated: float) -> dict[str, float]:
-        """Return drives whose floor is too large and too slow to be noise, and their floors.
+    def restless(self, stated: float) -> npt.NDArray[np.bool_]:
+        """Return (D,) whether a floor is too large and too slow to be noise.
 
         Args:
-            drives: (D,) their names.
             stated: Noise stated, in the unit of the residual; 0 for none.
         """
-        least = _BEYOND * stated
-        open_part = OPEN if stated else _SLOWEST
-        return {
-            name: float(value)
-            for name, value, model in zip(drives, self.per_drive, self.noise, strict=True)
-            if value > least and model.innovation < open_part**2 * model.variance
-        }
+        least = (_OPEN if stated else _SLOWEST) ** 2
+        slow = [model.innovation < least * model.variance for model in self.noise]
+        return (self.per_drive > _BEYOND * stated) & slow
 
     def draw(self, count: int, generator: np.random.Generator) -> Array:
         """Return (count, D) floors as uncertain as the estimate, for a bootstrap."""

@@ -192,15 +192,11 @@ class Part:
 
     def rows(self, values: Array) -> Array:
         """Return a residual as (D, K), recordings side by side, NaN where nothing is compared."""
-        parts = []
-        at = 0
-        for mask in self.masks:
-            out = np.full(mask.shape, np.nan)
-            count = int(mask.sum())
-            out[mask] = values[at : at + count]
-            at += count
-            parts.append(out)
-        return np.concatenate(parts, axis=1)
+        out = [np.full(mask.shape, np.nan) for mask in self.masks]
+        ends = np.cumsum([mask.sum() for mask in self.masks])
+        for row, mask, own in zip(out, self.masks, np.split(values, ends[:-1]), strict=True):
+            row[mask] = own
+        return np.concatenate(out, axis=1)
 
     def measured(self, drive: int) -> list[Array]:
         """Return a drive's measured output where it is compared, by recording."""
@@ -210,8 +206,7 @@ class Part:
     @property
     def starts(self) -> tuple[int, ...]:
         """Columns of `rows` at which a recording begins, besides the first."""
-        widths = np.cumsum([mask.shape[1] for mask in self.masks])
-        return tuple(int(w) for w in widths[:-1])
+        return tuple(np.cumsum([mask.shape[1] for mask in self.masks])[:-1].tolist())
 
 
 def _drives_of(masks: Sequence[Mask]) -> npt.NDArray[np.int64]:
@@ -323,15 +318,6 @@ class Split:
             conditions,
         )
 
-    def candidates(self, without: Sequence[str] = (), known: Sequence[str] = ()) -> list[EffectAt]:
-        """Return every effect at every place it can sit in this machine.
-
-        Args:
-            without: Effects to leave out.
-            known: Ids to choose from; all by default.
-        """
-        return [
-            at
-            for at in self.fit.models[0].extensions()
-            if at.effect not in without and (not known or at.effect in known)
-        ]
+    def candidates(self, without: Sequence[str] = ()) -> list[EffectAt]:
+        """Return every effect, but for those left out, at every place it can sit."""
+        return [at for at in self.fit.models[0].extensions() if at.effect not in without]

@@ -192,7 +192,9 @@ class Selector(Fitter):
         if model.thinned:
             return {}
         stated = model.machine is None or model.machine.stated('effort_noise')
-        return self.floor.restless(self.split.drives, model.noise if stated else 0.0)
+        slow = self.floor.restless(model.noise if stated else 0.0)
+        every = zip(self.split.drives, self.floor.per_drive.tolist(), slow, strict=True)
+        return {name: value for name, value, restless in every if restless}
 
     def counts(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether a step is material, and would be at the lower end of its 95 % interval.

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From recordings to segments on the controller's grid, checked before anything is searched."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -65,12 +66,11 @@ class Data:
 
     def quality(self, samples: int) -> Quality:
         """Return a summary; `samples` is the number of efforts compared."""
-        came: dict[str, int] = {}
-        lost: dict[str, int] = {}
+        came, lost = Counter[str](), Counter[str]()
         for dataset in self.datasets:
             for role, stream in dataset.streams.items():
-                came[role] = came.get(role, 0) + stream.samples
-                lost[role] = lost.get(role, 0) + stream.missing
+                came[role] += stream.samples
+                lost[role] += stream.missing
         said = [w for d in self.datasets for w in d.warnings]
         return Quality(
             segments=len(self.datasets),
@@ -170,9 +170,7 @@ def gather(
         labels = tuple(labels[n] for n, _, _ in windows.fit)
     first: IdentError | None = None
     for number, (recording, label) in enumerate(zip(recordings, labels, strict=True), 1):
-        place = f'segment {number} of {len(recordings)}'
-        if label:
-            place = f'{label}, {place}'
+        place = ', '.join(filter(None, [label, f'segment {number} of {len(recordings)}']))
         try:
             dataset = aligned(recording)
             if dataset.duration < SHORTEST:

@@ -17,14 +17,7 @@ import scipy
 
 from ros2_ident.arrays import Above, Array, Below
 from ros2_ident.gap.bootstrap import averages, length_of
-from ros2_ident.gap.coordinates import (
-    Coordinate,
-    coordinates,
-    Motion,
-    Parity,
-    PHASES,
-    phases,
-)
+from ros2_ident.gap.coordinates import Coordinate, coordinates, Motion, Parity, PHASES, phases
 from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.gap.spectrum import find_peak, motion_band
 from ros2_ident.gates.asked import Event
@@ -279,7 +272,7 @@ def _drive(
     generator: np.random.Generator,
 ) -> list[Finding]:
     root = np.sqrt(coarse.weight)
-    offset = Coordinate('offset', 'even', '', np.ones((root.size, 1)), np.full((1, 2), np.nan))
+    offset = Coordinate('offset', 'even', '', np.ones((root.size, 1)), np.empty((0, 2)))
     one = root[:, None] / np.linalg.norm(root)
     centred = coarse.value - one[:, 0] * float(one[:, 0] @ coarse.value)
     every = [offset, *coordinates(motion, d, coarse.at)]
@@ -352,7 +345,6 @@ def region_of(coordinate: Coordinate, fitted: Array, weight: Array, noise: float
         return Region(order, order, coordinate.unit)
     if coordinate.name in ('offset', 'recent acceleration'):
         return Region()
-    sides = np.sign(coordinate.columns)
     inside = np.abs(coordinate.columns) > 0.0
     if coordinate.labels and coordinate.name != 'phase':
         size = np.abs((coordinate.columns / coordinate.columns.std(axis=0)).T @ fitted)
@@ -363,12 +355,8 @@ def region_of(coordinate: Coordinate, fitted: Array, weight: Array, noise: float
         most = np.cumsum([held[name] for name in names]) >= _MOST * sum(held.values())
         return Region(labels=tuple(names[: 1 + int(np.argmax(most))]))
     counts = np.array([float(weight[c].sum()) for c in inside.T])
-    means = np.array(
-        [
-            float(np.average((fitted * s)[c], weights=weight[c]))
-            for s, c in zip(sides.T, inside.T, strict=True)
-        ]
-    )
+    pairs = zip(np.sign(coordinate.columns).T, inside.T, strict=True)
+    means = np.array([float(np.average((fitted * s)[c], weights=weight[c])) for s, c in pairs])
     power = np.maximum(counts * means**2 - noise**2, 0.0)
     return _narrowest(coordinate, power)
 
