@@ -209,6 +209,7 @@ class BlockBootstrap:
             Efron (1987), Journal of the American Statistical Association 82.
         """
         drawn = drawn[np.isfinite(drawn)]
+        # Guards by hand: resamples that tell an end, shares of them that tell a bias, and a bend.
         if not math.isfinite(value) or drawn.size < 20:
             return Interval(value, math.nan, math.nan)
         below = (np.sum(drawn < value) + 0.5 * np.sum(drawn == value)) / drawn.size

@@ -183,6 +183,9 @@ def _top(values: Array) -> float:
 def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate]:
     """Return the coordinates of one drive at some cycles.
 
+    How many bins each has, and how far back an acceleration may act, is set by hand: few enough
+    that a log of seconds fills them.
+
     Args:
         motion: What the drives did.
         drive: Number of the drive.

@@ -21,6 +21,8 @@ from ros2_ident.search.least_squares import least_squares, Point, within_box
 
 # What explains less than this share of what the best does is not followed. By hand.
 PROMISING = 0.5
+# Iterations of a fit, at most: it ends by itself in fewer. By hand.
+ITERATIONS = 40
 # Shares of the way to a screened start, which lies where straight lines lead. A grid.
 _WAY = np.array([1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02])
 
@@ -155,7 +157,9 @@ class Fits:
 
         return both if law_weight.size else outputs
 
-    def refit(self, effects: Sequence[EffectAt], theta: Array, iterations: int = 40) -> Hypothesis:
+    def refit(
+        self, effects: Sequence[EffectAt], theta: Array, iterations: int = ITERATIONS
+    ) -> Hypothesis:
         """Fit a set of effects jointly from a start (N,)."""
         joint = self.split.fit.with_effects(effects)
         found = least_squares(
@@ -265,7 +269,7 @@ class Trials:
             factor = np.linalg.lstsq(rest, free, rcond=1e-9)[0]
             if len(vectors) == 1 and nonlinear:
                 # A trial far from neutral stands for itself; the straight line through it is no
-                # guide far away.
+                # guide far away: by hand, beyond three times or a fiftieth.
                 factor = np.clip(factor, 0.02, 3.0)
             phi = vectors[0].copy()
             phi[size] = neutral[size]
@@ -334,11 +338,8 @@ class Trials:
     def _better(self, effects: tuple[EffectAt, ...], theta: Array, phi: Array) -> Array:
         """Return the best point on the way from the base to a screened start."""
         base, joint = self.base, self.fits.split.fit.with_effects(effects)
-        neutral, new = phi.copy(), effects[len(base.effects) :]
-        for i, p in enumerate(p for at in new for p in joint.models[0].scaled(at)):
-            if p.role == 'size':
-                neutral[i] = p.neutral
-        begin, end = np.concatenate([base.theta, neutral]), np.concatenate([theta, phi])
+        begin, end = (np.concatenate([x, phi]) for x in (base.theta, theta))
+        begin = joint.without(begin, effects[len(base.effects) :])
         points = np.clip(begin + _WAY[:, None] * (end - begin), joint.low, joint.high)
         best: Array = points[int(np.argmin(mean_squares(self.fits.evaluate(joint)(points))))]
         return best

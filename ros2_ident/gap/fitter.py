@@ -17,7 +17,7 @@ import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.fits import Fits, PROMISING, Start, Trials
+from ros2_ident.gap.fits import Fits, ITERATIONS, PROMISING, Start, Trials
 from ros2_ident.gap.hypothesis import Hypothesis, Round
 from ros2_ident.gap.recordings import Split
 from ros2_ident.identify.hidden import MATERIAL, MOST, residuals_at, rows_of, slopes_of
@@ -32,11 +32,9 @@ from ros2_ident.search.noise import fit_noise, Whitening
 # Joint fits of one round: at most, and at least whatever the screen says of them. By hand.
 _FITS = 12
 _LEAST = 4
-# Every start of a round gets so many iterations; what is far behind then gets no more. By hand.
+# Every start of a round that the screen chose gets so many iterations; what is far behind then
+# gets no more. By hand.
 _HEAT = 4
-# What the log itself shows starts far from a fit that it bent, and gets more; so do the best. By
-# hand.
-_SHOWN, _WHOLE = 16, 40
 # Samples of a mean that noise hardly lifts: to a third.
 _MEAN = 9
 # Shares of the highest effort that a drive would make without a limit, to start looking below. A
@@ -283,7 +281,9 @@ class Fitter:
             tasks: list[tuple[Any, ...]] = [
                 ((*own, *start.effects), _HEAT, start.theta, start.phi) for start in promising
             ]
-            tasks += [((*own, at), _SHOWN, x) for at, x in self._shown(base, candidates)]
+            # One that the log shows starts far from a fit that it bent.
+            shown = self._shown(base, candidates)
+            tasks += [((*own, at), ITERATIONS, x) for at, x in shown]
             for number, e in enumerate(self._run(run, key, tasks), 1):
                 # Of several minima the one that the part held out bears, too.
                 if e and e.loss < (leaders[e.effects].loss if e.effects in leaders else np.inf):
@@ -293,7 +293,7 @@ class Fitter:
             best = [*leaders.values()]
             most = max((base.cost - e.cost for e in best), default=0.0)
             ahead = [e for e in best if base.cost - e.cost >= PROMISING * most]
-            for e in self._run(run, key, [(e.effects, _WHOLE, e.theta) for e in ahead]):
+            for e in self._run(run, key, [(e.effects, ITERATIONS, e.theta) for e in ahead]):
                 if e is not None:
                     done[e.effects] = e
                     self.on_step(0.9, f'refining {_named(e.effects[len(own) :])}')
@@ -326,7 +326,10 @@ class Fitter:
         return sorted(out, key=lambda s: -s.gain)
 
     def _promising(self, screened: dict[EffectAt, list[Start]]) -> list[Start]:
-        """Return the starts worth a joint fit: best candidates, relatives, second starts."""
+        """Return the starts worth a joint fit: best candidates, relatives, second starts.
+
+        A tenth of the best one's gain, two leaders and the second starts of three: by hand.
+        """
         order = sorted(screened, key=lambda c: -screened[c][0].gain)
         worth = 0.1 * screened[order[0]][0].gain if order else 0.0
         chosen = [
@@ -344,7 +347,8 @@ class Fitter:
         starts = []
         for rank, c in enumerate(chosen):
             several = screened[c][: 3 if rank < 3 else 1]
-            starts += [s for s in several if s.gain > 0.5 * several[0].gain or s is several[0]]
+            least = PROMISING * several[0].gain
+            starts += [s for s in several if s.gain > least or s is several[0]]
         return starts
 
 

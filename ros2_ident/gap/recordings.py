@@ -14,7 +14,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.identify.data import chosen_drives
-from ros2_ident.identify.hidden import settled
+from ros2_ident.identify.hidden import BLOCK, SETTLE, settled
 from ros2_ident.identify.layout import Conditions, held_of, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
@@ -104,6 +104,15 @@ class JointModel(Layout):
         models = [m.extended(self.effects) for m in part.models]
         super().__init__(models, part.labels, part.conditions)
         self._part = part
+
+    def without(self, theta: Array, effects: Sequence[EffectAt]) -> Array:
+        """Return (N,) parameters at which some of the effects vanish: their sizes neutral."""
+        own = [(at, p) for at in self.effects for p in self.models[0].scaled(at)]
+        out = theta.copy()
+        for column, (at, p) in enumerate(own, len(theta) - len(own)):
+            if at in effects and p.role == 'size':
+                out[column] = p.neutral
+        return out
 
     def residual(self, theta: Array) -> Array:
         """Return (S, R) measured less simulated output of (S, N) candidates."""
@@ -255,7 +264,7 @@ class Split:
             for model, mask in zip(fit.models, masks, strict=True):
                 # The simulation runs through; only the comparison is split, with a gap between.
                 time = np.arange(mask.shape[1]) * model.cycle
-                inside, second = mask & (time % 1.0 < 0.9), np.floor(time) % 2 == 1
+                inside, second = mask & (time % BLOCK < BLOCK - SETTLE), time // BLOCK % 2 == 1
                 even.append(inside & ~second)
                 odd.append(inside & second)
             self.fit = part(fit, even)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.effects import get_effect
-from ros2_ident.gap.fits import Fits
+from ros2_ident.gap.fits import Fits, PROMISING
 from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
 from ros2_ident.gap.noise_floor import Floor, predictability
@@ -172,10 +172,7 @@ class Selector(Fitter):
     def own(self, e: Hypothesis, index: int) -> float:
         """Return the share, RMS, of an effect's change that nothing else imitates."""
         joint, columns = self.split.fit.with_effects(e.effects), e.columns(index)
-        without = e.theta.copy()
-        for column, p in zip(columns, joint.models[0].scaled(e.effects[index]), strict=True):
-            if p.role == 'size':
-                without[column] = p.neutral
+        without = joint.without(e.theta, [e.effects[index]])
         two = self.fits.evaluate(joint)(np.stack([without, e.theta]))
         change = two[0] - two[1]
         basis = np.linalg.qr(np.delete(e.jacobian, columns, axis=1))[0]
@@ -244,12 +241,12 @@ class Selector(Fitter):
             at: The effect.
             least: Loss that it has to take away at least.
         """
-        model, sizes = self.split.fit.models[0], dict[EffectAt, float]()
-        for index, other in enumerate(e.effects):
-            if other.effect == at.effect:
-                pairs = zip(e.columns(index), model.scaled(other), strict=True)
-                parts = [e.theta[c] - p.neutral for c, p in pairs if p.role == 'size']
-                sizes[other] = math.hypot(*parts)
+        joint = self.split.fit.with_effects(e.effects)
+        sizes = {
+            other: float(np.linalg.norm(e.theta - joint.without(e.theta, [other])))
+            for other in e.effects
+            if other.effect == at.effect
+        }
         own = sizes.pop(at)
         if not any(near(own / (x or math.inf), ANOTHER) for x in sizes.values()):
             return False
@@ -353,7 +350,7 @@ class Selector(Fitter):
         return [
             (other, e)
             for other, e in source.alone.items()
-            if other not in final.effects and source.base.loss - e.loss > 0.5 * closes
+            if other not in final.effects and source.base.loss - e.loss > PROMISING * closes
         ]
 
     def swapped(

@@ -92,6 +92,7 @@ def find_peak(row: Array, cycle: float, noise: float, low: float) -> Peak | None
     freedom = 2.0 * segments / (1.0 + 2.0 / 36.0)
     top = int(np.argmax(ratio))
     p_value = float(min(1.0, inside.size * scipy.special.chdtrc(freedom, ratio[top] * freedom)))
+    # Down to a quarter of its height, half its amplitude.
     high = ratio > max(1.0, 0.25 * ratio[top])
     high[top] = True
     bands = scipy.ndimage.label(high)[0]
@@ -147,6 +148,7 @@ def _beside(power: Array, frequency: Array, at: float) -> float:
     """Return the higher of the median densities below and above a frequency, at least 1.
 
     A peak stands above both of its sides; a slope, as coloured noise has, only above one.
+    The sides are 0.4 to 1.2 octaves away: by hand.
     """
     medians = [1.0]
     for low, high in ((0.4, 0.75), (1.35, 2.2)):

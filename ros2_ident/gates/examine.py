@@ -71,16 +71,14 @@ def examine(
         for gate in report.gates:
             if gate.drive in limited and gate.gate in ('law', 'law_noise', 'offset'):
                 continue
-            if gate.gate in ('missing', 'jitter'):
+            if gate.gate == 'not_asked' and len(reports) > 1:
+                gate = replace(gate, sentence=f'recording {number}: {gate.sentence}')
+            if gate.gate in ('missing', 'jitter', 'not_asked'):
                 streams.append(gate)
                 continue
-            if gate.gate == 'not_asked':
-                place = f'recording {number}: ' if len(reports) > 1 else ''
-                streams.append(replace(gate, sentence=place + gate.sentence))
-                continue
-            other = gates.setdefault((gate.gate, gate.drive), gate)
-            if LEVELS.index(gate.level) < LEVELS.index(other.level):
-                gates[gate.gate, gate.drive] = gate
+            key = gate.gate, gate.drive
+            worst = min(gates.get(key, gate), gate, key=lambda g: LEVELS.index(g.level))
+            gates[key] = worst
     laws = {law.drive: law for report in reversed(reports) for law in report.laws}
     asked = tuple(report.asked[0] if report.asked else () for report in reports)
     return GateReport((*streams, *gates.values()), tuple(laws.values()), asked)
@@ -211,6 +209,7 @@ def check_streams(data: Dataset) -> list[Gate]:
             )
         found.append(Gate('missing', '', level, share, '1', text))
         period = 1.0 / stream.rate if stream.rate else math.inf
+        # A share of its period, by hand.
         loose = stream.jitter > 0.15 * period
         text = f'{name}: stamps scatter by {1e3 * stream.jitter:.2g} ms about the grid'
         if loose and not stream.stride:

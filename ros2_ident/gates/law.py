@@ -150,7 +150,8 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
     noise = math.hypot(machine.effort_noise, law.steps)
     if law.left <= scale.OTHER_NOISE * noise or inside.sum() < scale.FEWEST:
         return law
-    # A loop follows late by at most about the time of its gain.
+    # A loop follows late by at most about the time of its gain, 0.1 s where that is not known. The
+    # grids are by hand.
     gain = sane(machine.number('position_gain', drive))
     reach = min(1.5 / gain, 0.1) if gain > 0.0 else 0.1
     coarse = np.arange(tracked - reach - LATEST_COMMAND, tracked + 7e-3, 2e-3)
@@ -212,7 +213,8 @@ def _law_at(
 def _limit(asked: Array, effort: Array) -> float:
     """Return the size beyond which an effort does not go, infinite where none shows.
 
-    There the effort hardly depends on what the law asks for; with a wrong gain it would.
+    There the effort hardly depends on what the law asks for; with a wrong gain it would. A limit
+    lies in the upper part of what is logged: 0.4 of the highest is by hand.
 
     Args:
         asked: (R,) what the stated law asks for, but for a constant.

@@ -30,7 +30,7 @@ MATERIAL = 0.45
 # blocks.
 MOST = 20_000_000
 # A block is left out as a whole: so long, s, longer than a motion's forces hang together. By hand.
-_BLOCK = 1.0
+BLOCK = 1.0
 # A log falls into so many blocks at least: their scatter is known to a sixth then, 1 / sqrt(2 16).
 BLOCKS = 16
 # Samples further apart than so many usual steps do not follow one another. By hand.
@@ -74,7 +74,7 @@ def rows_of(models: Sequence[FullModel], most: int) -> Rows:
     masks = [settled(m) for m in models]
     total = sum(int(mask.sum()) for mask in masks)
     seconds = sum(m.shape[1] * model.cycle for m, model in zip(masks, models, strict=True))
-    length = min(_BLOCK, seconds / BLOCKS)
+    length = min(BLOCK, seconds / BLOCKS)
     every = max(1, -(-total // most))
     blocks: list[npt.NDArray[np.int64]] = []
     first = 0

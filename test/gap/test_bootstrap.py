@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ros2_ident.gap.bootstrap import BlockBootstrap
+from ros2_ident.gap.bootstrap import BlockBootstrap, length_of
 from ros2_ident.gap.noise_floor import find_repeats, repeated
 from ros2_ident.recording import Dataset
 from ros2_ident.search.noise import correlation_time
@@ -20,6 +20,19 @@ def test_correlation_time_of_an_autoregression():
     series = _coloured(np.random.default_rng(0), 0.9, (200_000,))
     assert correlation_time(series) == pytest.approx(1.9 / 0.1, rel=0.1)
     assert correlation_time(np.random.default_rng(0).standard_normal(20_000)) < 1.2
+
+
+def test_the_length_of_blocks_is_the_formula_summed_over_the_lags():
+    lags = np.arange(4000)
+    both = np.where(lags, 2.0, 1.0) * 0.98**lags
+    spread, whole = float(both @ lags), float(both.sum())
+    cubed = 2.0 * spread**2 / (4.0 / 3.0 * whole**2)
+    samples, stride, cycle = 10_000, 5, 1e-4
+    expected = stride * (cubed * samples) ** (1.0 / 3.0)
+    assert length_of(whole, stride, stride * samples, cycle) == pytest.approx(expected, rel=1e-6)
+    # The settling time at least, a sixteenth of the log at most.
+    assert length_of(1.0, stride, stride * samples, cycle) == pytest.approx(0.1 / cycle)
+    assert length_of(whole, 1.0, 800, cycle) == 50.0
 
 
 def test_intervals_cover():

@@ -9,7 +9,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
-from ros2_ident.gap.fits import Fits, PROMISING
+from ros2_ident.gap.fits import Fits, ITERATIONS, PROMISING
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.result import WrongConstant
 from ros2_ident.gap.selection import Selector
@@ -66,7 +66,7 @@ class _WithConstant:
         low, high = self.box.low, self.box.low + self.box.width
         start = np.append(self.base.theta, 0.0)
         best = least_squares(
-            self._residuals, start, low, high, iterations=40, stopped=self.fits.stopped
+            self._residuals, start, low, high, iterations=ITERATIONS, stopped=self.fits.stopped
         )
         there = self._at(best.theta[-1])
         value, rows = self.stated * math.exp(best.theta[-1]), len(self.fits.weight)

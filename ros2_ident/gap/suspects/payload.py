@@ -27,8 +27,6 @@ _WORTH = 0.005
 # Share of the whole jump that each drive has to show at the instants that the others tell, and its
 # share of what all tell of the mass from which on it counts. By hand.
 _ALIKE, _TELLS = 0.5, 0.05
-# Rounds at most of either search, which ends by itself after a few. By hand.
-_ROUNDS = 20
 # By how many bins a jump is moved to look for a better place: halved steps.
 _SHIFTS = (-8, 8, -4, 4, -2, 2, -1, 1)
 # Quantiles of the bins' masses between which they are believed. By hand.
@@ -106,7 +104,7 @@ def _sharper(
         return total if np.isfinite(total).all() else np.full(total.size, np.inf)
 
     best, least = on, missed(on)
-    for _ in range(_ROUNDS):
+    while True:
         jumps = np.flatnonzero(best[1:] != best[:-1]) + 1
         # Each jump is judged by the time about it, so that one simulation moves all of them.
         starts = np.concatenate([[0], (jumps[1:] + jumps[:-1]) // 2]) * _each(loaded)
@@ -116,9 +114,8 @@ def _sharper(
         tried = _moved(best, jumps + shift)
         found = missed(tried)
         if found.sum() >= least.sum():
-            break
+            return best
         best, least = tried, found
-    return best
 
 
 def _moved(on: npt.NDArray[np.bool_], jumps: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
@@ -171,7 +168,8 @@ def _jumps(told: Array) -> npt.NDArray[np.bool_] | None:
     spread = float((weight * (mass - mean) ** 2).sum())
     low, high = (float(np.quantile(mass, q)) for q in (0.2, 0.8))
     on: npt.NDArray[np.bool_] | None = None
-    for _ in range(_ROUNDS):
+    # Each round lowers the sum of the costs, until one repeats the last.
+    while True:
         costs = np.stack([weight * (mass - low) ** 2, weight * (mass - high) ** 2])
         path = _cheapest(costs, _WORTH * spread)
         if path.all() or not path.any():
@@ -180,7 +178,6 @@ def _jumps(told: Array) -> npt.NDArray[np.bool_] | None:
             break
         on = path
         low, high = (float(np.average(mass[x], weights=weight[x])) for x in (~on, on))
-    assert on is not None
     left = float((weight * (mass - np.where(on, high, low)) ** 2).sum())
     stays = np.diff(np.flatnonzero(np.concatenate([[True], on[1:] != on[:-1], [True]])))
     # By Schwarz's criterion each instant is a number, and so is the second level.
