@@ -209,7 +209,7 @@ def _hold(
                 store(pulls, e * W, rest)
 
 
-@called
+@inlined
 def _step(
     par, base, mem, on, mode, law, cycle, command, ahead, motion, delayed, tree, place, rate,
     drift, carried, room, torques, k, time, since, step, active,
