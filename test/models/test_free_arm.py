@@ -163,6 +163,30 @@ def test_gravity_that_is_added_holds_the_arm(tmp_path: Path) -> None:
     assert left['none'] > 1e-3 and max(left['gravity'], left['dynamics']) < 1e-12
 
 
+def test_a_search_begins_with_what_the_log_alone_says(tmp_path: Path) -> None:
+    boxes = {name: BOXES[name] for name in ('drive_inertia', 'coulomb_torque', 'viscous_torque')}
+    searched = {'position_gain': [1.0, 1e5, 'N m/rad'], 'velocity_gain': [0.0, 1e4, 'N m s/rad']}
+    gains = {**GAINS, 'integral_gain': 0.0}
+    stated = described(tmp_path / 'a', controller=gains, **boxes)
+    place, speed = wanted(1500)
+    model = make_model(stated, logged(place, speed, place), quantities=('effort', 'position'))
+    theta = np.array([VALUES[p.name.split('.')[1]] for p in model.parameters])
+    effort, seen = np.split(model.simulate(theta[None])[0], 2)
+    data = replace(logged(place, speed, seen), effort=effort)
+    free = described(tmp_path / 'b', **boxes, **searched)
+    for machine in (stated, free):
+        again = make_model(machine, data, quantities=('effort', 'position'))
+        found = again.suggested()
+        assert found is not None
+        for p, value in zip(again.parameters, found.tolist(), strict=True):
+            name, key = p.name.split('.')
+            if key in GAINS:
+                assert value == pytest.approx(GAINS[key][JOINTS.index(name)], rel=0.01)
+        # What signals below 15 Hz say of friction, which turns over faster, is a start.
+        left = again.simulate(found[None])[0, 4:] - seen
+        assert np.sqrt(np.mean(left**2)) < 2e-3 * np.sqrt(np.mean((seen - seen[:, :1]) ** 2))
+
+
 def test_an_arm_without_gains_is_driven_by_its_recorded_motion(tmp_path: Path) -> None:
     machine = described(tmp_path, **BOXES)
     place, speed = wanted(200)

@@ -126,7 +126,7 @@ def _law(
         names += ['', '']
         columns += [np.ones(place.size), -np.ones(place.size)]
     rest = sum((own[n] * x for n, x in every.items() if n not in names), np.zeros_like(place))
-    return np.array(columns).reshape(len(names), -1), tuple(names), rest
+    return np.array(columns).reshape(len(names), place.size), tuple(names), rest
 
 
 def _needs(seen: Signals, d: int) -> Array:
@@ -150,6 +150,8 @@ def _fill(
 
 
 def _solved(columns: Array, values: Array) -> Array:
+    if not len(columns):
+        return np.empty(0)
     scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
     return np.asarray(scipy.optimize.nnls((columns / scale[:, None]).T, values)[0] / scale)
 
