@@ -16,6 +16,7 @@ from checks.reference.free_arm import free_arm  # noqa: E402
 from ros2_ident.arrays import Array  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, make_model  # noqa: E402
+from ros2_ident.models.drives.joints import joints_of  # noqa: E402
 from ros2_ident.models.new_file import followed_file  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
 from ros2_ident.recording import Dataset, Recording, Stream  # noqa: E402
@@ -185,6 +186,28 @@ def test_a_search_begins_with_what_the_log_alone_says(tmp_path: Path) -> None:
         # What signals below 15 Hz say of friction, which turns over faster, is a start.
         left = again.simulate(found[None])[0, 4:] - seen
         assert np.sqrt(np.mean(left**2)) < 2e-3 * np.sqrt(np.mean((seen - seen[:, :1]) ** 2))
+
+
+def test_joints_and_motion_of_a_free_run_are_those_for_an_export(tmp_path: Path) -> None:
+    machine = described(tmp_path, controller=GAINS, **BOXES)
+    model, theta = free_run(machine, 400, 0.0)
+    for d, joint in enumerate(joints_of(model, theta)):
+        assert joint.gains is not None and joint.coulomb == 0.0
+        found = joint.gains.p, joint.gains.i, joint.gains.d
+        assert found == tuple(
+            GAINS[f'{name}_gain'][d] for name in ('position', 'integral', 'velocity')
+        )
+    simulated = model.simulate(theta[None])[0]
+    place, speed = wanted(400)
+    seen = make_model(machine, logged(place, speed, simulated[4:]), quantities=('effort',))
+    assert isinstance(seen, Serial)
+    asked = seen.links_effort(np.zeros((4, 10)))
+    joints = joints_of(seen, theta)
+    own = [j.effort(*seen.motion[1:, d]) + j.offset for d, j in enumerate(joints)]
+    # Along the motion that they make, links, friction and rotors need what controllers ask, but
+    # for what that changes while a set-point holds: it is logged where that is largest.
+    left = (asked + own - simulated[:4])[:, 100:250]
+    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(simulated[:4] ** 2))
 
 
 def test_an_arm_without_gains_is_driven_by_its_recorded_motion(tmp_path: Path) -> None:

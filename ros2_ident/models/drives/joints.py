@@ -134,5 +134,7 @@ def _gains(model: DriveModel, of: Callable[[str], float], d: int) -> Gains | Non
     if model.law[d] == drive_kernel.POSITION:
         full = of('drive_gain')
         return Gains(full * p, 0.0, full * d_gain, share)
+    if model.law[d] == drive_kernel.PID:
+        return Gains(gear * p, gear * i, gear * d_gain, share)
     # The integral of the speed's error is the position's error.
     return Gains(gear * (d_gain * p + i), gear * i * p, gear * d_gain, share)

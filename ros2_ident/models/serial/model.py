@@ -17,7 +17,7 @@ from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.model import Compiled, DriveModel
 from ros2_ident.models.drives.separate import first_seen
-from ros2_ident.models.protocol import Output
+from ros2_ident.models.protocol import Output, RecordedMotion
 from ros2_ident.models.serial import kernel, kernel_free
 from ros2_ident.models.serial.arm import Arm, arm_of, INERTIALS
 from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
@@ -41,6 +41,8 @@ _ALONG, _FREE = (
 # Longest step [s]: twice as long, links alone are 4e-7 rad off on the arms of
 # `checks/benchmarks/arm.py`.
 _STEP = 0.0025
+# Samples that a motion has at least, see `smooth_motion`.
+_FEW = 3
 
 
 class Serial(DriveModel):
@@ -107,6 +109,8 @@ class Serial(DriveModel):
     @property
     def motion(self) -> Array:
         """(3, D, K) the joints' motion: position, velocity, acceleration."""
+        if self._closed:
+            return self._seen
         if not self._lead:
             return self._followed
         time = np.arange(self._followed.shape[2]) * self.cycle
@@ -141,14 +145,27 @@ class Serial(DriveModel):
     def _constants(self) -> Array:
         base = super()._constants()
         if self._closed and not self.machine.known('coulomb_regularisation'):
-            self_of = functools.partial(rows.of, base[None], drives=len(self.machine.drives))
-            self_of('regularisation')[:] = 0.0  # friction that holds at rest
+            # Friction that holds at rest.
+            rows.of(base[None], 'regularisation', len(self.machine.drives))[:] = 0.0
         return base
 
     def _set_points(self, order: Sequence[int]) -> Array:
         """Return (2 * D * K,) set-points of the motors, then their rates."""
         both = super()._set_points(order).reshape(2, len(order), -1)
         return np.ascontiguousarray(self.transmission.motors @ both).ravel()
+
+    @functools.cached_property
+    def _seen(self) -> Array:
+        """(3, D, K) the joints' recorded motion; as wanted where none is."""
+        drives = len(self.machine.drives)
+        place = self._joints(self._command.reshape(2, drives, -1))[0]
+        if self.data.position is not None:
+            order = [self.data.names.index(name) for name in self.machine.drives]
+            known = np.isfinite(self.data.position[order])
+            there = known.sum(axis=1, keepdims=True) > _FEW
+            place = np.where(there, self.data.position[order], place)
+        cutoff = allowed_cutoff(place, self.cycle, CUTOFF)
+        return np.array(smooth_motion(place, self.cycle, cutoff))
 
     @functools.cached_property
     def _begin(self) -> Array:
@@ -175,16 +192,13 @@ class Serial(DriveModel):
         if how == 'dynamics':
             asked = self.arm.efforts(place, speed, np.gradient(speed, self.cycle, axis=1))
         else:
-            if self.data.position is not None:
-                order = [self.data.names.index(name) for name in self.machine.drives]
-                seen = self.data.position[order]
-                place = np.stack([
-                    fill_gaps(x) if np.isfinite(x).any() else p
-                    for x, p in zip(seen, place, strict=True)
-                ])  # fmt: skip
-            asked = self.arm.efforts(place, zero, zero)
+            asked = self.arm.efforts(self._seen[0], zero, zero)
         gear = self.machine.numbers('gear_factor')[:, None]
         return np.ascontiguousarray(self.transmission.at_motors(asked) / gear).ravel()
+
+    def recorded_motion(self) -> RecordedMotion | None:
+        """Return the motion that the controllers saw; None where a motor turns with two joints."""
+        return None if self.transmission.coupled else super().recorded_motion()
 
     def regressed(self) -> tuple[dict[str, Array], Array]:
         """Return what the log alone says of gains and motors, see `law.by_regression`.
@@ -368,7 +382,8 @@ class Serial(DriveModel):
         if not self._closed:
             given = self._terms, self._firsts, self._driven, effects.on, self.cycle
             return kernel.simulate, kernel.sizes(drives), given
-        inputs = self._command, self._added, self._motion, self._begin, self._mode, effects.on
+        motion = self._driven if self._motion.size else self._motion
+        inputs = self._command, self._added, motion, self._begin, self._mode, effects.on
         free = *inputs, self._delayed, self.cycle, self.law, self.tree
         return kernel_free.simulate, kernel_free.sizes(drives), free
 
