@@ -76,10 +76,21 @@ class LivePage:
 
     def show(self, progress: IdentifyProgress | DiagnoseProgress) -> None:
         """Show how far a run is; a better explanation of a diagnosis at once."""
-        if isinstance(progress, DiagnoseProgress):
-            self._diagnosing(progress)
-        else:
+        if not isinstance(progress, DiagnoseProgress):
             self._identifying(progress)
+            return
+        best = progress.best_so_far
+        news = bool(best) and best not in self._notes
+        if news:
+            self._notes[best] = progress.elapsed
+        if time.monotonic() < self._next and not news:
+            return
+        self._write(
+            headline=capital(progress.stage),
+            times=_times(progress.elapsed, progress.eta, ()),
+            share=progress.fraction,
+            notes=[f'{duration(when)}: {text}' for text, when in self._notes.items()],
+        )
 
     def _identifying(self, progress: IdentifyProgress) -> None:
         known = math.isfinite(progress.best_cost)
@@ -104,20 +115,6 @@ class LivePage:
             share=progress.elapsed / (progress.elapsed + progress.eta),
             pictures=pictures,
             parameters=parameters,
-        )
-
-    def _diagnosing(self, progress: DiagnoseProgress) -> None:
-        best = progress.best_so_far
-        news = bool(best) and best not in self._notes
-        if news:
-            self._notes[best] = progress.elapsed
-        if time.monotonic() < self._next and not news:
-            return
-        self._write(
-            headline=capital(progress.stage),
-            times=_times(progress.elapsed, progress.eta, ()),
-            share=progress.fraction,
-            notes=[f'{duration(when)}: {text}' for text, when in self._notes.items()],
         )
 
     def _write(self, share: float = 0.0, **changes: Any) -> None:
