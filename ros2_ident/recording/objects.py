@@ -4,7 +4,7 @@
 Each is made an object by a library and walked over: slower than CDR by two orders of magnitude.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 import json
 import math
@@ -39,20 +39,33 @@ def decoder(about: MessageMap, role: str, form: str, schema: bytes) -> Decode:
         IdentError: INVALID_GOAL where the library is missing, BAD_VALUES for a damaged schema.
     """
     read = _reader(about.kind, form, schema)
+    titles = about.names.get(role)
 
-    def row_of(tree: Any) -> _Row:
-        titles, values = about.names.get(role), dict[str, list[float]]()
-        for field, source in about.roles[role].items():
-            found = _numbers(tree, source.paths[0])
-            if source.chosen:
-                values.setdefault(FIELDS[0], []).append(found[source.entry(len(found))])
-            else:
-                values[field] = found
-        names = tuple(map(str, _found(tree, titles))) if titles else about.joints
-        return names, values, sum(_nanoseconds(tree, *part) for part in about.stamp)
+    def row_of(data: bytes) -> _Row:
+        try:
+            tree = read(data)
+        except Exception as exc:  # protobuf has errors of its own, nested JSON has none
+            raise ValueError('no JSON' if form == 'json' else 'no such message') from exc
+        values: dict[str, list[float]] = {}
+        try:
+            for field, source in about.roles[role].items():
+                found = _numbers(tree, source.paths[0])
+                if source.chosen:
+                    values.setdefault(FIELDS[0], []).append(found[source.entry(len(found))])
+                else:
+                    values[field] = found
+            names = tuple(map(str, _found(tree, titles))) if titles else about.joints
+            stamp = sum(_nanoseconds(tree, *part) for part in about.stamp)
+        except (LookupError, TypeError, AttributeError, OverflowError) as exc:
+            raise ValueError(f'no such field, {exc}') from exc
+        if len(names) > limit('joints') or any(len(x) != len(names) for x in values.values()):
+            raise ValueError(f'{len(names)} names but arrays of another length')
+        if abs(stamp) >= LATEST_STAMP:
+            raise ValueError('a stamp that is no time')
+        return names, values, stamp
 
     def decode(messages: Sequence[bytes] | ByteTable) -> list[Block]:
-        rows = [_checked(row_of, read, bytes(x)) for x in messages]
+        rows = map(row_of, map(bytes, messages))
         blocks, begin = [], 0
         for names, group in groupby(rows, key=lambda x: x[0]):
             own = list(group)
@@ -64,27 +77,6 @@ def decoder(about: MessageMap, role: str, form: str, schema: bytes) -> Decode:
         return blocks
 
     return decode
-
-
-def _checked(row_of: Callable[[Any], _Row], read: Callable[[bytes], Any], data: bytes) -> _Row:
-    """Return a message's values.
-
-    Raises:
-        ValueError: They do not fit its names, or are none.
-    """
-    try:
-        tree = read(data)
-    except Exception as exc:  # protobuf has errors of its own, nested JSON has none
-        raise ValueError('no such message') from exc
-    try:
-        names, values, stamp = row_of(tree)
-    except (LookupError, TypeError, AttributeError, OverflowError) as exc:
-        raise ValueError(f'no such field, {exc}') from exc
-    if len(names) > limit('joints') or any(len(x) != len(names) for x in values.values()):
-        raise ValueError(f'{len(names)} names but arrays of another length')
-    if abs(stamp) >= LATEST_STAMP:
-        raise ValueError('a stamp that is no time')
-    return names, values, stamp
 
 
 def _reader(kind: str, form: str, schema: bytes) -> Callable[[bytes], Any]:
@@ -121,21 +113,18 @@ def _found(tree: Any, path: Path) -> list[Any]:
     """Return what lies at a path; None for an entry without a value."""
     nodes = [tree]
     for name, index in path:
-        below = (_below(node, name) for node in nodes)
-        nodes = [x for value in below for x in _entries(value, index)]
+        below, nodes = [_below(node, name) for node in nodes], []
+        for value in below:
+            if index is None or value is None:
+                nodes.append(value)
+            elif isinstance(index, slice):
+                nodes += value[index]
+            elif isinstance(index, int):
+                nodes.append(value[index])
+            else:
+                keys = [_below(x, index[0]) for x in value]
+                nodes.append(value[keys.index(index[1])] if index[1] in keys else None)
     return nodes
-
-
-def _entries(value: Any, index: Any) -> Iterator[Any]:
-    if index is None or value is None:
-        yield value
-    elif isinstance(index, slice):
-        yield from value[index]
-    elif isinstance(index, int):
-        yield value[index]
-    else:
-        keys = [_below(x, index[0]) for x in value]
-        yield value[keys.index(index[1])] if index[1] in keys else None
 
 
 def _numbers(tree: Any, path: Path) -> list[float]:
