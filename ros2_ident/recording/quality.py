@@ -228,7 +228,7 @@ STANDS = 0.02
 _FEWEST = 10
 
 Level = Literal['ok', 'warn', 'error']
-_RECORD = ' the set-point where there is one'
+_RECORD = 'record the set-point where there is one'
 _ORDER: dict[str, int] = {'ok': 0, 'warn': 1, 'error': 2}
 # Level, code and sentence of what is found, without its subject.
 Said = tuple[Level, str, str]
@@ -341,8 +341,7 @@ def check(
             text = 'there is no command stream: the recorded motion will drive the model, and '
             text += 'nothing is found of the controller; '
             unread = any('--command-topic' in x for x in recording.notes)
-            text += 'read' if unread else 'record'
-            text += ' the set-point, for which there is a topic' if unread else _RECORD
+            text += 'read the set-point, for which there is a topic' if unread else _RECORD
             findings.append(Finding('warn', 'no_command', 'command', text))
         found, said = _judge_drives(number, recording, wanted, gravity)
         drives += found

@@ -323,9 +323,11 @@ def read_estimate(path: str | Path) -> Estimate:
         of = load_diagnosis(diagnosis)
         known, fixed = of.found.parameters, of.settings.get('fixed', {})
         drives = tuple(of.settings.get('drives', ()))
+    halves = {name: 0.5 * (v.high - v.low) for name, v in known.items()}
+    deviations = {x: math.inf if math.isnan(half) else half / NORMAL for x, half in halves.items()}
     found = Estimate(
         {name: v.value for name, v in known.items()},
-        {name: _deviation(v.low, v.high) for name, v in known.items()},
+        deviations,
         {name: float(value) for name, value in fixed.items()},
         drives,
         of.settings,
@@ -342,8 +344,3 @@ def read_estimate(path: str | Path) -> Estimate:
     if broken:
         raise ErrorCode.INVALID_GOAL.error(f'{path} holds no value of {broken[0]}; identify again')
     return found
-
-
-def _deviation(low: float, high: float) -> float:
-    half = 0.5 * (high - low)
-    return math.inf if math.isnan(half) else half / NORMAL
