@@ -49,6 +49,23 @@ APART, BEYOND = 0.01, 3.0
 # One that leaves less than so many times the best one's mean square above the noise fits alike. By
 # hand.
 ALIKE = 2.0
+# An interval wider than this part of the box says no more than the box does. By hand.
+MOST_OF_BOX = 0.5
+# Share of an output that does not matter. By hand.
+LITTLE = 0.01
+
+NOT_IDENTIFIABLE = 'not identifiable from this data'
+# Of an interval that is too wide to identify a parameter; the second where noise alone would do.
+WIDE, HIDDEN = 'interval wider than {}', ' once model error is allowed for'
+NIL = 'below 1 % of the output'
+# Of what stands for several parameters of links and rotors that show together only.
+BASE = 'base parameter, of either sign'
+# Of an inertia or a mass below 0, which there is none of.
+BELOW = (
+    'physically impossible, below 0: the links that the description has there are too heavy, or '
+    'the logged effort is too small or of the other sign; correct the description or effort_unit'
+)
+CUT_SHORT = 'interval not computed: the run was cut short'
 
 
 def assemble(
@@ -228,25 +245,6 @@ def _noise(residual: Array, series: Sequence[int]) -> float:
     ends = pairwise(accumulate(series, initial=0))
     total = sum((b - a) * fit_noise(residual[a:b]).innovation for a, b in ends)
     return total / max(1, residual.size)
-
-
-# An interval wider than this part of the box says no more than the box does. By hand.
-MOST_OF_BOX = 0.5
-# Share of an output that does not matter. By hand.
-LITTLE = 0.01
-
-NOT_IDENTIFIABLE = 'not identifiable from this data'
-# Of an interval that is too wide to identify a parameter; the second where noise alone would do.
-WIDE, HIDDEN = 'interval wider than {}', ' once model error is allowed for'
-NIL = 'below 1 % of the output'
-# Of what stands for several parameters of links and rotors that show together only.
-BASE = 'base parameter, of either sign'
-# What no inertia and no mass is.
-BELOW = (
-    'physically impossible, below 0: the links that the description has there are too heavy, or '
-    'the logged effort is too small or of the other sign; correct the description or effort_unit'
-)
-CUT_SHORT = 'interval not computed: the run was cut short'
 
 
 def state_of(value: float, low: float, high: float, lower: float, upper: float) -> State:

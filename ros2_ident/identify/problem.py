@@ -279,12 +279,21 @@ class Setup:
         """
         machine, datasets = self.machine, self.data.datasets
         drives = chosen_drives(machine, self.drives)
-        _check_names(machine, self.data, 'effort' in self.outputs)
-        weights = self._weights()
-        scales = scales_of(machine, datasets)
+        if not datasets:
+            raise ErrorCode.NO_DATA.error(
+                'there is no segment to identify from; record a motion first'
+            )
+        for dataset in datasets:
+            missing = [name for name in machine.drives if name not in dataset.names]
+            if missing:
+                raise ErrorCode.MISSING_STREAM.error(
+                    f'the data hold {", ".join(dataset.names)} and not {", ".join(missing)}; '
+                    "align them with the machine's drives"
+                )
         make = partial(
             make_model, machine, drives=drives, effects=self.effects, cutoff=self.cutoff,
-            scales=scales, quantities=tuple(self.outputs), weights=weights,
+            scales=scales_of(machine, datasets), quantities=tuple(self.outputs),
+            weights=self._weights(),
         )  # fmt: skip
         given = self.fixed or {}
         somewhere = {name: value for name, value in given.items() if '@' in name}
@@ -403,24 +412,6 @@ def problem_of_models(
     differ = conditions or Conditions()
     differ.check(labels)
     return Problem(several, labels, differ, fixed=fixed, bounds=bounds)
-
-
-def _check_names(machine: Machine, data: Data, effort: bool) -> None:
-    if not data.datasets:
-        raise ErrorCode.NO_DATA.error(
-            'there is no segment to identify from; record a motion first'
-        )
-    for dataset in data.datasets:
-        missing = [name for name in machine.drives if name not in dataset.names]
-        if missing:
-            raise ErrorCode.MISSING_STREAM.error(
-                f'the data hold {", ".join(dataset.names)} and not {", ".join(missing)}; '
-                "align them with the machine's drives"
-            )
-        if effort and dataset.effort is None:
-            raise ErrorCode.MISSING_STREAM.error(
-                'the data hold no effort; record it, or name the topic that carries it'
-            )
 
 
 def sources() -> str:
