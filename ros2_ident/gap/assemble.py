@@ -141,16 +141,14 @@ def _traces(split: Split, found: Selection) -> tuple[Trace, ...]:
     parts = [split.fit, split.check] if split.held_out == 'check bag' else [split.fit]
     traces = []
     for part in parts:
-        nominal, extended = part.with_effects(()), part.with_effects(last.effects)
-        for number, mask in enumerate(part.masks):
-            before = nominal.own(number, base.theta)
-            after = extended.models[number].simulate(extended.own(number, last.theta))[0]
+        before, after = (part.with_effects(e.effects).each(e.theta) for e in (base, last))
+        for nominal, (extended, own), mask in zip(before, after, part.masks, strict=True):
             traces.append(
                 Trace(
                     held_out=part is split.check,
-                    motion=motion_of(nominal.models[number], before[0]),
-                    measured=nominal.models[number].measured,
-                    extended=after,
+                    motion=motion_of(*nominal),
+                    measured=extended.measured,
+                    extended=extended.simulate(own[None])[0],
                     fitted=mask if part is split.fit else np.zeros_like(mask),
                 )
             )
@@ -174,7 +172,7 @@ def _predicted(selector: Selector, chain: Sequence[Hypothesis], verdict: Verdict
     stages = []
     for label, own, e in models:
         joint = (own.check if apart else own.fit).with_effects(e.effects)
-        stages.append((label, [(m, joint.own(k, e.theta)[0]) for k, m in enumerate(joint.models)]))
+        stages.append((label, joint.each(e.theta)))
     return predicted(CHECK if apart else LOG, [*of_description(stages[0][1]), *stages])
 
 

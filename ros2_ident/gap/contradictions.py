@@ -15,13 +15,12 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
-from ros2_ident.gap.recordings import Split
+from ros2_ident.gap.recordings import are_alike, Split
 from ros2_ident.gap.result import Facts, Misfit, WrongConstant
 from ros2_ident.gap.rules import Rules, Temperatures, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.scale import near
-from ros2_ident.models.registry import kind_of
 from ros2_ident.search.noise import fast_noise
 
 
@@ -111,8 +110,7 @@ def of_what_is_left(
     last = found.chain[-1].check_residual * floor[split.check.drive]
     fast = np.array([fast_noise(last[split.check.drive == d]) for d in range(len(split.drives))])
     whole = np.hypot(left, floor)
-    machine = split.fit.models[0].machine
-    like = machine is not None and kind_of(machine).alike
+    like = are_alike(split.fit.models[0])
     slow_part = (whole >= rules.floors * fast) & (whole >= rules.slow * varies) & (not like)
     lost = ((gap >= rules.floors) & (left >= rules.varies * varies)) | slow_part | beyond
     left = np.where(slow_part, whole, left)

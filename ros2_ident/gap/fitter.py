@@ -218,12 +218,11 @@ class Fitter:
         missed = base.fit / base.samples.fit - 1.0
         worst = self.split.drives[int(missed.argmax())] if missed.max() >= MATERIAL**2 else ''
         joint = self.split.fit.with_effects(base.effects)
-        thetas = [joint.own(k, base.theta)[0] for k in range(len(joint.models))]
         seen = [
             (c, start)
             for c in candidates
             if c not in base.effects and c.where == worst
-            for start in limits_shown(c, joint.models, thetas)
+            for start in limits_shown(c, joint.each(base.theta))
         ]
         if not seen:
             return []
@@ -323,7 +322,8 @@ class Fitter:
             )
             if len(parts) > 1 and together.gain > alone:
                 out.append(together)
-        return sorted(out, key=lambda s: -s.gain)
+        most = max((s.gain for s in out), default=0.0)
+        return [s for s in out if s.gain >= PROMISING * most]
 
     def _promising(self, screened: dict[EffectAt, list[Start]]) -> list[Start]:
         """Return the starts worth a joint fit: best candidates, relatives, second starts.
@@ -373,9 +373,7 @@ def _named(effects: Sequence[EffectAt]) -> str:
     return ' and '.join(f'{at.effect} on {at.where}' for at in effects)
 
 
-def limits_shown(
-    candidate: EffectAt, models: Sequence[FullModel], thetas: Sequence[Array]
-) -> list[Array]:
+def limits_shown(candidate: EffectAt, models: Sequence[tuple[FullModel, Array]]) -> list[Array]:
     """Return (P,) parameters to start an effort's limit from; none for another effect.
 
     It acts only below what a drive would do without it: at the highest logged effort; without one
@@ -383,18 +381,16 @@ def limits_shown(
 
     Args:
         candidate: The effect and its place.
-        models: The models without it, one a recording.
-        thetas: (N,) parameters of each.
+        models: The models without it, one a recording, with the (N,) parameters of each.
     """
-    share = share_of_limit(candidate, models[0])
+    share = share_of_limit(candidate, models[0][0])
     if share is None:
         return []
-    row = models[0].places.index(candidate.where)
-    top = max(_highest(model, row) for model in models)
+    row = models[0][0].places.index(candidate.where)
+    top = max(_highest(model, row) for model, _ in models)
     if top:
         return [share(top)]
-    pairs = zip(models, thetas, strict=True)
-    most = max(float(np.abs(model.simulated_effort(x)[row]).max()) for model, x in pairs)
+    most = max(float(np.abs(model.simulated_effort(x)[row]).max()) for model, x in models)
     return list(np.unique([share(x * most) for x in _BELOW], axis=0)) if most > 0.0 else []
 
 

@@ -16,15 +16,14 @@ import scipy
 
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.gap.coordinates import coordinates, motion_of
-from ros2_ident.gap.recordings import JointModel
+from ros2_ident.gap.recordings import are_alike, JointModel
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.gates.scale import OTHER_NOISE
 from ros2_ident.gates.signals import step_of
 from ros2_ident.identify.data import SHORTEST
 from ros2_ident.identify.hidden import Missing, missing_beside, runs_of
-from ros2_ident.models import FullModel
-from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset
+from ros2_ident.recording.motion import correlation
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.noise import NoiseModel, Whitening
 
@@ -133,8 +132,7 @@ def find_repeats(dataset: Dataset) -> int | None:
     if not velocity.size or size < 8:
         return None
     # Mean square difference of the command and itself, later by each lag, against their squares.
-    spectrum = np.fft.rfft(velocity, 2 * size, axis=1)
-    product = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :size].sum(axis=0)
+    product = np.sum([correlation(row, row)[size - 1 :] for row in velocity], axis=0)
     square = np.concatenate([[0.0], np.cumsum((velocity**2).sum(axis=0))])
     both = square[size:0:-1] + (square[size] - square[:size])
     different = 1.0 - 2.0 * product / np.maximum(both, 1e-9 * square[-1])
@@ -183,18 +181,17 @@ def predictability(
     rows = zip(*(m.measured for m in joint.models), strict=True)
     rounding = np.array([step_of(np.concatenate(row)) for row in rows]) / np.sqrt(12.0)
     value = np.maximum(value, np.minimum(evidence.rms, rounding))
-    residuals = [
-        m.measured - m.simulate(joint.own(number, theta))[0]
-        for number, m in enumerate(joint.models)
-    ]
+    residuals = [m.measured - m.simulate(own[None])[0] for m, own in joint.each(theta)]
     again = repeated(residuals, [m.data for m in joint.models])
     if again is not None:
         value = np.minimum(value, np.maximum(again, rounding))
     samples = np.array([m.samples * m.independent_squares for m in noise])
     spread = np.exp(NORMAL / np.sqrt(2.0 * np.maximum(2.0, samples)))
     usual = float(np.median(value))
-    # Drives of one make have one noise: what one leaves beyond a factor of theirs is none.
-    apart = _alike(first) & (value > OTHER_NOISE * usual * spread)
+    # Drives of one make have one noise: what one leaves beyond a factor of theirs is none, where
+    # most of them tell which it is.
+    alike = are_alike(first) and len(first.places) > 2
+    apart = alike & (value > OTHER_NOISE * usual * spread)
     value = np.where(apart, usual, value)
     scaled = tuple(
         m.scaled(float(v / np.sqrt(m.variance))) for m, v in zip(noise, value, strict=True)
@@ -208,9 +205,7 @@ def _by_motion(joint: JointModel, theta: Array, weighed: Missing) -> list[Eviden
     evidence, masks = weighed.evidence, weighed.rows.masks
     data = joint.models[0].data
     unknown = data.position is None and data.command_position is None
-    motions = [
-        motion_of(model, joint.own(number, theta)[0]) for number, model in enumerate(joint.models)
-    ]
+    motions = [motion_of(model, own) for model, own in joint.each(theta)]
     rows = 'position', 'velocity', 'acceleration', 'jerk', 'torque', 'load', 'output'
     joined: dict[str, Any] = {n: np.hstack([getattr(m, n) for m in motions]) for n in rows}
     whole = replace(motions[0], **joined)
@@ -240,9 +235,3 @@ def _by_motion(joint: JointModel, theta: Array, weighed: Missing) -> list[Eviden
         missing, blocks = np.hstack(columns), weighed.rows.blocks[here]
         found.append(weigh(left, alone, missing, runs, blocks, share=weighed.rows.share))
     return found
-
-
-def _alike(model: FullModel) -> bool:
-    """Whether one noise is that of all drives, and most of them tell which it is."""
-    machine = model.machine
-    return machine is not None and kind_of(machine).alike and len(model.places) > 2

@@ -19,7 +19,7 @@ from ros2_ident.identify.layout import Conditions, held_of, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
 from ros2_ident.models.protocol import RecordedMotion
-from ros2_ident.models.registry import scales_of
+from ros2_ident.models.registry import kind_of, scales_of
 from ros2_ident.recording import Dataset
 
 Mask = npt.NDArray[np.bool_]
@@ -218,6 +218,11 @@ class Part:
         return tuple(np.cumsum([mask.shape[1] for mask in self.masks])[:-1].tolist())
 
 
+def are_alike(model: FullModel) -> bool:
+    """Whether all drives of a model's machine are of one make."""
+    return model.machine is not None and kind_of(model.machine).alike
+
+
 def _drives_of(masks: Sequence[Mask]) -> npt.NDArray[np.int64]:
     return np.concatenate([np.empty(0, np.int64), *(np.nonzero(mask)[0] for mask in masks)])
 
@@ -301,7 +306,7 @@ class Split:
             noise: (D,) noise of each drive.
         """
         joint = self.whole.with_effects(())
-        models = [m.decided(joint.own(k, theta)[0], noise) for k, m in enumerate(joint.models)]
+        models = [m.decided(own, noise) for m, own in joint.each(theta)]
         if all(new is old for new, old in zip(models, joint.models, strict=True)):
             return self
         with suppress(IdentError):

@@ -14,12 +14,11 @@ from ros2_ident.gap.fits import Fits, PROMISING
 from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
 from ros2_ident.gap.noise_floor import Floor, predictability
-from ros2_ident.gap.recordings import Split
+from ros2_ident.gap.recordings import are_alike, Split
 from ros2_ident.gap.result import Tie
 from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
-from ros2_ident.models.registry import kind_of
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
 
@@ -214,8 +213,8 @@ class Selector(Fitter):
         that counts by itself: it has to stand out of noise, and to close more than the forms of
         those found leave.
         """
-        final, machine = chain[-1], self.split.fit.models[0].machine
-        if machine is None or not kind_of(machine).alike:
+        final = chain[-1]
+        if not are_alike(self.split.fit.models[0]):
             return chain
         names = {at.effect for at in final.effects if at.where in self.split.drives}
         more = [at for at in candidates if at.effect in names and at.where in self.split.drives]

@@ -171,6 +171,10 @@ class Layout:
             theta = theta[:, columns]
         return theta if more is None else theta + more
 
+    def each(self, theta: Array) -> list[tuple[FullModel, Array]]:
+        """Return every model with its own parameters (N') of one candidate (N,)."""
+        return [(model, self.own(k, theta)[0]) for k, model in enumerate(self.models)]
+
     @functools.cached_property
     def suggested(self) -> Array | None:
         """(N,) parameters that the recordings suggest, the mean of all; None for none."""

@@ -42,6 +42,12 @@ PARTS = 4
 QUARTERS = 'each quarter of the log, predicted from the other three'
 REST = 'parts of the log that were not fitted on'
 
+# A model that leaves this share of how an output varies, and far more than its noise, is not the
+# machine's. By hand.
+LARGE = 0.3
+# What is said of every parameter then.
+NOTE = 'means nothing: the model does not fit the log'
+
 Measured = Data | Dataset | Sequence[Dataset] | Sequence[Recording]
 
 
@@ -192,8 +198,7 @@ def _predicted(problem: Problem, theta: Array, check: Problem | None) -> Predict
     if not np.isfinite(theta).all():
         return None
     on, own = (LOG, theta) if check is None else (CHECK, check.taken_from(problem, theta))
-    judged_on = check or problem
-    runs = [(m, judged_on.own(k, own)[0]) for k, m in enumerate(judged_on.models)]
+    runs = (check or problem).each(own)
     return predicted(on, [*of_description(runs), (IDENTIFIED, runs)])
 
 
@@ -231,13 +236,6 @@ def _as_data(
     if datasets and not recordings:
         return Data(datasets)
     return gather(recordings, machine, drives, quantities=quantities)
-
-
-# A model that leaves this share of how an output varies, and far more than its noise, is not the
-# machine's. By hand.
-LARGE = 0.3
-# What is said of every parameter then.
-NOTE = 'means nothing: the model does not fit the log'
 
 
 def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:

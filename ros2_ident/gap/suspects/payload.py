@@ -49,12 +49,12 @@ def find_pick_ups(joint: JointModel, theta: Array, floor: Array) -> tuple[Array,
     if effect is None:
         return ()
     at, loaded, seen = EffectAt(effect.id, 'all'), [], []
-    for number, model in enumerate(joint.models):
+    for model, own in joint.each(theta):
         always = model.carrying(np.ones(model.measured.shape[1]))
         if at not in always.extensions():
             return ()
         loaded.append(always.extended([at]))
-        seen.append(_missing(model, loaded[-1], at, joint.own(number, theta)[0], floor))
+        seen.append(_missing(model, loaded[-1], at, own, floor))
     counts = [told.shape[2] for told in seen]
     told = np.concatenate(seen, axis=2)
     on = _jumps(told.sum(axis=1))
@@ -65,11 +65,10 @@ def find_pick_ups(joint: JointModel, theta: Array, floor: Array) -> tuple[Array,
     if max(np.count_nonzero(part[1:] != part[:-1]) for part in parts) < 3:
         return ()
     levels = _levels(told.sum(axis=1), on)
-    out = []
-    for number, (part, model) in enumerate(zip(parts, loaded, strict=True)):
-        own = joint.own(number, theta)[0]
-        out.append(_cycles(_sharper(part, model, own, levels, floor), model))
-    return tuple(out)
+    return tuple(
+        _cycles(_sharper(part, model, own, levels, floor), model)
+        for part, model, (_, own) in zip(parts, loaded, joint.each(theta), strict=True)
+    )
 
 
 def _each(model: FullModel) -> int:
