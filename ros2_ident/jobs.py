@@ -323,7 +323,7 @@ def compare(
     names = [(bool(s), r.source) for s, r in zip(after, data.recordings, strict=True)]
     number = {name: i for i, name in enumerate(dict.fromkeys(names))}
     result = find_change(
-        problem.models,
+        problem,
         after,
         fitted.theta,
         np.array([number[name] for name in names]),

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which change tells the logs after from those before."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 import math
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +17,13 @@ from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
 from ros2_ident.errors import IdentError
+from ros2_ident.gap.fits import PROMISING
+from ros2_ident.gap.rules import Rules
 from ros2_ident.gates import examine
-from ros2_ident.identify.hidden import missing_beside, residuals_at, Rows
+from ros2_ident.identify.hidden import Alternative, missing_beside, residuals_at, Rows
+from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.units import LEVER, per_metre
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.registry import scales_of, stated_numbers, STATED_WITHIN
 from ros2_ident.recording import Dataset
@@ -33,13 +38,10 @@ from ros2_ident.search.evidence import price_of
 from ros2_ident.search.jacobian import Box, COARSE_STEP
 from ros2_ident.search.least_squares import descent, Point
 
-# Changes of one comparison, at most; suspects of a round that are fitted, at most, and the share
-# of the best one's gain from which on. As of a diagnosis.
-_MOST, _FITS, _PROMISING = 4, 4, 0.5
+# Suspects of a round that are fitted, at most. By hand.
+_FITS = 4
 # Steps of a fit that begins where straight lines lead, and their relative gain that is none.
 _STEPS, _SETTLED = 6, 1e-5
-# Evidence by which two suspects may differ and explain as much; or share of the better one's.
-_TIE, _ALIKE = 3.0, 0.02
 # Friction and offsets of two logs differ by less than this share, in 95 of 100 cases, without any
 # cause but a few kelvin. By hand: in an hour of warming up viscous friction falls by ten times
 # as much (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control 134(5)).
@@ -49,6 +51,9 @@ _PARTS = 4
 # Motions whose strokes or speeds differ by this factor are others: what the model lacks does not
 # cancel then. By hand.
 _OTHER = 1.25
+# By how much the zero of a drive differs from log to log, one standard deviation: a degree of a
+# joint, as its marks are aligned by eye; of a slide what a pulley makes of that. By hand.
+_HOMED = math.radians(1.0) * LEVER
 
 
 @dataclass(frozen=True)
@@ -57,27 +62,31 @@ class _Column:
 
     Attributes:
         suspect: What it is.
-        columns: Its columns.
-        names: What each is a multiple of.
+        names: What each of its columns is a multiple of.
         units: Their units.
         scales: Each number for a coefficient of 1.
+        columns: Its columns.
         value: Value before; NaN of an effect.
         numbers: How many numbers it takes, shapes among them.
         at: An effect at its place.
         begin: (P,) its parameters where the coefficients are 0.
         moved: (k, P) how they move with each.
+        own: Of what kind it is where each log has its own, so that it is no suspect.
+        usual: Standard deviation from log to log; inf where it is not known.
     """
 
     suspect: Suspect
-    columns: tuple[int, ...]
     names: tuple[str, ...]
     units: tuple[str, ...]
     scales: Array
+    columns: tuple[int, ...] = ()
     value: float = math.nan
     numbers: int = 1
     at: EffectAt | None = None
     begin: Array = field(default_factory=lambda: np.empty(0))
     moved: Array = field(default_factory=lambda: np.empty((0, 0)))
+    own: Literal['', 'timing', 'zero'] = ''
+    usual: float = 0.0
 
 
 _Found = tuple[_Column, float, tuple[Suspect, ...]]
@@ -94,12 +103,11 @@ class _Round:
     columns: list[_Column]
     weighed: Changes
     marginal: Marginal
-    timing: frozenset[int]
 
     @property
     def suspects(self) -> list[_Column]:
-        """Those that may be named: timing is of each log."""
-        return [c for c in self.columns if not self.timing & {*c.columns}]
+        """Those that may be named."""
+        return [c for c in self.columns if not c.own]
 
     def evidence(self, column: _Column) -> float:
         """Return the evidence of a suspect to first order."""
@@ -107,7 +115,7 @@ class _Round:
 
 
 def find_change(
-    models: Sequence[FullModel],
+    problem: Problem,
     after: npt.NDArray[np.bool_],
     theta: Array,
     log: npt.NDArray[np.int64],
@@ -121,7 +129,7 @@ def find_change(
     """Say what changed between the logs before and those after.
 
     Args:
-        models: Nominal models of one machine, one a recording; those before first.
+        problem: Nominal models of one machine, one a recording; those before first.
         after: (M,) whether a recording is of the side after.
         theta: (N,) one fit of all.
         log: (M,) number of the log a recording is part of, ascending.
@@ -133,12 +141,13 @@ def find_change(
         threads: That simulate; one for each processor where None.
     """
     looked = partial(
-        _round, log=log, paired=paired, without=without, stopped=stopped, threads=threads
-    )
+        _round, log=log, zeros=dict(_shifted(problem)), paired=paired, without=without,
+        stopped=stopped, threads=threads,
+    )  # fmt: skip
     found: list[_Found] = []
-    begun = now = looked(Sides(models, after), theta)
+    begun = now = looked(Sides(problem.models, after), theta)
     price = price_of(len(now.suspects))
-    for _ in range(2 * _MOST):
+    for _ in range(2 * Rules.most):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
         weak = next((x for x in found[:-1] if not _still(now, x[0], price, stopped)), None)
         if stopped():
@@ -149,7 +158,7 @@ def find_change(
             sides = now.sides.less(weak[0].at, weak[0].suspect.name)
             start = sides.start(now.sides, now.theta, np.empty(0))
             best = _fitted(now, sides, start, stopped).theta
-        elif len(found) < _MOST and (step := _step(now, price, found, stopped)) is not None:
+        elif len(found) < Rules.most and (step := _step(now, price, found, stopped)) is not None:
             column, evidence, ties, sides, best = step
             found.append((column, evidence, ties))
         else:
@@ -165,7 +174,7 @@ def find_change(
         explained=share if found else math.nan,
         left_out='logs' if begun.logs.whole else 'blocks',
         smallest=tuple(_visible(now, price)),
-        apart=tuple(_timing(now, price)),
+        apart=tuple(_of_each_log(now, price)),
         logs=count,
         paired=paired,
         price=price,
@@ -176,10 +185,33 @@ def find_change(
 # ---------------------------------------------------------------------- columns
 
 
+def _shifted(problem: Problem) -> Iterator[tuple[str, tuple[FullModel, ...]]]:
+    """Yield the models, and by drive those of logs whose encoder has another zero."""
+    yield '', problem.models
+    setup = problem.setup
+    if setup is None:
+        return
+    by = _HOMED * per_metre(setup.machine.travel_unit)
+    for name in setup.machine.drives:
+        datasets = tuple(_moved(x, name, by) for x in setup.data.datasets)
+        with suppress(IdentError):
+            moved = replace(setup, data=replace(setup.data, datasets=datasets))
+            yield name, moved.problem().models
+
+
+def _moved(data: Dataset, drive: str, by: float) -> Dataset:
+    """Return a recording in which a drive is elsewhere, and its set-points with it."""
+    there = np.zeros((len(data.names), 1))
+    there[data.names.index(drive)] = by
+    rows = {key: getattr(data, key) for key in ('position', 'command_position')}
+    return replace(data, **{key: x + there for key, x in rows.items() if x is not None})
+
+
 def _round(
     sides: Sides,
     theta: Array,
     log: npt.NDArray[np.int64],
+    zeros: Mapping[str, Sequence[FullModel]],
     paired: bool,
     without: Sequence[str],
     stopped: Callable[[], bool],
@@ -193,66 +225,100 @@ def _round(
     nominal = jacobian[:, : sides.nominal]
     columns: list[_Column] = []
     changed: list[Array] = []
-
-    def add(c: _Column, own: Sequence[Array]) -> None:
-        at = range(len(changed), len(changed) + len(own))
-        columns.append(replace(c, columns=tuple(at)))
-        changed.extend(own)
-
-    usual: list[float] = []
-    width = sides.high - sides.low
-    for i, p in enumerate(sides.parameters[: sides.nominal]):
-        suspect = Suspect('parameter', p.name)
-        known = 0.0 if p.absent is None else BY_ITSELF / NORMAL * abs(theta[i])
-        usual.append(math.inf if p.unit == 's' else known / width[i])
-        add(
-            _Column(suspect, (), (p.name,), (p.unit,), width[i : i + 1], float(theta[i])),
-            [nominal[:, i]],
-        )
-    for name, value, unit, slope in _constants(sides, theta, rows, residual):
-        usual.append(0.0)
-        suspect = Suspect('constant', name)
-        add(_Column(suspect, (), (name,), (unit,), np.array([value]), value), [slope])
-    for one in seen.alternatives:
-        wide = first.extended((*first.effects, one.at))
-        own = wide.scaled(one.at)
-        units = [p.unit for p in wide.parameters[-len(own) :]]
-        neutral = np.array([p.neutral for p in own])
-        for group in np.unique(one.group):
-            at = np.flatnonzero(one.group == group)
-            moved = one.points[at] - neutral
-            sized = np.array([p.role == 'size' for p in own])
-            which = [int(np.argmax(np.abs(np.where(sized, m, 0.0)))) for m in moved]
-            begin = np.where(sized, neutral, one.points[at[0]])
-            usual += [math.inf if own[w].target.endswith('_delay') else 0.0 for w in which]
-            suspect = Suspect('effect', one.at.effect, one.at.where)
-            scales = np.array([m[w] for m, w in zip(moved, which, strict=True)])
-            c = _Column(
-                suspect, (), tuple(own[w].name for w in which), tuple(units[w] for w in which),
-                scales, math.nan, len(own), one.at, begin, one.points[at] - begin,
-            )  # fmt: skip
-            add(c, list(one.changes[at]))
+    for c, own in chain(
+        _parameters(sides, theta, nominal),
+        _constants(sides, theta, rows, residual),
+        _zeros(sides, theta, rows, zeros),
+        _effects(first, seen.alternatives),
+    ):
+        columns.append(replace(c, columns=tuple(range(len(changed), len(changed) + len(own)))))
+        changed += own
     kept = range(len(changed), len(changed) + len(theta) - sides.nominal)
     changed += list(jacobian[:, sides.nominal :].T)
-    usual += [0.0] * len(kept)
+    usual, alone = np.zeros(len(changed)), np.zeros(len(changed), dtype=bool)
+    for c in columns:
+        usual[[*c.columns]], alone[[*c.columns]] = c.usual, bool(c.own)
     side = np.concatenate([np.full(kept.start, True), sides.later[sides.nominal :]])
     logs = _logs(sides, rows, log, paired)
     weighed = weigh_changes(
         residual, nominal, seen.columns, np.array(changed).T, rows.runs, rows.blocks, logs,
-        most=seen.most, usual=np.array(usual), side=side, kept=kept, share=rows.share,
+        most=seen.most, usual=usual, alone=alone, side=side, kept=kept, share=rows.share,
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
     marginal = Marginal.of(weighed, rows, logs, apart)
-    return _Round(
-        sides,
-        theta,
-        rows,
-        logs,
-        columns,
-        weighed,
-        marginal,
-        frozenset(np.flatnonzero(np.isinf(usual))),
-    )
+    return _Round(sides, theta, rows, logs, columns, weighed, marginal)
+
+
+_Columns = Iterator[tuple[_Column, list[Array]]]
+
+
+def _parameters(sides: Sides, theta: Array, slopes: Array) -> _Columns:
+    """Yield the parameters, and (R,) the derivative by each."""
+    width = sides.high - sides.low
+    for i, p in enumerate(sides.parameters[: sides.nominal]):
+        known = 0.0 if p.absent is None else BY_ITSELF / NORMAL * abs(theta[i]) / width[i]
+        own = {'own': 'timing', 'usual': math.inf} if p.unit == 's' else {'usual': known}
+        c = _Column(Suspect('parameter', p.name), (p.name,), (p.unit,), width[i : i + 1],
+                    value=float(theta[i]), **own)  # fmt: skip
+        yield c, [slopes[:, i]]
+
+
+def _constants(sides: Sides, theta: Array, rows: Rows, residual: Array) -> _Columns:
+    """Yield stated numbers of the machine file, and (R,) the derivative by their logarithm."""
+    machine = sides.bare[-1].machine
+    for name, (value, unit) in (stated_numbers(machine) if machine else {}).items():
+        with suppress(IdentError):
+            moved = sides.stating(name, value * math.exp(COARSE_STEP), both=True)
+            slope = (residuals_at(moved, rows)(theta[None])[0] - residual) / COARSE_STEP
+            if np.isfinite(slope).all():
+                c = Suspect('constant', name)
+                yield _Column(c, (name,), (unit,), np.array([value]), value=value), [slope]
+
+
+def _zeros(
+    sides: Sides, theta: Array, rows: Rows, zeros: Mapping[str, Sequence[FullModel]]
+) -> _Columns:
+    """Yield the zeros of all drives, and (R,) what the usual difference of each does.
+
+    Numbers are as the machine file states them: what changed of them is of second order.
+    """
+    told = {name: residuals_at(sides.on(models), rows)(theta[None])[0]
+            for name, models in zeros.items()}  # fmt: skip
+    plain = told.pop('')
+    moved = {name: residual - plain for name, residual in told.items()}
+    least = _SETTLED * float(np.sqrt(np.mean(plain**2)))
+    seen = {name: x for name, x in moved.items() if least < np.sqrt(np.mean(x**2)) < math.inf}
+    if seen:
+        unit, metre = sides.bare[0].travel
+        scales = np.full(len(seen), -_HOMED * metre)
+        names, units = tuple(seen), (unit,) * len(seen)
+        c = _Column(Suspect('constant', 'zero'), names, units, scales, own='zero', usual=1.0)
+        yield c, list(seen.values())
+
+
+def _effects(first: FullModel, alternatives: Sequence[Alternative]) -> _Columns:
+    """Yield effects, one for each of their shapes, and (R,) what each of their sizes changes."""
+    for one in alternatives:
+        wide = first.extended((*first.effects, one.at))
+        own = wide.scaled(one.at)
+        units = [p.unit for p in wide.parameters[-len(own) :]]
+        neutral = np.array([p.neutral for p in own])
+        sized = np.array([p.role == 'size' for p in own])
+        for group in np.unique(one.group):
+            at = np.flatnonzero(one.group == group)
+            moved = one.points[at] - neutral
+            which = [int(np.argmax(np.abs(np.where(sized, m, 0.0)))) for m in moved]
+            begin = np.where(sized, neutral, one.points[at[0]])
+            late = any(own[w].target.endswith('_delay') for w in which)
+            c = _Column(
+                Suspect('effect', one.at.effect, one.at.where),
+                tuple(own[w].name for w in which),
+                tuple(units[w] for w in which),
+                np.array([m[w] for m, w in zip(moved, which, strict=True)]),
+                numbers=len(own), at=one.at, begin=begin, moved=one.points[at] - begin,
+                own='timing' if late else '', usual=math.inf if late else 0.0,
+            )  # fmt: skip
+            yield c, list(one.changes[at])
 
 
 def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) -> Logs:
@@ -270,19 +336,6 @@ def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) ->
             fold[there[-1]] = place % least
     after = np.repeat([False, True], list(map(len, numbers)))
     return Logs(tuple(there), after, np.array(pair), fold, least > 1)
-
-
-def _constants(
-    sides: Sides, theta: Array, rows: Rows, residual: Array
-) -> Iterator[tuple[str, float, str, Array]]:
-    """Yield stated numbers of the machine file, and (R,) the derivative by their logarithm."""
-    machine = sides.bare[-1].machine
-    for name, (value, unit) in (stated_numbers(machine) if machine else {}).items():
-        with suppress(IdentError):
-            moved = sides.stating(name, value * math.exp(COARSE_STEP), both=True)
-            slope = (residuals_at(moved, rows)(theta[None])[0] - residual) / COARSE_STEP
-            if np.isfinite(slope).all():
-                yield name, value, unit, slope
 
 
 # ---------------------------------------------------------------------- one change more
@@ -309,17 +362,17 @@ def _step(
     best = told[id(ordered[0])] if ordered else 0.0
     if not best > price:
         return None
-    promising = [c for c in ordered if told[id(c)] > max(price, _PROMISING * best)][:_FITS]
+    promising = [c for c in ordered if told[id(c)] > max(price, PROMISING * best)][:_FITS]
     base = _fitted(now, now.sides, now.theta, stopped)
     fits = [_with(now, c, base, stopped) for c in promising]
     fits = [
         f for f in fits
-        if all(f[1] > _ALIKE * evidence for x, evidence, _ in found if _place(x) == _place(f[0]))
+        if all(f[1] > Rules.alike * e for x, e, _ in found if _place(x) == _place(f[0]))
     ]  # fmt: skip
     top = max((evidence for _, evidence, *_ in fits), default=0.0)
     if not top > price:
         return None
-    alike = [f for f in fits if f[1] > min(top - _TIE, (1.0 - _ALIKE) * top)]
+    alike = [f for f in fits if f[1] > min(top - price_of(1), (1.0 - Rules.alike) * top)]
     column, evidence, suspect, sides, theta = min(
         alike, key=lambda f: (f[2].kind == 'effect', f[0].numbers, -f[1])
     )
@@ -444,19 +497,20 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
     yield from smallest.values()
 
 
-def _timing(now: _Round, price: float) -> Iterator[Apart]:
-    """Yield what came at another time on one side; of what is alike the clearest."""
-    least = price
-    told: Apart | None = None
+def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
+    """Yield by what else the logs of one side differ from the others; of a kind the clearest."""
+    told: dict[str, tuple[float, list[Apart]]] = {}
     for c in now.columns:
-        if now.timing & {*c.columns}:
-            estimate, _, gain = now.weighed.of(c.columns, alike=True)
-            if (evidence := evidence_of(gain, len(c.columns))) > least:
-                least, later = evidence, float(estimate[0] * c.scales[0])
-                place = f'{c.suspect.where}.' if c.suspect.where not in ('', 'all') else ''
-                told = Apart('timing', f'{place}{c.suspect.name}', 0.0, later, 's')
-    if told is not None:
-        yield told
+        estimate, covariance, gain = now.weighed.of(c.columns, alike=True)
+        evidence = evidence_of(gain, len(c.columns))
+        if c.own and evidence > told.get(c.own, (price,))[0]:
+            place = c.at.prefix if c.at else ''
+            sure = np.abs(estimate) > NORMAL * np.sqrt(np.diag(covariance))
+            told[c.own] = evidence, [
+                Apart(c.own, f'{place}{c.names[i]}', 0.0, float(estimate[i] * c.scales[i]),
+                      c.units[i]) for i in np.flatnonzero(sure)
+            ]  # fmt: skip
+    yield from (one for _, several in told.values() for one in several)
 
 
 def apart(
@@ -474,13 +528,13 @@ def apart(
         drives: The drives looked at; all where None.
     """
     first, second = (
-        {(g.gate, g.drive): g for g in examine(machine, x, drives).gates if g.level != 'ok'}
-        for x in (before, after)
+        [g for g in examine(machine, x, drives).gates if g.level != 'ok'] for x in (before, after)
     )
-    for key in first.keys() ^ second.keys():
-        gate, early = first.get(key) or second[key], key in first
-        values = (gate.number, math.nan) if early else (math.nan, gate.number)
-        yield Apart('check', gate.sentence, *values, gate.unit)
+    both = {(g.gate, g.drive) for g in first} & {(g.gate, g.drive) for g in second}
+    for gate, early in [(g, True) for g in first] + [(g, False) for g in second]:
+        if (gate.gate, gate.drive) not in both:
+            values = (gate.number, math.nan) if early else (math.nan, gate.number)
+            yield Apart('check', gate.sentence, *values, gate.unit)
     sides = before, after
     scales = [scales_of(machine, x) for x in sides]
     for d in map(machine.drives.index, drives or machine.drives):

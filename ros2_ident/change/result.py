@@ -86,14 +86,15 @@ class Apart:
     """How the sides differ beside what changed in the machine.
 
     Attributes:
-        kind: `check` of log and machine file that holds on one side only, `timing` or `motion`.
+        kind: `check` of log and machine file that holds on one side only, `timing`, `zero` of an
+            encoder, or `motion`.
         text: The check's sentence, or the quantity.
         before: Value before; NaN where there is none.
         after: Value after.
         unit: Unit.
     """
 
-    kind: Literal['check', 'timing', 'motion']
+    kind: Literal['check', 'timing', 'zero', 'motion']
     text: str
     before: float
     after: float

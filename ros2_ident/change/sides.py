@@ -89,11 +89,14 @@ class Sides(Layout):
             return [i for i, own in enumerate(self.names) if own == f'{name}{AFTER}']
         return [i for i, own in enumerate(self.names) if own.startswith(at.prefix)]
 
+    def on(self, models: Sequence[FullModel]) -> 'Sides':
+        """Return the sides with other models of the same recordings."""
+        return Sides(models, self.after, self.effects, self.moved)
+
     def stating(self, name: str, value: float, *, both: bool = False) -> 'Sides':
         """Return the sides whose machine file states another number: the one after, or both."""
         pairs = zip(self.bare, self.after, strict=True)
-        models = [m.stating(name, value) if both or a else m for m, a in pairs]
-        return Sides(models, self.after, self.effects, self.moved)
+        return self.on([m.stating(name, value) if both or a else m for m, a in pairs])
 
     def start(self, base: 'Sides', theta: Array, new: Array) -> Array:
         """Return (N,) parameters from those (N',) with a change less, and its own (P,)."""

@@ -175,6 +175,7 @@ def weigh_changes(
     *,
     most: Array,
     usual: Array,
+    alone: Mask,
     side: Mask,
     kept: Sequence[int] = (),
     share: float = 1.0,
@@ -191,7 +192,8 @@ def weigh_changes(
         logs: Which rows are of which log.
         most: (C,) as of `evidence.weigh`.
         usual: (Q,) standard deviation of a change from log to log that is known beforehand; inf
-            where each log has its own.
+            where nothing is.
+        alone: (Q,) which each log has of its own: no change of the machine.
         side: (Q,) whether a change is on the side after; else on the side before.
         kept: Columns of `changed` that did change.
         share: Share of all rows that these are: the others tell as much.
@@ -233,7 +235,7 @@ def weigh_changes(
         )
     of_all = [_reduced(cells, prior, deviation) for deviation in (known, 0.0 * known)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
-    apart = (changed * unit * known)[:, np.isinf(usual) & (known > 0.0)]
+    apart = (changed * unit * known)[:, alone & (known > 0.0)]
     return Changes(
         own, score, tuple(kept), alike, inflation, freedom, noise, common.T, sizes, apart, parts,
         scale,

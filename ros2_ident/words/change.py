@@ -71,6 +71,12 @@ def _apart(x: Apart) -> str:
             f'timing differs: {x.text} is {abs(1e3 * x.after):.2g} ms {late} after; stamps of two '
             'logs may differ by that, so that it is no change of the machine for certain'
         )
+    if x.kind == 'zero':
+        return (
+            f'the zero of {x.text} differs: positions are {quantity(abs(x.after), x.unit)} '
+            f'{"higher" if x.after > 0.0 else "lower"} after; encoders that are homed anew may '
+            'differ by that, so that it is no change of the machine for certain'
+        )
     return (
         f'the motions differ: {x.text} {quantity(x.before, x.unit)} before, '
         f'{quantity(x.after, x.unit)} after; what the model lacks may not cancel'

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two sides of an axis whose change is known."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ros2_ident import jobs
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
+from ros2_ident.recording import read_bags, write_bag
 from ros2_ident.words.change import sentences
 
 ROOT = Path(__file__).parents[2]
@@ -70,3 +73,31 @@ def test_pairs_need_as_many_bags(made):
     with pytest.raises(IdentError, match='2 bags before and 1 after are no pairs') as error:
         jobs.compare(request, [str(made / 'heavy')], paired=True)
     assert error.value.code is ErrorCode.INVALID_GOAL
+
+
+def test_encoders_that_are_homed_anew_are_no_change(tmp_path):
+    machine, shift = ROOT / 'config/double_pendulum.yaml', np.radians([1.0, -1.0])
+    links = {'shoulder.link_moment_x': 0.2, 'elbow.link_moment_x': 0.15,
+             'elbow.link_inertia_zz': 0.05, 'drive_inertia': 0.02, 'coulomb_torque': 0.15,
+             'viscous_torque': 0.02, 'measurement_delay': 0.002}  # fmt: skip
+    for number, name in enumerate(('one', 'two', 'loaded'), 10):
+        own = {**links, 'elbow.link_moment_x': 0.155} if name == 'loaded' else links
+        words = [x for key, value in own.items() for x in ('--set', f'{key}={value}')]
+        words += ['--machine', str(machine), '--seconds', '8', '--seed', str(number)]
+        assert main(['simulate', str(tmp_path / name), *words]) == 0
+        (log,) = read_bags([tmp_path / name])
+        moved = {role: replace(x, position=x.position + shift)
+                 for role, x in log.streams.items() if x.position is not None}  # fmt: skip
+        write_bag(tmp_path / f'{name}_homed', replace(log, **moved))
+    request = jobs.Request(load_machine(machine), bags=(str(tmp_path / 'one'),))
+    found = jobs.compare(request, [str(tmp_path / 'two_homed')]).result
+    assert not found.changes
+    told = {x.text: x.after for x in found.apart if x.kind == 'zero'}
+    # A degree of the elbow is 3 mN m at least; in 8 s of 5 Hz noise leaves 0.7 mN m, 0.2 degrees.
+    assert told == pytest.approx(
+        dict(zip(('shoulder', 'elbow'), shift, strict=True)), abs=np.radians(0.5)
+    )
+    # a load is heavier by more than another zero makes it
+    (change,) = jobs.compare(request, [str(tmp_path / 'loaded_homed')]).result.changes
+    (size,) = change.sizes
+    assert size.name == 'elbow.link_moment_x' and size.low < 0.005 < size.high
