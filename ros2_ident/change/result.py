@@ -4,6 +4,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from ros2_ident.gap.rules import Rules
+
 Kind = Literal['parameter', 'constant', 'effect']
 
 
@@ -127,3 +129,8 @@ class Comparison:
     paired: bool
     price: float
     complete: bool
+
+    @property
+    def believed(self) -> bool:
+        """Whether most of the difference is theirs, so that the names of the changes count."""
+        return self.explained >= Rules.closed

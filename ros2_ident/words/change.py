@@ -18,14 +18,20 @@ def sentences(c: Comparison) -> Iterator[str]:
         yield capital(_apart(x))
     if not c.changes:
         yield 'No change shows.'
+    elif not c.believed:
+        yield (
+            'The logs differ, and nothing that was looked for explains most of it; compare logs '
+            'of one motion. What fits best is no change for certain.'
+        )
+    first, other = ('Changed', 'Also changed') if c.believed else ('Fits best', 'Beside it')
     for number, change in enumerate(c.changes):
-        yield f'{"Changed" if not number else "Also changed"}: {_change(change)}.'
+        yield f'{other if number else first}: {_change(change)}.'
         if change.ties:
             names = ', '.join(name(x) for x in change.ties)
             yield f'These logs do not tell it from: {names}.'
-    if c.changes and not math.isnan(c.explained):
+    if c.changes:
         data = 'logs' if c.left_out == 'logs' else 'quarters of the logs'
-        share = percent(min(max(c.explained, 0.0), 1.0))
+        share = 'nothing' if math.isnan(c.explained) else percent(c.explained)
         yield f'Explained by it: {share} of the difference, on {data} that were not fitted.'
     yield _smallest(c.smallest, beside=bool(c.changes))
     if sum(c.logs) == 2:

@@ -3,12 +3,14 @@
 
 from dataclasses import replace
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ros2_ident import jobs
+from ros2_ident.change.result import Change, Comparison, Size, Suspect
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
@@ -41,7 +43,7 @@ def compared(made: Path, before: list[str], after: list[str]) -> jobs.Compared:
 
 def test_an_unchanged_machine_is_unchanged(made):
     found = compared(made, ['one'], ['two']).result
-    assert not found.changes and found.complete
+    assert not found.changes and found.complete and not found.believed
     mass = next(x for x in found.smallest if x.suspect.name == 'emps_axis.moving_mass')
     assert 0.01 < mass.size < 1.0 and mass.unit == 'kg'
     said = list(sentences(found))
@@ -58,6 +60,7 @@ def test_a_change_is_named_with_its_size_and_written(made, tmp_path, capsys):
     (size,) = change['sizes']
     assert size['low'] < 2.0 < size['high'] and size['high'] - size['low'] < 0.5
     assert told['explained'] > 0.8
+    assert 'explains most of it' not in said
     assert told['settings']['after_bags'] == [f'{made}/heavy']
 
 
@@ -101,3 +104,15 @@ def test_encoders_that_are_homed_anew_are_no_change(tmp_path):
     (change,) = jobs.compare(request, [str(tmp_path / 'loaded_homed')]).result.changes
     (size,) = change.sizes
     assert size.name == 'elbow.link_moment_x' and size.low < 0.005 < size.high
+
+
+def test_names_that_explain_little_of_the_logs_left_out_are_not_believed():
+    suspect = Suspect('effect', 'stribeck', 'x_axis')
+    size = Size('x_axis.stribeck.torque', 2.0, 1.0, 3.0, 'N', math.nan)
+    change = Change(suspect, (size,), 9.0, ())
+    found = Comparison((change,), 0.9, 'logs', (), (), (2, 2), False, 5.0, True)
+    assert next(sentences(found)).startswith('Changed: Stribeck friction')
+    for share, said in ((0.2, '20 %'), (math.nan, 'nothing')):
+        first, best, explained, *_ = sentences(replace(found, explained=share))
+        assert 'nothing that was looked for explains most of it' in first
+        assert best.startswith('Fits best: Stribeck friction') and f': {said} of' in explained
