@@ -283,6 +283,7 @@ def compare(
     later: Sequence[str],
     *,
     paired: bool = False,
+    among: int = 1,
     cancel: Cancel | None = None,
     on_step: Callable[[float, str], None] = lambda share, text: None,
 ) -> Compared:
@@ -292,6 +293,7 @@ def compare(
         request: The bags before, and all else that is asked.
         later: Paths of the bags after.
         paired: As of `change.find_change`.
+        among: Likewise.
         cancel: Ends it with the best so far.
         on_step: Told the share that is done, and a sentence.
 
@@ -328,6 +330,7 @@ def compare(
         fitted.theta,
         np.array([number[name] for name in names]),
         paired=paired,
+        among=among,
         without=request.without,
         stopped=cancel.is_set if cancel is not None else lambda: False,
         on_step=on_step,

@@ -122,6 +122,7 @@ def find_change(
     *,
     paired: bool = False,
     without: Sequence[str] = (),
+    among: int = 1,
     stopped: Callable[[], bool] = lambda: False,
     on_step: Callable[[float, str], None] = lambda share, text: None,
     threads: int | None = None,
@@ -136,6 +137,7 @@ def find_change(
         paired: Whether the first log after was recorded as the first one before, and so on: what
             the model lacks, and its parameters, are of each pair then.
         without: Ids of effects to leave out.
+        among: Comparisons of which this is one: what shows in one of many has to be clearer.
         stopped: Asked often; True ends it with the changes found so far.
         on_step: Told the share that is done, and a sentence.
         threads: That simulate; one for each processor where None.
@@ -146,7 +148,7 @@ def find_change(
     )  # fmt: skip
     found: list[_Found] = []
     begun = now = looked(Sides(problem.models, after), theta)
-    price = price_of(len(now.suspects))
+    price = price_of(among * len(now.suspects))
     for _ in range(2 * Rules.most):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
         weak = next((x for x in found[:-1] if not _still(now, x[0], price, stopped)), None)

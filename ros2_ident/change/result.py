@@ -134,3 +134,22 @@ class Comparison:
     def believed(self) -> bool:
         """Whether most of the difference is theirs, so that the names of the changes count."""
         return self.explained >= Rules.closed
+
+
+@dataclass(frozen=True)
+class Between:
+    """A comparison of two bags of a fleet.
+
+    Attributes:
+        kind: `drift` of one machine, or of one `machine` with another.
+        machine: The machine of the bag after.
+        before: Name of the bag before.
+        after: Name of the bag after.
+        found: What was found.
+    """
+
+    kind: Literal['drift', 'machine']
+    machine: str
+    before: str
+    after: str
+    found: Comparison

@@ -2,12 +2,11 @@
 """`ident fleet`: many bags of many machines, identified, diagnosed and compared."""
 
 import argparse
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import effort_of, searched, wished
-from ros2_ident.errors import IdentError
 
 if TYPE_CHECKING:
     from ros2_ident.fleet.summary import Row
@@ -26,13 +25,11 @@ def run(args: argparse.Namespace) -> int:
     rows: list[Row] = []
 
     def begun(entry: 'Row') -> None:
-        gone = sum(row['name'] != entry['name'] for row in rows)
+        gone = sum('after' not in row for row in rows)
         meter(gone / len(entries), f'{gone} of {len(entries)}: {entry["name"]}')
 
     def done(row: 'Row') -> None:
-        # one that is fitted once more for the comparison takes its own place
-        kept = {x['name']: x for x in (*rows, row)}
-        rows[:] = [kept[x['name']] for x in entries if x['name'] in kept]
+        rows.append(row)
         meter.note(f'{row["name"]} {row["state"]} {_said(row)}')
 
     with ExitStack() as end, interrupts() as cancel, Meter(quiet=args.quiet) as meter:
@@ -49,7 +46,8 @@ def run(args: argparse.Namespace) -> int:
     page = page_line(Path(args.out), wanted=True)
     print(f'written: {args.out}/fleet.json')
     print(page, end='', flush=True)
-    return 0 if len(rows) == len(entries) and all(map(sound, rows)) else 1
+    bags = [row for row in rows if 'after' not in row]
+    return 0 if len(bags) == len(entries) and all(map(sound, rows)) else 1
 
 
 def _said(row: 'Row') -> str:
@@ -58,15 +56,14 @@ def _said(row: 'Row') -> str:
 
 def _print(rows: 'list[Row]') -> None:
     from ros2_ident.cli.table import columns
-    from ros2_ident.fleet.summary import summarise
+    from ros2_ident.report.files import compared
+    from ros2_ident.words.change import differences
 
     lines = [('bag', 'machine', 'date', 'state', 'verdict')] if rows else []
     for row in rows:
-        state = row['state'] if row['code'] == 'OK' else row['code']
-        lines.append((row['name'], row['machine'], row['date'], state, _said(row)))
+        if 'found' not in row:
+            state = row['state'] if row['code'] == 'OK' else row['code']
+            lines.append((row['name'], row['machine'], row['date'], state, _said(row)))
     columns(lines, '<<<<<')
-    with suppress(IdentError):  # without the page's packages they stand in fleet.json alone
-        from ros2_ident.report.page.several import differences
-
-        for text in differences(summarise(rows)):
-            print(text)
+    for text in differences(compared(rows)):
+        print(text)

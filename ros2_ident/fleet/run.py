@@ -21,7 +21,7 @@ from typing import Any, TYPE_CHECKING
 from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import make_directory, read_yaml, require_ours, write_text
-from ros2_ident.fleet.summary import effects_named, PAGE, Row, sound, SUMMARY, write_summary
+from ros2_ident.fleet.summary import PAGE, pairs_of, Row, SUMMARY, write_summary
 from ros2_ident.search.evaluators import Cancel
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 # `effort` that replaces fields of each machine.
 How = Mapping[str, Any]
 _NOT_ASKED = ('diagnosed', 'effort')
+# A row, and the begin of that of the bag before it where the two are compared.
 Tasks = Sequence[tuple[Row, Row | None]]
 _LARGEST = 1 << 24  # of a list, bytes
 _KEYS = {'bag', 'check', 'machine_file', 'machine', 'date', 'labels'}
@@ -139,45 +140,49 @@ def run_fleet(
         on_row: Called with each row as it is there.
 
     Returns:
-        The rows that are there, in the order of the entries.
+        The rows that are there, in the order of the entries, and those of the comparisons.
 
     Raises:
         IdentError: INVALID_GOAL where something is there that is not ours to replace, or a file
             cannot be written.
     """
     cancel = cancel or Event()
-    files = {x['name']: make_directory(Path(out) / 'rows') / f'{x["name"]}.json' for x in entries}
-    require_ours([*(Path(out) / name for name in (SUMMARY, PAGE)), *files.values()])
-    rows: dict[str, Row] = {}
+    folder, rows = make_directory(Path(out) / 'rows'), dict[str, Row]()
+    require_ours([Path(out) / name for name in (SUMMARY, PAGE)])
 
     def work(tasks: Tasks) -> None:
-        with closing(_worked(tasks, how, scheduler, on_start)) as found:
+        files = {x['name']: folder / f'{x["name"]}.json' for x, _ in tasks}
+        require_ours(files.values())
+        left = []
+        for entry, before in tasks:
+            if (known := _kept(files[entry['name']], entry, how, before)) is None:
+                left.append((entry, before))
+            else:
+                rows[entry['name']] = known
+                on_row(known)
+        with closing(_worked(left, how, scheduler, on_start)) as found:
             while not cancel.is_set() and (row := plain(next(found, None))) is not None:
                 rows[row['name']] = row
                 on_row(row)
                 text = json.dumps({'format': 'ros2_ident.row', **row}, indent=1, allow_nan=False)
                 write_text(files[row['name']], text + '\n')
 
-    for entry in entries:
-        if (known := _kept(files[entry['name']], entry, how)) is not None:
-            rows[entry['name']] = known
-            on_row(known)
-    work([(entry, None) for entry in entries if entry['name'] not in rows])
-    # Values are compared of one model on all logs: with every effect that was named on any.
-    common = effects_named(rows.values())
-    done = [(e, r) for e in entries if (r := rows.get(e['name'])) is not None and sound(r)]
-    work([(e, {**r, 'common': common}) for e, r in done if r.get('common', []) != common])
-    ordered = [rows[entry['name']] for entry in entries if entry['name'] in rows]
+    work([(entry, None) for entry in entries])
+    begun = {x['name']: x for x in entries}
+    pairs = pairs_of([rows[name] for name in begun if name in rows])
+    work([({**begun[x['after']], **x}, begun[x['before']]) for x in pairs])
+    names = [*begun, *(x['name'] for x in pairs)]
+    ordered = [rows[name] for name in names if name in rows]
     write_summary(Path(out), ordered)
     return ordered
 
 
-def _kept(path: Path, entry: Row, how: How) -> Row | None:
+def _kept(path: Path, entry: Row, how: How, before: Row | None) -> Row | None:
     """Return a row of an earlier run that still holds; failed ones are tried again."""
     try:
         row: Row = json.loads(path.read_text(encoding='utf-8'))
         row.pop('format', None)
-        holds = row['state'] == 'done' and row['key'] == key_of(entry, how)
+        holds = row['state'] == 'done' and row['key'] == key_of(entry, how, before)
     except (OSError, ValueError, KeyError, TypeError, IdentError):
         return None
     return row if holds else None
@@ -188,9 +193,9 @@ def _worked(
 ) -> Generator[Row]:
     """Yield each row as it is there, from this process or from the workers of a scheduler."""
     if scheduler is None:
-        for entry, known in tasks:
+        for entry, before in tasks:
             on_start(entry)
-            yield run_entry(entry, how, known)
+            yield run_entry(entry, how, before)
         return
     from ros2_ident.identify.problem import sources
     from ros2_ident.search.evaluators import connect
@@ -201,7 +206,7 @@ def _worked(
     try:
         submit, here = client.get_executor(pure=False).submit, sources()
         futures: dict[Future[Row], Row] = {
-            submit(run_entry, entry, how, known, here): entry for entry, known in tasks
+            submit(run_entry, entry, how, before, here): entry for entry, before in tasks
         }
         for future in as_completed(futures):
             try:
@@ -213,11 +218,12 @@ def _worked(
         client.close()
 
 
-def key_of(entry: Row, how: How) -> str:
+def key_of(entry: Row, how: How, before: Row | None = None) -> str:
     """Return a digest of what a row depends on.
 
     That is what the list gives, what is asked for, the sources of everything that has a part in a
-    result, the versions of the libraries, and the bytes of the machine file and of the bags.
+    result, the versions of the libraries, the bytes of the machine file and of the bags, and all
+    of that of the bag it is compared with.
 
     Raises:
         IdentError: As `load_machine`, or where a bag is not there.
@@ -228,6 +234,7 @@ def key_of(entry: Row, how: How) -> str:
     asked = {k: v for k, v in vars(_request(entry, how)).items() if k != 'machine'}
     beside = how.get('diagnosed', True), how.get('effort', {})
     total = hashlib.sha256(f'{json.dumps(entry)}{asked}{beside}'.encode())
+    total.update(b'' if before is None else key_of(before, how).encode())
     total.update(sources().encode())
     total.update(Path(entry['machine_file']).read_bytes())
     for bag in filter(None, (entry['bag'], *entry['more'], entry['check'])):
@@ -248,21 +255,20 @@ def _request(entry: Row, how: How) -> 'Request':
     )
 
 
-def run_entry(entry: Row, how: How, known: Row | None = None, here: str = '') -> Row:
-    """Identify and diagnose one bag; an error is part of the row.
+def run_entry(entry: Row, how: How, before: Row | None = None, here: str = '') -> Row:
+    """Identify and diagnose one bag, or compare it with one before; an error is part of the row.
 
     Args:
-        known: A row whose parameters alone are fitted anew, beside those of its `common` effects.
         here: What `identify.problem.sources` has to return here; empty for anything.
     """
-    row = {**(known or {}), **entry, 'key': ''}
+    row = {**entry, 'key': ''}
     try:
         if here:
             from ros2_ident.identify.problem import require_sources
 
             require_sources(here)
-        row['key'] = key_of(entry, how)
-        return {**row, **_found(entry, how, None if known is None else known['common'])}
+        row['key'] = key_of(entry, how, before)
+        return {**row, **(_found(entry, how) if before is None else _changed(entry, how, before))}
     except IdentError as error:
         return _failed(row, error.code, error.message)
     except OSError as error:
@@ -278,28 +284,33 @@ def _failed(row: Row, code: ErrorCode, message: str) -> Row:
     return {'key': '', **row, 'state': 'failed', 'code': code.name, 'message': message}
 
 
-def _found(entry: Row, how: How, common: Sequence[Sequence[str]] | None) -> Row:
-    """Return what is found in a bag; only the parameters beside common effects where given."""
+def _changed(entry: Row, how: How, before: Row) -> Row:
+    """Return what is another in a bag than in one before."""
     from ros2_ident import jobs
-    from ros2_ident.models import EffectAt
+    from ros2_ident.identify.layout import Conditions
+    from ros2_ident.words.change import changed
+
+    request = replace(_request(before, how), conditions=Conditions())
+    later = (entry['bag'], *entry['more'])
+    found = jobs.compare(request, later, among=entry['among']).result
+    return {'state': 'done', 'code': 'OK', 'message': ' '.join(changed(found)),
+            'found': asdict(found)}  # fmt: skip
+
+
+def _found(entry: Row, how: How) -> Row:
+    """Return what is found in a bag."""
+    from ros2_ident import jobs
     from ros2_ident.words.identification import message
     from ros2_ident.words.verdict import sentence
 
     request = _request(entry, how)
     logs = jobs.read(request)
-    known = request.problem(logs.fit).models[0].extensions() if common else ()
-    effects = [at for at in (EffectAt(*x) for x in common or ()) if at in known]
-    result = jobs.identify(replace(request, effects=tuple(effects)), logs).result
+    result = jobs.identify(request, logs).result
     found: Row = {
         'parameters': {
             p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
             for p in result.parameters
         },
-        'beside': [[at.effect, at.where] for at in effects],
-    }
-    if common is not None:
-        return found
-    found |= {
         'state': 'done',
         'code': result.outcome.error_code.name,
         'message': message(result),

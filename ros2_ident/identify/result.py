@@ -127,21 +127,18 @@ def half_of_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
 
 def smallest_shown(
     pairs: Iterable[tuple[str, Mapping[str, Any], Mapping[str, Any]]],
-    count: int = 1,
-    least: float = 0.0,
 ) -> dict[str, dict[str, Any]]:
     """Return for each parameter the minimum detectable difference, of several pairs the largest.
 
+    At a level of 5 %; one of this size is missed as seldom.
+
     Args:
         pairs: Parameter, a value, and the one it is compared with.
-        count: Comparisons that share the level of 5 %, at which one of none shows; one of this
-            size is missed as seldom.
-        least: Share of the value below which none is shown.
     """
     normal, out = NormalDist(), dict[str, dict[str, Any]]()
-    factor = (normal.inv_cdf(1.0 - 0.025 / count) + normal.inv_cdf(0.95)) / normal.inv_cdf(0.975)
+    factor = 1.0 + normal.inv_cdf(0.95) / normal.inv_cdf(0.975)
     for name, a, b in pairs:
-        change = max(factor * half_of_difference(a, b), least * abs(b['value']))
+        change = factor * half_of_difference(a, b)
         if out.get(name, {'change': 0.0})['change'] < change < math.inf:
             share = change / abs(b['value']) if b['value'] else None
             out[name] = {'change': change, 'share': share, 'unit': a['unit']}

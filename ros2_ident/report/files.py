@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import NORMAL, plain
-from ros2_ident.change.result import Comparison
+from ros2_ident.change.result import Between, Comparison
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_text
@@ -32,7 +32,7 @@ from ros2_ident.models.registry import KINDS
 from ros2_ident.report.diagnosis import effects_in, SCHEMA, Written
 from ros2_ident.report.diagnosis import from_mapping as diagnosis_from
 from ros2_ident.report.diagnosis import to_mapping as diagnosis_mapping
-from ros2_ident.report.schema import from_mapping, intact, to_mapping
+from ros2_ident.report.schema import from_mapping, intact, read, to_mapping
 from ros2_ident.report.signals import (
     read_arrays,
     signals_of_diagnosis,
@@ -104,6 +104,11 @@ def write_change(directory: str | Path, found: Comparison, asked: Mapping[str, o
     data = {'format': 'ros2_ident.change', 'version': 1, **asdict(found), 'settings': dict(asked)}
     text = json.dumps(plain(data), indent=1, allow_nan=False) + '\n'
     return write_text(Path(directory) / CHANGE, text)
+
+
+def compared(rows: Iterable[Mapping[str, Any]]) -> list[Between]:
+    """Return the comparisons among the rows of a fleet."""
+    return [read(Between, row) for row in rows if 'found' in row]
 
 
 def holds_results(path: str | Path) -> bool:

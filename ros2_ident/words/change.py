@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Changes between two sets of logs, in words."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import math
 
-from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
+from ros2_ident.change.result import Apart, Between, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.effects import title_at
 from ros2_ident.words.figures import capital, figure, percent, quantity
 
@@ -16,23 +16,7 @@ def sentences(c: Comparison) -> Iterator[str]:
     """Yield the answer, how the sides differ otherwise first."""
     for x in c.apart:
         yield capital(_apart(x))
-    if not c.changes:
-        yield 'No change shows.'
-    elif not c.believed:
-        yield (
-            'The logs differ, and nothing that was looked for explains most of it; compare logs '
-            'of one motion. What fits best is no change for certain.'
-        )
-    first, other = ('Changed', 'Also changed') if c.believed else ('Fits best', 'Beside it')
-    for number, change in enumerate(c.changes):
-        yield f'{other if number else first}: {_change(change)}.'
-        if change.ties:
-            names = ', '.join(name(x) for x in change.ties)
-            yield f'These logs do not tell it from: {names}.'
-    if c.changes:
-        data = 'logs' if c.left_out == 'logs' else 'quarters of the logs'
-        share = 'nothing' if math.isnan(c.explained) else percent(c.explained)
-        yield f'Explained by it: {share} of the difference, on {data} that were not fitted.'
+    yield from changed(c)
     yield _smallest(c.smallest, beside=bool(c.changes))
     if sum(c.logs) == 2:
         yield (
@@ -44,7 +28,41 @@ def sentences(c: Comparison) -> Iterator[str]:
         yield 'It was cut short: more may have changed.'
 
 
-def name(s: Suspect) -> str:
+def differences(several: Sequence[Between]) -> Iterator[str]:
+    """Yield what differs between bags of a fleet, or the smallest difference that would show."""
+    for b in several:
+        for text in changed(b.found) if b.found.changes else ():
+            yield f'{b.machine}, {b.after} after {b.before}: {text}'
+    if several and not any(b.found.changes for b in several):
+        largest: dict[str, Visible] = {}
+        for v in (v for b in several for v in b.found.smallest):
+            known = largest.get(key := f'{title_of(v.suspect)} {v.name}')
+            largest[key] = v if known is None or v.size > known.size else known
+        yield f'No difference shows. {_smallest(tuple(largest.values()), beside=False)}'
+
+
+def changed(c: Comparison) -> Iterator[str]:
+    """Yield what changed, and how much of the difference it explains."""
+    if not c.changes:
+        yield 'No change shows.'
+    elif not c.believed:
+        yield (
+            'The logs differ, and nothing that was looked for explains most of it; compare logs '
+            'of one motion. What fits best is no change for certain.'
+        )
+    first, other = ('Changed', 'Also changed') if c.believed else ('Fits best', 'Beside it')
+    for number, change in enumerate(c.changes):
+        yield f'{other if number else first}: {_change(change)}.'
+        if change.ties:
+            names = ', '.join(title_of(x) for x in change.ties)
+            yield f'These logs do not tell it from: {names}.'
+    if c.changes:
+        data = 'logs' if c.left_out == 'logs' else 'quarters of the logs'
+        share = 'nothing' if math.isnan(c.explained) else percent(c.explained)
+        yield f'Explained by it: {share} of the difference, on {data} that were not fitted.'
+
+
+def title_of(s: Suspect) -> str:
     """Return a suspect's name."""
     if s.kind == 'effect':
         return title_at(s.name, [s.where])
@@ -57,10 +75,10 @@ def _change(change: Change) -> str:
         numbers = ', '.join(
             f'{x.name} {quantity(x.value, x.unit)} {_ends(x)}' for x in change.sizes
         )
-        return f'{name(s)} is there {s.side} only, with {numbers}'
+        return f'{title_of(s)} is there {s.side} only, with {numbers}'
     (x,) = change.sizes
     share = f' ({100.0 * x.value / abs(x.before):+.3g} %)' if x.before else ''
-    return f'{name(s)} by {quantity(x.value, x.unit)} {_ends(x)}{share}'
+    return f'{title_of(s)} by {quantity(x.value, x.unit)} {_ends(x)}{share}'
 
 
 def _ends(x: Size) -> str:
@@ -99,7 +117,7 @@ def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:
             if v.value and math.isfinite(v.value)
             else ''
         )
-        texts.append(f'{name(v.suspect)} {quantity(v.size, v.unit)}{share}')
+        texts.append(f'{title_of(v.suspect)} {quantity(v.size, v.unit)}{share}')
     more = f' and {len(texts) - _LISTED} more' if len(texts) > _LISTED else ''
     return (
         f'The smallest {"other change" if beside else "change"} that would have shown: '

@@ -12,8 +12,10 @@ from ros2_ident import compiled
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.fleet import run as fleet
-from ros2_ident.fleet.summary import Row, summarise
+from ros2_ident.fleet.summary import pairs_of, Row
 from ros2_ident.models import load_machine
+from ros2_ident.report.files import compared
+from ros2_ident.search.evidence import price_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -22,6 +24,7 @@ def row(name: str, machine: str, date: str, mass: float, effect: str = 'none') -
     return {
         'name': name,
         'machine': machine,
+        'machine_file': 'm.yaml',
         'date': date,
         'state': 'done',
         'code': 'OK',
@@ -100,81 +103,59 @@ def test_one_byte_in_what_a_row_depends_on_changes_its_key(tmp_path: Path) -> No
         (package / module).write_bytes(content)
 
 
-def test_drift_is_told_and_chance_is_not() -> None:
+def test_bags_are_compared_with_the_earliest_and_machines_with_the_most_usual() -> None:
     rows = [
+        row('a3', 'a', '2026-03-01', 100.1),
         row('a1', 'a', '2026-01-01', 100.0),
-        row('a2', 'a', '2026-02-01', 100.5),
-        row('a3', 'a', '2026-03-01', 110.0, 'backlash'),
         row('b1', 'b', '2026-01-01', 100.2),
+        row('c1', 'c', '2026-01-01', 120.0),
+        row('d1', 'd', '2026-01-01', 100.3, 'wrong_machine_file'),
+        {**row('e1', 'e', '2026-01-01', 100.0), 'machine_file': 'other.yaml'},
     ]
-    summary = summarise(rows)
-    assert [(x['bag'], x['against']) for x in summary['drifts']] == [('a3', 'a1')]
-    assert summary['drifts'][0]['change'] == pytest.approx(0.1)
-    assert {x['machine']: x['against'] for x in summary['machines']} == {'a': 'b'}
-    assert summary['effects'] == {'backlash': ['a3: d']}
+    rows[4]['code'] = 'CONTRADICTED'
+    pairs = pairs_of(rows)
+    assert [(x['kind'], x['machine'], x['after'], x['before']) for x in pairs] == [
+        ('drift', 'a', 'a3', 'a1'), ('machine', 'a', 'a3', 'b1'), ('machine', 'c', 'c1', 'b1'),
+    ]  # fmt: skip
+    # a fourth one changes nothing for these, a fifth does
+    assert {x['among'] for x in pairs} == {4}
+    rows += [row('f1', 'f', '', 100.2), row('g1', 'g', '', 100.2)]
+    assert {x['among'] for x in pairs_of(rows[:-1])} == {4}
+    assert {x['among'] for x in pairs_of(rows)} == {8}
+    assert pairs_of([]) == pairs_of(rows[:1]) == []
 
 
-@pytest.mark.parametrize(
-    ('values', 'told'),
-    [
-        # one machine that is off does not make the others differ
-        ([(100.0, 1), (100.01, 1), (100.02, 1), (120.0, 1)], 'd'),
-        # one that is hardly known does not hide how the others differ, one that is not known does
-        ([(100.0, 1), (100.1, 1), (104.0, 1), (60.0, 60)], 'c'),
-        ([(100.0, 1), (100.1, 1), (104.0, 1), (60.0, None)], ''),
-        # less than a warm day makes
-        ([(100.0, 1), (100.0, 1), (100.0, 1), (101.9, 1)], ''),
-        ([(100.0, 1), (100.0, 1), (100.0, 1), (102.1, 1)], 'd'),
-    ],
-)
-def test_machines_are_compared_with_the_median_of_all(values, told: str) -> None:
-    rows = [row(name, name, '', mass) for name, (mass, _) in zip('abcd', values, strict=True)]
-    for found, (mass, half) in zip(rows, values, strict=True):
-        low, high = (None, None) if half is None else (mass - half, mass + half)
-        found['parameters']['mass'].update(low=low, high=high)
-    machines = summarise(rows)['machines']
-    assert {(x['machine'], x['against']) for x in machines} == {
-        (name, 'median of the machines') for name in told
-    }
-
-
-def test_of_equal_machines_known_unequally_well_hardly_any_differs() -> None:
-    random = np.random.default_rng(3)
-    told = 0
-    for _ in range(200):
-        rows = []
-        for name, half in zip('abcd', 10.0 ** random.uniform(-1, 1, 4), strict=True):
-            rows.append(row(name, name, '', 100.0 + float(random.normal()) * half / 1.96))
-            value = rows[-1]['parameters']['mass']
-            value.update(low=value['value'] - half, high=value['value'] + half)
-        told += bool(summarise(rows)['machines'])
-    assert told <= 20
-
-
-def test_rows_are_compared_with_the_same_effects_in_the_model_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_what_differs_is_what_ident_diff_finds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rows = {'a1': row('a1', 'a', '', 100.0), 'b1': row('b1', 'b', '', 150.0, 'backlash')}
-    fitted = []
-
-    def run(entry, how, known=None):
-        if known is None:
-            return {**rows[entry['name']], 'beside': []}
-        fitted.append((entry['name'], known['common']))
-        found = row(entry['name'], entry['machine'], '', 100.0)['parameters']
-        return {**known, 'parameters': found, 'beside': known['common']}
-
-    monkeypatch.setattr('ros2_ident.fleet.run.run_entry', run)
-    listed = tmp_path / 'list.yaml'
-    listed.write_text('{bags: [{bag: a1, machine: a}, {bag: b1, machine: b}], machine_file: m}')
-    assert main(['fleet', str(listed), '--out', str(tmp_path / 'out'), '--quiet']) == 0
-    assert capsys.readouterr().out.count('\nb1 ') == 1
-    summary = json.loads((tmp_path / 'out/fleet.json').read_text())
-    assert fitted == [('a1', [['backlash', 'd']]), ('b1', [['backlash', 'd']])]
-    assert summary['machines'] == [] and summary['smallest']['mass']['change'] > 2.0
-    # one that could not be fitted so is not compared
-    rows['b1']['beside'] = [['backlash', 'd']]
-    assert summarise([*rows.values()])['smallest'] == {}
+    axis = str(ROOT / 'config/emps.yaml')
+    for seed, (name, mass) in enumerate({'a_1': 75, 'a_2': 77, 'b_1': 75}.items()):
+        words = ['simulate', str(tmp_path / name), '--machine', axis, '--motion', 'reversals']
+        words += ['--seconds', '6', '--seed', str(seed), '--set', f'moving_mass={mass}']
+        assert main(words) == 0
+    listed, out = tmp_path / 'list.yaml', tmp_path / 'out'
+    bags = '{bag: a_1, machine: a}, {bag: a_2, machine: a, date: b}, {bag: b_1, machine: b}'
+    listed.write_text(f'{{bags: [{bags}], machine_file: {axis}}}')
+    words = ['fleet', str(listed), '--out', str(out), '--no-diagnosis', '--quiet']
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert 'a, a_2 after a_1: Changed: emps_axis.moving_mass by' in said, said
+    drift, other = compared(json.loads((out / 'fleet.json').read_text())['comparisons'])
+    assert (drift.kind, other.kind) == ('drift', 'machine')
+    for found in (drift, other):
+        more = 2.0 if found.after == 'a_2' else -2.0
+        (size,) = found.found.changes[0].sizes
+        assert size.low < more < size.high and found.found.price >= price_of(2)
+    text = (out / 'report.html').read_text()
+    assert 'a has drifted; ' in text and 'Inspect a, for its emps_axis.moving_mass' in text
+    begun: list[str] = []
+    how = {'diagnosed': False, 'seed': 1}
+    again = fleet.run_fleet(
+        fleet.read_fleet(listed), out, how, on_start=lambda x: begun.append(x['name'])
+    )
+    assert begun == [] and [x['name'] for x in again[3:]] == [
+        f'{x.after}~{x.before}' for x in (drift, other)
+    ]
 
 
 def test_where_nothing_is_missing_the_values_of_the_identification_stay(listed: Path) -> None:

@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import plain
+from ros2_ident.change.result import Between
 from ros2_ident.effects import CATALOGUE, title_at
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.models import EffectAt
-from ros2_ident.report.files import content, FLEET, load, PAGE
+from ros2_ident.report.files import compared, content, FLEET, load, PAGE
 from ros2_ident.report.page import answer, steps
 from ros2_ident.report.page.numbers import change, percent, quantity, some
 from ros2_ident.report.page.render import render
 from ros2_ident.report.schema import intact
+from ros2_ident.words.change import differences
 from ros2_ident.words.figures import capital
 from ros2_ident.words.verdict import named
 
@@ -187,7 +189,7 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     others = [r.label for r in runs if r.effects != runs[0].effects]
     if others:
         text += f' Not compared, for other effects in the model: {some(others)}; '
-        text += '`ident fleet` fits all with the same.'
+        text += '`ident diff` compares their logs.'
     target = Path(directories[0]) / COMPARISON if page is None else Path(page)
     make_directory(target.parent)
     context = {
@@ -203,29 +205,18 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
 # ---------------------------------------------------------------------- a fleet
 
 
-def differences(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield how the machines of a fleet compare, in sentences.
+def _failed(data: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what could not be compared."""
+    for x in data['comparisons']:
+        if x['state'] != 'done':
+            yield f'{x["after"]} could not be compared with {x["before"]}: {x["message"]}'
 
-    Args:
-        summary: `drifts`, `machines`, `effects` and `smallest` of `fleet.json`.
-    """
-    if not (summary['drifts'] or summary['machines']) and summary.get('smallest'):
-        yield f'No difference shows; {_would_show(summary["smallest"])}.'
-    for x in (*summary['drifts'], *summary['machines']):
-        value, other = (quantity(x[k], x['unit'], 4) for k in ('value', 'reference'))
-        rest = '' if x['change'] is None else f' ({change(x["change"])})'
-        if x in summary['drifts']:
-            yield (
-                f'{x["machine"]}: {x["parameter"]} drifted from {other} ({x["against"]}) to '
-                f'{value} ({x["bag"]}){rest}'
-            )
-        else:
-            against = f'{x["against"]}: {other}'
-            yield f'{x["machine"]}: {x["parameter"]} is {value}; {against}{rest}'
-    for effect, places in summary['effects'].items():
+
+def _effects(data: Mapping[str, Any]) -> Iterator[str]:
+    """Yield which effects were found, and where."""
+    for effect, places in data['effects'].items():
         count = 'once' if len(places) == 1 else f'{len(places)} times'
-        name = title_at(effect)
-        yield f'{name}: found {count} ({"; ".join(places)})'
+        yield f'{title_at(effect)}: found {count} ({"; ".join(places)})'
 
 
 def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
@@ -241,33 +232,28 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     """
     path = Path(directory) / FLEET
     data = content(path, '`ident fleet` wrote')
-    if not isinstance(data, dict) or data.get('schema') != 'ros2_ident.fleet':
+    kind = isinstance(data, dict) and (data.get('schema'), data.get('version'))
+    if kind != ('ros2_ident.fleet', 2):
         raise ErrorCode.BAD_VALUES.error(
-            f'{path}: is no fleet of this package; run `ident fleet` again'
+            f'{path}: is no fleet of this version; run `ident fleet` again'
         )
     done = [row for row in data['rows'] if row['state'] == 'done']
-    told = {(x['bag'], x['parameter']) for kind in ('drifts', 'machines') for x in data[kind]}
+    several = compared(data['comparisons'])
+    told = {
+        (b.after, c.suspect.name) for b in several if b.found.believed for c in b.found.changes
+    }
     made = strips([(row['name'], row['parameters']) for row in done], told)
     machines = {row['machine'] for row in data['rows']}
-    lost = len(data['rows']) - len(done)
-    level: answer.Level = 'good'
-    if any(row['state'] != 'done' or row['code'] != 'OK' for row in data['rows']):
-        level = 'bad'
-    elif (
-        data['drifts']
-        or data['machines']
-        or any(row.get('effect', 'none') != 'none' for row in data['rows'])
-    ):
-        level = 'doubtful'
+    lost, level = len(data['rows']) - len(done), _fleet_level(data, several)
     context = {
         'title': f'Fleet: {Path(directory).resolve().name}',
         'lead': f'{len(data["rows"])} recordings of {len(machines)} machines'
         + (f', {lost} not done' if lost else ''),
         'level': level,
         'state_of': STATES[level],
-        'headline': _fleet_headline(data),
-        'differences': list(differences(data)),
-        'steps': list(steps.of_fleet(data, str(directory))),
+        'headline': _fleet_headline(data, several),
+        'differences': [*differences(several), *_failed(data), *_effects(data)],
+        'steps': list(steps.of_fleet(data, several, str(directory))),
         'rows': [{**row, 'found': _found(row)} for row in data['rows']],
         'dated': any(row['date'] for row in data['rows']),
         'open': [s for s in made if s.differs][:OPEN] or made[:OPEN],
@@ -286,8 +272,20 @@ def _found(row: Mapping[str, Any]) -> str:
     return f'{row.get("verdict") or row["message"]}{sure * (row.get("effect") in CATALOGUE)}'
 
 
-def _fleet_headline(data: Mapping[str, Any]) -> str:
-    drifted, other = (sorted({x['machine'] for x in data[k]}) for k in ('drifts', 'machines'))
+def _fleet_level(data: Mapping[str, Any], several: Sequence[Between]) -> answer.Level:
+    """Return the colour of the answer's edge."""
+    rows = [*data['rows'], *data['comparisons']]
+    if any(row['state'] != 'done' or row['code'] != 'OK' for row in rows):
+        return 'bad'
+    found = any(row.get('effect', 'none') != 'none' for row in data['rows'])
+    return 'doubtful' if found or any(b.found.changes for b in several) else 'good'
+
+
+def _fleet_headline(data: Mapping[str, Any], several: Sequence[Between]) -> str:
+    drifted, other = (
+        sorted({b.machine for b in several if b.kind == kind and b.found.changes})
+        for kind in ('drift', 'machine')
+    )
     found = [row for row in data['rows'] if row.get('effect', 'none') in CATALOGUE]
     parts = [f'{some(drifted)} {"have" if drifted[1:] else "has"} drifted'] if drifted else []
     if other:
@@ -298,6 +296,6 @@ def _fleet_headline(data: Mapping[str, Any]) -> str:
         what = f'the simulation lacks {kinds.pop()}' if len(kinds) == 1 else 'effects are missing'
         parts.append(f'{what} in {some(sorted({row["name"] for row in found}))}')
     if not (drifted or other):
-        parts.append('no difference shows' if data.get('smallest') else 'nothing to compare')
+        parts.append('no difference shows' if several else 'nothing to compare')
     text = '; '.join(parts)
     return f'{text if drifted or other else capital(text)}.'

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Next steps: the equation with its numbers, lines to paste, a motion, the next command."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 import shlex
 from typing import Any
 
+from ros2_ident.change.result import Between
 from ros2_ident.effects import CATALOGUE, Effect
 from ros2_ident.gap.result import Cause, Diagnosis, Value
 from ros2_ident.gap.verdict import REFUSED
@@ -17,6 +18,7 @@ from ros2_ident.recording import LIVE
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.page.numbers import plus_minus, quantity, some
 from ros2_ident.words import verdict as words
+from ros2_ident.words.change import title_of
 
 # Machines of a fleet that its page has steps for.
 FLEET = 3
@@ -214,19 +216,22 @@ def _ident(
     return shlex.join([*parts, *(['--out', out] if out else ())])
 
 
-def of_fleet(data: Mapping[str, Any], out: str) -> Iterator[Step]:
+def of_fleet(data: Mapping[str, Any], several: Sequence[Between], out: str) -> Iterator[Step]:
     """Yield what to do after a fleet.
 
     Args:
         data: The content of `fleet.json`.
+        several: Its comparisons.
     """
     rows = {row['name']: row for row in data['rows']}
-    told = [*data['drifts'], *data['machines']]
-    for machine in list(dict.fromkeys(x['machine'] for x in told))[:FLEET]:
-        drifts = [x for x in data['drifts'] if x['machine'] == machine]
-        of_it = drifts or [x for x in told if x['machine'] == machine]
-        row = max((rows[x['bag']] for x in of_it), key=lambda row: str(row['date']))
-        names = some(list(dict.fromkeys(x['parameter'] for x in of_it)))
+    told = [b for b in several if b.found.changes]
+    for machine in list(dict.fromkeys(b.machine for b in told))[:FLEET]:
+        drifts = [b for b in told if b.machine == machine and b.kind == 'drift']
+        of_it = drifts or [b for b in told if b.machine == machine]
+        row = max((rows[b.after] for b in of_it), key=lambda row: str(row['date']))
+        names = some(
+            list(dict.fromkeys(title_of(c.suspect) for b in of_it for c in b.found.changes))
+        )
         bag, file = row.get('bag') or 'BAG', row.get('machine_file') or 'MACHINE.yaml'
         words = ['ident', 'diagnose', bag, '--machine', file, '--out', f'{out}/{row["name"]}']
         yield Step(
