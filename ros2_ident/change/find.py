@@ -88,8 +88,21 @@ class _Column:
     own: Literal['', 'timing', 'zero'] = ''
     usual: float = 0.0
 
+    @property
+    def place(self) -> str:
+        """Its drive; empty for the machine."""
+        return self.suspect.where or self.suspect.name.rpartition('.')[0]
 
-_Found = tuple[_Column, float, tuple[Suspect, ...]]
+
+@dataclass(frozen=True)
+class _Fit:
+    """Fit with a suspect beside all else: its evidence, and what explains as much."""
+
+    column: _Column
+    evidence: float
+    sides: Sides
+    theta: Array
+    ties: tuple[Suspect, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -146,29 +159,28 @@ def find_change(
         _round, log=log, zeros=dict(_shifted(problem)), paired=paired, without=without,
         stopped=stopped, threads=threads,
     )  # fmt: skip
-    found: list[_Found] = []
+    found: list[_Fit] = []
     begun = now = looked(Sides(problem.models, after), theta)
     price = price_of(among * len(now.suspects))
     for _ in range(2 * Rules.most):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
-        weak = next((x for x in found[:-1] if not _still(now, x[0], price, stopped)), None)
+        weak = next((x for x in found[:-1] if not _still(now, x.column, price, stopped)), None)
         if stopped():
             break
         if weak is not None:
             # What came first stood for what came after.
             found.remove(weak)
-            sides = now.sides.less(weak[0].at, weak[0].suspect.name)
-            start = sides.start(now.sides, now.theta, np.empty(0))
-            best = _fitted(now, sides, start, stopped).theta
+            sides, point = _less(now, weak.column, stopped)
+            best = point.theta
         elif len(found) < Rules.most and (step := _step(now, price, found, stopped)) is not None:
-            column, evidence, ties, sides, best = step
-            found.append((column, evidence, ties))
+            found.append(step)
+            sides, best = step.sides, step.theta
         else:
             break
         on_step(0.2 + 0.15 * len(found), 'looking at all that may have changed beside it')
         now = looked(sides, best)
     changes = tuple(_changes(now, found, theta))
-    there = [own.columns for c, _, _ in found if (own := _same(begun, c)) is not None]
+    there = [own.columns for x in found if (own := _same(begun, x.column)) is not None]
     share = begun.weighed.explained([i for columns in there for i in columns])
     count = int(np.unique(log[~after]).size), int(np.unique(log[after]).size)
     return Comparison(
@@ -343,12 +355,9 @@ def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) ->
 # ---------------------------------------------------------------------- one change more
 
 
-_Step = tuple[_Column, float, tuple[Suspect, ...], Sides, Array]
-
-
 def _step(
-    now: _Round, price: float, found: Sequence[_Found], stopped: Callable[[], bool]
-) -> _Step | None:
+    now: _Round, price: float, found: Sequence[_Fit], stopped: Callable[[], bool]
+) -> _Fit | None:
     """Return the change whose evidence is more than its choice among all may be by chance.
 
     No law is exactly the machine's: another one where something changed already may do no more
@@ -366,26 +375,17 @@ def _step(
         return None
     promising = [c for c in ordered if told[id(c)] > max(price, PROMISING * best)][:_FITS]
     base = _fitted(now, now.sides, now.theta, stopped)
-    fits = [_with(now, c, base, stopped) for c in promising]
     fits = [
-        f for f in fits
-        if all(f[1] > Rules.alike * e for x, e, _ in found if _place(x) == _place(f[0]))
+        f for f in (_with(now, c, base, stopped) for c in promising)
+        if all(f.evidence > Rules.alike * x.evidence for x in found
+               if x.column.place == f.column.place)
     ]  # fmt: skip
-    top = max((evidence for _, evidence, *_ in fits), default=0.0)
+    top = max((f.evidence for f in fits), default=0.0)
     if not top > price:
         return None
-    alike = [f for f in fits if f[1] > min(top - price_of(1), (1.0 - Rules.alike) * top)]
-    column, evidence, suspect, sides, theta = min(
-        alike, key=lambda f: (f[2].kind == 'effect', f[0].numbers, -f[1])
-    )
-    ties = [suspect for _, _, suspect, *_ in alike]
-    column = replace(column, suspect=suspect)
-    return column, evidence, tuple(x for x in ties if x != suspect), sides, theta
-
-
-def _place(c: _Column) -> str:
-    """Return the drive of a suspect; empty for the machine."""
-    return c.suspect.where or c.suspect.name.rpartition('.')[0]
+    alike = [f for f in fits if f.evidence > min(top - price_of(1), (1.0 - Rules.alike) * top)]
+    one = min(alike, key=lambda f: (f.column.at is not None, f.column.numbers, -f.evidence))
+    return replace(one, ties=tuple(f.column.suspect for f in alike if f is not one))
 
 
 def _fitted(now: _Round, sides: Sides, start: Array, stopped: Callable[[], bool]) -> Point:
@@ -399,14 +399,10 @@ def _fitted(now: _Round, sides: Sides, start: Array, stopped: Callable[[], bool]
     return best
 
 
-_Fit = tuple[_Column, float, Suspect, Sides, Array]
-
-
 def _with(now: _Round, c: _Column, base: Point, stopped: Callable[[], bool]) -> _Fit:
     """Return the fit of a suspect beside the parameters, and its evidence."""
     estimate = now.weighed.of(c.columns)[0]
-    suspect, sides, theta = c.suspect, now.sides, base.theta
-    own = estimate * c.scales
+    sides, own, suspect = now.sides, estimate * c.scales, c.suspect
     if suspect.kind == 'constant':
         most = math.log(STATED_WITHIN)
         factor = math.exp(float(np.clip(estimate[0], -most, most)))
@@ -421,24 +417,27 @@ def _with(now: _Round, c: _Column, base: Point, stopped: Callable[[], bool]) -> 
         later = reach[0] >= reach[1]
         own, sides = both[0] if later else both[1], sides.also((c.at, later))
         suspect = replace(suspect, side='after' if later else 'before')
-    found = _fitted(now, sides, sides.start(now.sides, theta, own), stopped)
+    found = _fitted(now, sides, sides.start(now.sides, base.theta, own), stopped)
     gain = base.loss * base.residual.size - found.loss * found.residual.size
     gain = now.weighed.among_logs(max(0.0, gain), c.columns)
-    return c, evidence_of(gain, c.numbers), suspect, sides, found.theta
+    column = replace(c, suspect=suspect)
+    return _Fit(column, evidence_of(gain, c.numbers), sides, found.theta)
 
 
 # ---------------------------------------------------------------------- what is said
 
 
-def _changes(now: _Round, found: Sequence[_Found], theta: Array) -> Iterator[Change]:
+def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Change]:
     """Yield what changed with its intervals, all changes beside one another.
 
     Args:
         theta: (N,) one fit of all logs; without what the model may lack it is the plainest.
     """
-    half, sides = _half_widths(now), now.sides
-    for c, evidence, ties in found:
-        s = c.suspect
+    sides, common = now.sides, np.zeros(now.sides.nominal)
+    width = (sides.high - sides.low)[sides.nominal :]
+    half = np.concatenate([common, now.weighed.half_widths() * width])
+    for x in found:
+        c, s = x.column, x.column.suspect
         sizes = [
             Size(sides.parameters[i].name.removesuffix(AFTER), value, value - half[i],
                  value + half[i], sides.parameters[i].unit,
@@ -450,25 +449,24 @@ def _changes(now: _Round, found: Sequence[_Found], theta: Array) -> Iterator[Cha
             ends = NORMAL * math.sqrt(now.weighed.of(here.columns)[1][0, 0]) * here.value
             moved = here.value - c.value
             sizes = [Size(s.name, moved, moved - ends, moved + ends, c.units[0], c.value)]
-        yield Change(s, tuple(sizes), evidence, ties)
+        yield Change(s, tuple(sizes), x.evidence, x.ties)
 
 
-def _half_widths(now: _Round) -> Array:
-    """Return (N,) half the intervals of changes; 0 of what is common."""
-    width = (now.sides.high - now.sides.low)[now.sides.nominal :]
-    return np.concatenate([np.zeros(now.sides.nominal), now.weighed.half_widths() * width])
+def _less(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sides, Point]:
+    """Return the sides without a change, and their best fit."""
+    sides = now.sides.less(c.at, c.suspect.name)
+    start = sides.start(now.sides, now.theta, np.empty(0))
+    return sides, _fitted(now, sides, start, stopped)
 
 
 def _still(now: _Round, c: _Column, price: float, stopped: Callable[[], bool]) -> bool:
     """Return whether a change counts beside those found after it."""
-    sides = now.sides.less(c.at, c.suspect.name)
-    if len(sides.names) == len(now.sides.names):
+    own = now.sides.places_of(c.at, c.suspect.name)
+    if not own:
         return True
-    start = sides.start(now.sides, now.theta, np.empty(0))
-    without = _fitted(now, sides, start, stopped)
+    _, without = _less(now, c, stopped)
     whole = now.marginal(residuals_at(now.sides, now.rows)(now.theta[None]))[0]
     gain = max(0.0, without.loss * without.residual.size - float(whole @ whole))
-    own = now.sides.places_of(c.at, c.suspect.name)
     kept = [now.weighed.kept[i - now.sides.nominal] for i in own]
     return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price
 
