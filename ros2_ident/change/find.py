@@ -501,9 +501,11 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
     """Yield by what else the logs of one side differ from the others; of a kind the clearest."""
     told: dict[str, tuple[float, list[Apart]]] = {}
     for c in now.columns:
+        if not c.own:
+            continue
         estimate, covariance, gain = now.weighed.of(c.columns, alike=True)
         evidence = evidence_of(gain, len(c.columns))
-        if c.own and evidence > told.get(c.own, (price,))[0]:
+        if evidence > told.get(c.own, (price,))[0]:
             place = c.at.prefix if c.at else ''
             sure = np.abs(estimate) > NORMAL * np.sqrt(np.diag(covariance))
             told[c.own] = evidence, [

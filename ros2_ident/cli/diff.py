@@ -13,7 +13,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident import jobs
     from ros2_ident.cli.arguments import once, topics_of, with_effort
     from ros2_ident.cli.progress import Meter
-    from ros2_ident.cli.runs import interrupts
+    from ros2_ident.cli.runs import interrupts, page_line
     from ros2_ident.files import make_directory
     from ros2_ident.identify.settings import IdentifySettings
     from ros2_ident.models import load_machine
@@ -37,5 +37,7 @@ def run(args: argparse.Namespace) -> int:
         print(text)
     if args.out:
         asked = {**request.plain(), 'after_bags': list(done.later), 'seconds': done.seconds}
-        print(f'written: {write_change(make_directory(args.out), done.result, asked)}')
+        out = make_directory(args.out)
+        print(f'written: {write_change(out, done.result, asked)}')
+        print(page_line(out, wanted=not args.no_report), end='')
     return 0 if done.result.complete else 1

@@ -61,6 +61,11 @@ def test_a_change_is_named_with_its_size_and_written(made, tmp_path, capsys):
     assert size['low'] < 2.0 < size['high'] and size['high'] - size['low'] < 0.5
     assert told['explained'] > 0.8
     assert 'explains most of it' not in said
+    page = (tmp_path / 'report.html').read_text(encoding='utf-8').replace('\xa0', ' ')
+    assert 'Changed: emps_axis.moving_mass by' in page and f'after: {made}/heavy' in page
+    assert '<th scope="row">emps_axis.viscous_friction</th>' in page
+    (tmp_path / 'change.json').write_text('{"settings": {}}')
+    assert main(['report', str(tmp_path)]) == 2
     assert told['settings']['after_bags'] == [f'{made}/heavy']
 
 

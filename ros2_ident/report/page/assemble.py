@@ -13,12 +13,20 @@ from ros2_ident.gap.result import Diagnosis
 from ros2_ident.gap.where.localise import Finding
 from ros2_ident.identify.result import Identification, Provenance
 from ros2_ident.report.diagnosis import Written
-from ros2_ident.report.files import DIAGNOSIS_SIGNALS, FLEET, holds_results, load, PAGE, SIGNALS
+from ros2_ident.report.files import (
+    CHANGE,
+    DIAGNOSIS_SIGNALS,
+    FLEET,
+    holds_results,
+    load,
+    PAGE,
+    SIGNALS,
+)
 from ros2_ident.report.page import charts, numbers
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
 from ros2_ident.report.page.render import Picture, render
-from ros2_ident.report.page.several import write_fleet
+from ros2_ident.report.page.several import write_difference, write_fleet
 from ros2_ident.report.schema import intact
 from ros2_ident.report.signals import load_signals
 from ros2_ident.words import verdict as words
@@ -42,7 +50,8 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     """Write the page on what a result directory holds.
 
     Args:
-        directory: Holds a result, a diagnosis, or both; or what `ident fleet` wrote.
+        directory: Holds a result, a diagnosis, or both; or what `ident fleet` or
+            `ident diff` wrote.
         page: The file to write; `report.html` in the directory where None.
 
     Raises:
@@ -50,9 +59,10 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
             be read, INVALID_GOAL where the page cannot be written.
     """
     folder = Path(directory)
-    if not holds_results(folder) and (folder / FLEET).exists():
-        with intact(folder / FLEET):
-            return write_fleet(folder, page)
+    for name, write in ((FLEET, write_fleet), (CHANGE, write_difference)):
+        if not holds_results(folder) and (folder / name).exists():
+            with intact(folder / name):
+                return write(folder, page)
     result, diagnosis = load(folder)
     target = folder / PAGE if page is None else Path(page)
     make_directory(target.parent)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pages on several runs: two or more result directories side by side, and a fleet."""
+"""Pages on several runs: result directories side by side, two sets of logs, and a fleet."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import plain
-from ros2_ident.change.result import Between
+from ros2_ident.change.result import Between, Comparison
 from ros2_ident.effects import CATALOGUE, title_at
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.models import EffectAt
-from ros2_ident.report.files import compared, content, FLEET, load, PAGE
+from ros2_ident.report.files import CHANGE, compared, content, FLEET, load, PAGE
 from ros2_ident.report.page import answer, steps
 from ros2_ident.report.page.numbers import change, percent, quantity, some
 from ros2_ident.report.page.render import render
-from ros2_ident.report.schema import intact
-from ros2_ident.words.change import differences
+from ros2_ident.report.schema import intact, read
+from ros2_ident.words.change import changed, differences, sentences, title_of
 from ros2_ident.words.figures import capital
 from ros2_ident.words.verdict import named
 
@@ -33,6 +33,13 @@ STATES: Mapping[answer.Level, str] = {
     'good': 'No difference shows',
     'doubtful': 'To be inspected',
     'bad': 'Not every recording could be judged',
+}
+
+# The same of two sets of logs.
+CHANGED: Mapping[answer.Level, str] = {
+    'good': 'No change shows',
+    'doubtful': 'Changed',
+    'bad': 'Different, and not explained',
 }
 
 
@@ -200,6 +207,40 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
         'strips': made,
     }
     return write_text(target, render('comparison.html', context))
+
+
+# ---------------------------------------------------------------------- what changed
+
+
+def write_difference(directory: str | Path, page: str | Path | None = None) -> Path:
+    """Write the page on what changed between two sets of logs.
+
+    Args:
+        directory: Where `ident diff` wrote.
+        page: The file to write; `report.html` in the directory where None.
+
+    Raises:
+        IdentError: NO_DATA or BAD_VALUES where `change.json` cannot be read, INVALID_GOAL where
+            the page cannot be written.
+    """
+    data = content(Path(directory) / CHANGE, '`ident diff` wrote')
+    found, asked = read(Comparison, data), data['settings']
+    headline, *_ = changed(found)
+    level: answer.Level = 'good'
+    if found.changes:
+        level = 'doubtful' if found.believed else 'bad'
+    context = {
+        'title': 'What changed',
+        'lead': f'{some(asked["bags"])}; after: {some(asked["after_bags"])}',
+        'level': level,
+        'state_of': CHANGED[level],
+        'headline': headline,
+        'sentences': [text for text in sentences(found) if text != headline],
+        'smallest': [{**vars(v), 'what': title_of(v.suspect)} for v in found.smallest],
+    }
+    target = Path(directory) / PAGE if page is None else Path(page)
+    make_directory(target.parent)
+    return write_text(target, render('change.html', context))
 
 
 # ---------------------------------------------------------------------- a fleet
