@@ -25,11 +25,13 @@ from checks.blind.rough import record
 from checks.blind.seal import close, unseal
 from ros2_ident import jobs
 from ros2_ident.arrays import plain
+from ros2_ident.change.result import Comparison
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import IdentError
 from ros2_ident.files import write_text
 from ros2_ident.models import load_machine
 from ros2_ident.recording import write_bag
+from ros2_ident.report.schema import read
 
 ROOT = Path(__file__).parents[2]
 MACHINES = ('emps', 'tripod')
@@ -138,14 +140,15 @@ def run(folder: Path) -> None:
 
 
 def scored(folder: Path) -> Iterator[str]:
-    """Yield a line for each pair, and the counts."""
+    """Yield a line for each pair, and the counts; names that are not believed do not count."""
     seals = json.loads((folder / 'boxes.json').read_text(encoding='utf-8'))
     seed = json.loads((folder / 'seals.json').read_text(encoding='utf-8'))['seed']
     right = {'none': [0, 0], 'exact': [0, 0], 'drive': [0, 0], 'inside': [0, 0]}
     for case, seal in seals.items():
         label = unseal(seal, seed)
         found = json.loads((folder / case / 'found.json').read_text(encoding='utf-8'))
-        changes = found.get('changes', [])
+        believed = 'error' not in found and read(Comparison, found).believed
+        changes = found['changes'] if believed else []
         said = [(c['suspect'], list(c['ties'])) for c in changes]
         names = [s['name'] for s, _ in said]
         if label['kind'] == 'none':

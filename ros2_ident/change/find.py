@@ -116,6 +116,7 @@ class _Round:
     columns: list[_Column]
     weighed: Changes
     marginal: Marginal
+    nominal: Array
 
     @property
     def suspects(self) -> list[_Column]:
@@ -180,12 +181,10 @@ def find_change(
         on_step(0.2 + 0.15 * len(found), 'looking at all that may have changed beside it')
         now = looked(sides, best)
     changes = tuple(_changes(now, found, theta))
-    there = [own.columns for x in found if (own := _same(begun, x.column)) is not None]
-    share = begun.weighed.explained([i for columns in there for i in columns])
     count = int(np.unique(log[~after]).size), int(np.unique(log[after]).size)
     return Comparison(
         changes=changes,
-        explained=share if found else math.nan,
+        explained=_explained(begun, now, stopped) if found else math.nan,
         left_out='logs' if begun.logs.whole else 'blocks',
         smallest=tuple(_visible(now, price)),
         apart=tuple(_of_each_log(now, price)),
@@ -260,7 +259,7 @@ def _round(
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
     marginal = Marginal.of(weighed, rows, logs, apart)
-    return _Round(sides, theta, rows, logs, columns, weighed, marginal)
+    return _Round(sides, theta, rows, logs, columns, weighed, marginal, nominal)
 
 
 _Columns = Iterator[tuple[_Column, list[Array]]]
@@ -425,6 +424,24 @@ def _with(now: _Round, c: _Column, base: Point, stopped: Callable[[], bool]) -> 
 
 
 # ---------------------------------------------------------------------- what is said
+
+
+def _explained(begun: _Round, now: _Round, stopped: Callable[[], bool]) -> float:
+    """Return the share of the difference that what changed explains on parts left out.
+
+    Of what all that may have changed explains there; NaN where it explains nothing. How large it
+    is, is told by the other parts, a little off what all of them tell.
+    """
+    without = _fitted(now, begun.sides, begun.theta, stopped)
+    before, after = (
+        residuals_at(sides, now.rows)(theta[None])[0]
+        for sides, theta in ((begun.sides, without.theta), (now.sides, now.theta))
+    )
+    some = now.weighed.unseen(now.weighed.kept)
+    for fold in np.unique(now.logs.fold):
+        part = Marginal.of(now.weighed, now.rows, now.logs, now.nominal, int(fold))
+        some += (part.loss(before) - part.loss(after)) / now.rows.share
+    return some / max(some, begun.weighed.unseen()) if some > 0.0 else math.nan
 
 
 def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Change]:

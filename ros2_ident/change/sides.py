@@ -121,11 +121,14 @@ class Marginal:
     pairs: tuple[tuple[npt.NDArray[np.int64], Array, Array], ...]
 
     @classmethod
-    def of(cls, weighed: Changes, rows: Rows, logs: Logs, jacobian: Array) -> 'Marginal':
+    def of(
+        cls, weighed: Changes, rows: Rows, logs: Logs, jacobian: Array, fold: int | None = None
+    ) -> 'Marginal':
         """Return it for the noise and the missing part that were found.
 
         Args:
             jacobian: (R, N) derivative by what each pair has of its own; (R, 0) for nothing.
+            fold: The part that it is of; all where None.
         """
         whiten = Whitening(rows.runs, weighed.noise)
         common = whiten(np.concatenate([jacobian.T, (weighed.common * weighed.sizes).T]))
@@ -133,12 +136,22 @@ class Marginal:
         for pair in np.unique(logs.pair):
             of_pair = [x for x, p in zip(logs.rows, logs.pair, strict=True) if p == pair]
             there = np.concatenate([np.arange(x.start, x.stop) for x in of_pair])
+            if fold is not None:
+                there = there[logs.fold[there] == fold]
             apart = [np.where((x.start <= there) & (there < x.stop), alone[:, there], 0.0)
                      for x in of_pair]  # fmt: skip
             own = np.concatenate([common[:, there], *apart])
             factor = scipy.linalg.cholesky(np.eye(len(own)) + own @ own.T, lower=True)
             found.append((there, own, factor))
         return cls(whiten, tuple(found))
+
+    def loss(self, residual: Array) -> float:
+        """Return minus twice the logarithm of the likelihood of a residual (R,) on its rows."""
+        white, total = self.whiten(residual), 0.0
+        for rows, own, factor in self.pairs:
+            half = scipy.linalg.solve_triangular(factor, own @ white[rows], lower=True)
+            total += float(white[rows] @ white[rows] - half @ half)
+        return total
 
     def __call__(self, residual: Array) -> Array:
         """Return (S, R + C) of residuals (S, R)."""

@@ -132,20 +132,24 @@ class Changes:
             -half * scipy.special.stdtrit(np.minimum(self.freedom[at], 1e9), 0.025), np.float64
         )
 
-    def explained(self, columns: Sequence[int]) -> float:
-        """Return the share of the difference that changes explain on parts left out.
+    def unseen(self, columns: Sequence[int] | None = None) -> float:
+        """Return what changes gain on parts left out, as the others tell them.
 
-        Of what all changes explain there, each of its most probable size; NaN where nothing does.
+        Twice the logarithm of the likelihood.
+
+        Args:
+            columns: The changes; all, each of its most probable size, where None.
         """
-        some, every, at = 0.0, 0.0, list(columns)
+        gain, at = 0.0, list(columns or ())
         for information, score, others, told in self.folds:
-            sums = Sums(others, told, np.full(len(told), np.inf))
             own = np.zeros(len(told))
-            own[at] = np.linalg.lstsq(others[np.ix_(at, at)], told[at], rcond=None)[0]
-            for_all = sums.solve(sums.sizes(self.scale)[0])
-            some += float(2.0 * own @ score - own @ information @ own)
-            every += float(2.0 * for_all @ score - for_all @ information @ for_all)
-        return some / max(some, every) if some > 0.0 else math.nan
+            if columns is None:
+                sums = Sums(others, told, np.full(len(told), np.inf))
+                own = sums.solve(sums.sizes(self.scale)[0])
+            else:
+                own[at] = np.linalg.lstsq(others[np.ix_(at, at)], told[at], rcond=None)[0]
+            gain += float(2.0 * own @ score - own @ information @ own)
+        return gain
 
 
 def evidence_of(gain: float, count: int) -> float:

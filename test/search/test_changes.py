@@ -65,7 +65,7 @@ def test_a_change_is_told_whatever_the_model_lacks_on_both_sides(logs, paired):
         (value,), ((variance,),), _ = seen.of([7])
         assert column == 7 and evidence > price_of(COLUMNS)
         off.append((value - 0.12) / np.sqrt(variance))
-        assert seen.explained([7]) > 0.7
+        assert seen.unseen([7]) > 0.7 * seen.unseen() > 0.0
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
 
 
