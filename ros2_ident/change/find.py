@@ -517,11 +517,17 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
 def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
     """Yield by what else the logs of one side differ from the others; of a kind the clearest."""
     told: dict[str, tuple[float, list[Apart]]] = {}
+    # Variance of the difference of two sides' means, in that of a log.
+    spread = sum(1.0 / np.sum(now.logs.after == side) for side in (False, True))
     for c in now.columns:
-        if not c.own:
-            continue
         estimate, covariance, gain = now.weighed.of(c.columns, alike=True)
-        evidence = evidence_of(gain, len(c.columns))
+        if not (c.own and gain):
+            continue
+        score = np.linalg.solve(covariance, estimate)
+        known = np.eye(len(estimate)) / (c.usual**2 * spread)
+        covariance = np.linalg.inv(np.linalg.inv(covariance) + known)
+        estimate = covariance @ score
+        evidence = evidence_of(float(estimate @ score), len(c.columns))
         if evidence > told.get(c.own, (price,))[0]:
             place = c.at.prefix if c.at else ''
             sure = np.abs(estimate) > NORMAL * np.sqrt(np.diag(covariance))
