@@ -185,7 +185,6 @@ def find_change(
     return Comparison(
         changes=changes,
         explained=_explained(begun, now, stopped) if found else math.nan,
-        left_out='logs' if begun.logs.whole else 'blocks',
         smallest=tuple(_visible(now, price)),
         apart=tuple(_of_each_log(now, price)),
         logs=count,

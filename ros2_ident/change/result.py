@@ -109,9 +109,8 @@ class Comparison:
 
     Attributes:
         changes: What changed, the surest first; none where nothing shows.
-        explained: Share of the difference that they explain on rows that were not fitted; NaN
-            where nothing changed.
-        left_out: What those rows are: `logs` or `blocks`.
+        explained: Share of the difference that they explain on logs that were not fitted, or on
+            quarters of them where a side has one log; NaN where nothing changed.
         smallest: The smallest change of each kind that would have shown, beside those found.
         apart: How the sides differ otherwise; this comes first.
         logs: Number of logs before and after.
@@ -122,7 +121,6 @@ class Comparison:
 
     changes: tuple[Change, ...]
     explained: float
-    left_out: str
     smallest: tuple[Visible, ...]
     apart: tuple[Apart, ...]
     logs: tuple[int, int]

@@ -57,7 +57,7 @@ def changed(c: Comparison) -> Iterator[str]:
             names = ', '.join(title_of(x) for x in change.ties)
             yield f'These logs do not tell it from: {names}.'
     if c.changes:
-        data = 'logs' if c.left_out == 'logs' else 'quarters of the logs'
+        data = 'logs' if min(c.logs) > 1 else 'quarters of the logs'
         share = 'nothing' if math.isnan(c.explained) else percent(c.explained)
         yield f'Explained by it: {share} of the difference, on {data} that were not fitted.'
 

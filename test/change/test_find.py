@@ -115,7 +115,7 @@ def test_names_that_explain_little_of_the_logs_left_out_are_not_believed():
     suspect = Suspect('effect', 'stribeck', 'x_axis')
     size = Size('x_axis.stribeck.torque', 2.0, 1.0, 3.0, 'N', math.nan)
     change = Change(suspect, (size,), 9.0, ())
-    found = Comparison((change,), 0.9, 'logs', (), (), (2, 2), False, 5.0, True)
+    found = Comparison((change,), 0.9, (), (), (2, 2), False, 5.0, True)
     assert next(sentences(found)).startswith('Changed: Stribeck friction')
     for share, said in ((0.2, '20 %'), (math.nan, 'nothing')):
         first, best, explained, *_ = sentences(replace(found, explained=share))

@@ -89,9 +89,7 @@ def between(kind: str, after: str, before: str, more: float) -> dict:
     mass = Suspect('parameter', 'mass')
     change = Change(mass, (Size('mass', more, more - 0.1, more + 0.1, 'kg', 2.0),), 50.0, ())
     smallest = (Visible(mass, 'mass', 0.3, 'kg', 2.0),)
-    found = Comparison(
-        (change,) * bool(more), 0.9, 'blocks', smallest, (), (1, 1), False, 5.0, True
-    )
+    found = Comparison((change,) * bool(more), 0.9, smallest, (), (1, 1), False, 5.0, True)
     return {
         'name': f'{after}~{before}',
         'kind': kind,
