@@ -188,6 +188,17 @@ def test_a_search_begins_with_what_the_log_alone_says(tmp_path: Path) -> None:
         assert np.sqrt(np.mean(left**2)) < 2e-3 * np.sqrt(np.mean((seen - seen[:, :1]) ** 2))
 
 
+def test_friction_that_turns_over_with_the_speed_takes_more_steps(tmp_path: Path) -> None:
+    drive: dict[str, object] = {'coulomb_regularisation': 0.005}
+    machine = described(tmp_path, drive=drive, controller=GAINS, **BOXES)
+    model, theta = free_run(machine, 300)
+    holds, _ = free_run(described(tmp_path, controller=GAINS, **BOXES), 300)
+    assert model.work(theta[None])[0] > 2 * holds.work(theta[None])[0]
+    found = model.simulate(theta[None])[0, 4:]
+    model.substeps = 64
+    assert np.abs(found - model.simulate(theta[None])[0, 4:]).max() < 1e-4
+
+
 def test_joints_and_motion_of_a_free_run_are_those_for_an_export(tmp_path: Path) -> None:
     machine = described(tmp_path, controller=GAINS, **BOXES)
     model, theta = free_run(machine, 400, 0.0)

@@ -38,7 +38,7 @@ _ALONG, _FREE = (
     ('_driven', '_terms', '_firsts'),
     ('tree', '_turns', '_begin', '_added', '_inertia'),
 )
-# Longest step [s]: twice as long, links alone are 4e-7 rad off on the arms of
+# Longest step [s]: with 2 ms links alone are 4e-7 rad off on the arms of
 # `checks/benchmarks/arm.py`.
 _STEP = 0.0025
 # Samples that a motion has at least, see `smooth_motion`.
@@ -359,8 +359,8 @@ class Serial(DriveModel):
     def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
         """Return (S,) steps in a cycle, by the links' motion and what is stiff in each candidate.
 
-        The scheme's own limit for what brakes is 2; what swings it makes larger, by a five
-        thousandth in a step of a fifth of a radian.
+        Runge-Kutta's own limits are 2.8, for what brakes and, in radians, for what swings; by hand
+        a step is at most 1 and a fifth.
         """
         if not self._closed or self.substeps is not None:
             return np.full(len(block), self.substeps or 1, dtype=np.int64)
@@ -369,7 +369,9 @@ class Serial(DriveModel):
         with np.errstate(all='ignore'):  # of a candidate that is no number, or weighs nothing
             light = np.abs(np.diagonal(np.linalg.inv(whole), axis1=1, axis2=2))
             light = light * of('gear')
-            braked = self.cycle * light * (of('viscous') + of('velocity_gain'))
+            width = of('regularisation')
+            steep = np.where(width > 0.0, of('coulomb') / width, 0.0)
+            braked = self.cycle * light * (of('viscous') + steep + of('velocity_gain'))
             sprung = of('position_gain') + self.candidates.contact(block) / of('gear')
             swung = self.cycle * np.sqrt(light * sprung) / 0.2
             need = np.maximum(np.maximum(braked, swung).max(axis=1), self.cycle / _STEP)
