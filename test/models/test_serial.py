@@ -132,6 +132,30 @@ def test_another_description_is_another_machine(tmp_path: Path) -> None:
     assert load_machine(tmp_path / 'arm.yaml').digest != first.digest
 
 
+LYING = """<mujoco><compiler angle="degree"/><worldbody>
+  <body name="other" pos="9 9 9"/>
+  <body name="base" euler="90 0 0" pos="0 0 1"><inertial mass="7" pos="0 0 0" diaginertia="1 1 1"/>
+    <body name="link"{pose}><joint name="lies" axis="0 0 1"/>
+      <inertial mass="3" pos="0.2 0 0" diaginertia="0.1 0.1 0.1"/></body></body>
+</worldbody></mujoco>"""
+
+
+def test_an_mjcf_whose_base_is_turned_weighs_where_it_hangs(tmp_path: Path) -> None:
+    path = tmp_path / 'lying.yaml'
+    text = 'machine: serial\ndrives: [lies]\ngeometry: {description: lying.xml}\n'
+    path.write_text(
+        f'{text}controller: {{cycle: 0.01}}\nparameters: {{drive_inertia: [0, 1, kg m^2]}}\n'
+    )
+    (tmp_path / 'lying.xml').write_text(LYING.format(pose=''))
+    nothing = np.zeros((1, 1))
+    # Its axis is level, along -y of the world, and holds 3 kg at 0.2 m.
+    effort = arm_of(load_machine(path)).efforts(nothing, nothing, nothing)
+    assert effort == pytest.approx(3.0 * 9.81 * 0.2, rel=1e-12)
+    (tmp_path / 'lying.xml').write_text(LYING.format(pose=' axisangle="1 1 0 30"'))
+    said = refused(arm_of, load_machine(path)).message
+    assert 'axisangle, which pinocchio passes over' in said
+
+
 def test_an_mjcf_is_read_and_joints_that_are_not_listed_stand_still(tmp_path: Path) -> None:
     text = """<mujoco><worldbody><body name="a" pos="0 0 1">
       <inertial mass="2" pos="0.1 0 0" diaginertia="0.1 0.2 0.3"/>

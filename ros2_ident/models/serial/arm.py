@@ -309,7 +309,7 @@ def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
     root = judged_tree(text)
     text = ET.tostring(root, encoding='unicode')  # read by this package's parser alone
     try:
-        whole = pin.buildModelFromXML(text) if root.tag == 'robot' else _from_mjcf(pin, text)
+        whole = pin.buildModelFromXML(text) if root.tag == 'robot' else _from_mjcf(pin, root)
     except Exception as error:
         reason = [type(error).__name__, *str(error).strip().splitlines()][-1]
         raise ErrorCode.BAD_MACHINE_FILE.error(
@@ -359,11 +359,31 @@ def _reduced(pin: Any, whole: Any, drives: Sequence[str]) -> Any:
     return model
 
 
-def _from_mjcf(pin: Any, text: str) -> Any:
-    """Return the model of an MJCF's text; pinocchio takes files only, this one is in memory."""
+# What pinocchio 4.1 passes over in an MJCF, or reads as MuJoCo does not: axes are taken for unit
+# vectors, the rest has no effect.
+_PASSED_OVER = frozenset((
+    'attach', 'composite', 'flexcomp', 'frame', 'replicate', 'axisangle', 'balanceinertia',
+    'boundinertia', 'boundmass', 'inertiagrouprange', 'settotalmass',
+))  # fmt: skip
+
+
+def _from_mjcf(pin: Any, root: ET.Element) -> Any:
+    """Return the model of an MJCF; pinocchio takes files only, this one is in memory."""
+    for element in root.iter():
+        odd = _PASSED_OVER & {element.tag, *element.attrib}
+        if odd:
+            raise ValueError(
+                f'{min(odd)}, which pinocchio passes over: write what mujoco.mj_saveLastXML makes'
+            )
+    # The first body loses its place where it is fixed, and bodies beside it are lost.
+    base = ET.Element('body', name='ident base')
+    for world in root.findall('worldbody'):
+        base.extend(x for x in world if x.tag in ('body', 'frame'))
+        root.remove(world)
+    ET.SubElement(root, 'worldbody').append(base)
     number = os.memfd_create('description')
     try:
-        os.write(number, text.encode())
+        os.write(number, ET.tostring(root))
         return pin.buildModelFromMJCF(f'/proc/self/fd/{number}')
     finally:
         os.close(number)
