@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, fast_noise
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.recordings import are_alike, Split
@@ -21,7 +21,6 @@ from ros2_ident.gap.rules import Rules, Temperatures, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.scale import near
-from ros2_ident.search.noise import fast_noise
 
 
 def of_gates(

@@ -131,11 +131,14 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
         return None
     cycle = signals.cycle
     usual, last = (0.0, scale.LATEST_EFFORT / cycle), LATEST_COMMAND / cycle
+    law = _law_at(machine, drive, signals, np.zeros(2))
+    # Between samples a noisy speed is smoother, so that any delay leaves less of it.
+    if law.misfit_file <= scale.OTHER_NOISE * law.steps:
+        return law
     # A set-point may be rough from cycle to cycle: every cycle of its delay is looked at.
     late = [best_delays(signals, usual, lates) for lates in (np.zeros(1), np.arange(last + 1.0))]
     # The free law leaves least there. But where positions are coarse it leaves less with smaller
     # gains, at any delay that makes up for them: the stated ones choose, the plainest first.
-    law = _law_at(machine, drive, signals, np.zeros(2))
     for delays in late:
         other = _law_at(machine, drive, signals, delays)
         law = other if _COUNTS * other.left**2 < law.left**2 else law

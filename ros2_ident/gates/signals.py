@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, fast_noise
 from ros2_ident.gates import scale
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
@@ -65,8 +65,14 @@ def signals_of(machine: Machine, data: Dataset, drive: str) -> Signals | None:
         # Rounded to steps, a difference is one of two neighbours: at most half a step off, RMS.
         speed_steps = 0.5 * step_of(data.position[d]) * (0.5 / data.cycle)
     else:
-        logged = None if data.velocity is None else _filled(data.velocity[d])
-        velocity = np.gradient(position, data.cycle) if logged is None else logged
+        rates = None if data.velocity is None else data.velocity[d]
+        logged = None if rates is None else _filled(rates)
+        # The controller's own reading of it has other noise.
+        if rates is None or logged is None:
+            velocity = np.gradient(position, data.cycle)
+            speed_steps = _noise(data.position[d]) / (math.sqrt(2.0) * data.cycle)
+        else:
+            velocity, speed_steps = logged, _noise(rates)
     if not np.isfinite(effort).any():
         return None
     limit = machine.number('torque_limit', drive)
@@ -76,9 +82,15 @@ def signals_of(machine: Machine, data: Dataset, drive: str) -> Signals | None:
     index = np.flatnonzero(np.isfinite(effort) & (np.abs(effort) < scale.OWN * limit))
     # The first samples of the log are taken up before the delayed effort begins.
     index = index[index > scale.LATEST_EFFORT / data.cycle]
-    forward = sane(machine.number('velocity_feedforward', drive))
     if index.size < scale.FEWEST:
         return None
+    forward = sane(machine.number('velocity_feedforward', drive))
+    if 'velocity_feedforward' in machine.bounds:
+        parts = data.command_position[d] - position, -velocity, data.command_velocity[d]
+        columns = np.stack([*parts, np.ones_like(position)], axis=1)[index]
+        _, slope, ahead, _ = np.linalg.lstsq(columns, effort[index], rcond=None)[0]
+        low, high, _ = machine.box('velocity_feedforward', drive)
+        forward = float(np.clip(ahead / slope, low, high)) if slope else low
     return Signals(
         data.cycle,
         data.command_position[d],
@@ -109,6 +121,11 @@ def step_of(row: Array) -> float:
     count = (values - values[0]) / step
     # The step is known to its rounding only, so that far off numbers drift.
     return step if float(np.abs(count - np.round(count)).mean()) < 0.05 else 0.0
+
+
+def _noise(row: Array) -> float:
+    """Return the standard deviation of what is fast in a row, NaN where there is no sample."""
+    return fast_noise(row[np.isfinite(row)])
 
 
 def _filled(row: Array) -> Array | None:

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from ros2_ident.arrays import fast_noise
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gates.scale import FEWEST
 from ros2_ident.gates.signals import step_of
 from ros2_ident.kernel.measurement import QUANTITIES
 from ros2_ident.recording import Dataset
-from ros2_ident.search.noise import fast_noise
 
 # What is compared, and its weight; None for one by its noise.
 Outputs = Mapping[str, float | None]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, fast_noise
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gates import examine, GateReport, sentences
 from ros2_ident.gates.scale import FLOORS
@@ -31,7 +31,6 @@ from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
 from ros2_ident.search.journal import Journal
 from ros2_ident.search.least_squares import BOX_DEVIATION
-from ros2_ident.search.noise import fast_noise
 
 # Time that the intervals take: a share of the refinement's, and so many seconds beside it, as
 # measured on a tripod of 6 s and axes of 6 and 25 s.

@@ -7,14 +7,11 @@ import math
 
 import numpy as np
 
-from ros2_ident.arrays import Array, MEDIAN
+from ros2_ident.arrays import Array
 
 MOST_COEFFICIENTS = 20
 # Points of a spectral density, for sums over it.
 _SPECTRUM = 1 << 14
-# Differences of fourth order keep the noise and lose the motion; their gain on white noise.
-_ORDER = 4
-_GAIN = math.sqrt(math.comb(2 * _ORDER, _ORDER))
 
 
 @dataclass(frozen=True)
@@ -65,22 +62,6 @@ class NoiseModel:
         return NoiseModel(
             self.coefficients, square * self.variance, square * self.innovation, self.samples
         )
-
-
-def fast_noise(*series: Array) -> float:
-    """Return the standard deviation of what is fast in series of samples, taken as white.
-
-    Args:
-        series: Each (R,) a time series; those too short for a difference tell nothing.
-
-    Returns:
-        By the median, so that impacts do not count; 0 where there is no difference.
-
-    Reference:
-        Hall, Kay and Titterington (1990), Biometrika 77(3).
-    """
-    fast = np.abs(np.concatenate([np.empty(0), *(np.diff(row, _ORDER) for row in series)]))
-    return float(np.median(fast / _GAIN)) / MEDIAN if fast.size else 0.0
 
 
 def fit_noise(*series: Array) -> NoiseModel:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from ros2_ident.arrays import fast_noise
 from ros2_ident.search.noise import (
-    fast_noise,
     fit_noise,
     MOST_COEFFICIENTS,
     NoiseModel,
