@@ -123,7 +123,9 @@ class Place:
         if actuator:
             self.actuator = _number(model, mj.mjtObj.mjOBJ_ACTUATOR, actuator, 'actuator')
             return
-        acting = np.flatnonzero(model.actuator_trnid[:, 0] == self.joint)
+        # The number is that of a tendon, a site or a body where the actuator acts on one.
+        on_joint = model.actuator_trntype <= int(mj.mjtTrn.mjTRN_JOINTINPARENT)
+        acting = np.flatnonzero(on_joint & (model.actuator_trnid[:, 0] == self.joint))
         if acting.size != 1:
             raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'{acting.size} actuators of geometry.description act on joint {joint}; name the '
