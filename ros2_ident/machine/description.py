@@ -5,7 +5,7 @@ Such a library recurses as deep as a description goes, passes over what it does 
 does not name what it refuses.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 import re
 import xml.etree.ElementTree as ET
@@ -123,8 +123,8 @@ def _tree(text: str, named: object) -> ET.Element:
     raise ErrorCode.BAD_MACHINE_FILE.error(f'{named} {problem}')
 
 
-def declared(root: ET.Element, tag: str, name: str) -> list[list[float]]:
-    """Return the numbers of an attribute of an MJCF's bodies or actuators, element by element.
+def declared(root: ET.Element, tag: str, name: str) -> dict[str, list[float]]:
+    """Return the numbers of an attribute of an MJCF's joints, or of actuators, by the joint.
 
     Those for which neither they nor their class of defaults state it are left out.
 
@@ -133,13 +133,17 @@ def declared(root: ET.Element, tag: str, name: str) -> list[list[float]]:
         tag: Of the elements.
         name: Of the attribute.
     """
-    return [[float(x) for x in value.split()] for _, value in _stated(root, tag, name) if value]
+    return {
+        element.get('joint', element.get('name', '')): [float(x) for x in value.split()]
+        for *_, element, value in _stated(root, tag, name)
+        if value
+    }
 
 
 def _stated(
     root: ET.Element, tag: str, name: str
-) -> Iterator[tuple[list[ET.Element], str | None]]:
-    """Yield the bodies about each element, outermost first, and its attribute or None."""
+) -> Iterator[tuple[list[ET.Element], ET.Element, str | None]]:
+    """Yield the bodies about each element, outermost first, itself, and its attribute or None."""
     classes: dict[str, str | None] = {}
     level: list[tuple[ET.Element, str | None]] = [(x, None) for x in root.iterfind('default')]
     while level:
@@ -158,12 +162,12 @@ def _stated(
             if child.tag in ('body', 'frame'):
                 bodies.append((child, inside, usual))
             elif child.tag == tag:
-                yield inside, child.get(name) or classes.get(child.get('class', usual))
+                yield inside, child, child.get(name) or classes.get(child.get('class', usual))
 
 
 def _of_shapes(root: ET.Element) -> Iterator[str]:
     """Judge whether a moving body's mass is that of a shape in a file."""
-    for bodies, mesh in _stated(root, 'geom', 'mesh'):
+    for bodies, _, mesh in _stated(root, 'geom', 'mesh'):
         body = next((x for x in reversed(bodies) if x.tag != 'frame'), root)
         moves = any(x.tag in ('joint', 'freejoint') for y in bodies for x in y)
         if mesh and moves and body.find('inertial') is None:
@@ -192,6 +196,52 @@ def _leave_out_shapes(root: ET.Element) -> None:
         for pair in contact.findall('pair'):
             if {pair.get('geom1'), pair.get('geom2')} & (names - {None}):
                 contact.remove(pair)
+
+
+# Actuators whose effort is that of a position by its gains, or of a controller outside.
+_PLAIN = frozenset(('general', 'motor', 'position'))
+# Attributes of joints and actuators that say nothing at these values.
+_SILENT = (('joint', 'stiffness', 0.0), *((tag, 'gear', 1.0) for tag in sorted(_PLAIN)))
+
+
+def own_physics(root: ET.Element, joints: Collection[str]) -> str:
+    """Return what of an MJCF acts on joints beside links, friction and PD; empty for nothing.
+
+    Contacts are not looked at.
+
+    Args:
+        root: The MJCF.
+        joints: Those that move; others stand still.
+    """
+    still = frozenset[str]()
+    # The joints that move a body or a site, by its name; the world has none.
+    moved: dict[str | None, frozenset[str]] = {None: still}
+    level = [(body, still) for body in root.iterfind('worldbody')]
+    while level:
+        body, before = level.pop()
+        now = before | {x.get('name', '') for x in body.findall('joint')} & {*joints}
+        moved |= {x.get('name'): now for x in (body, *body.findall('site')) if x.get('name')}
+        level += [(x, now) for x in body if x.tag in ('body', 'frame')]
+        loose = {'ball', 'free', 'freejoint'} & {x.get('type', x.tag) for x in body}
+        carries = any(x.get('name') in joints for x in body.iter('joint'))
+        if carries and (loose or body.get('gravcomp')):
+            return f'body {name_of(body.get("name"))}, which floats'
+    for tie in (*root.iterfind('equality/*'), *root.iterfind('tendon/*')):
+        tied = {tie.get('joint1'), tie.get('joint2'), *(x.get('joint') for x in tie)}
+        kinds = [kind for kind in ('body', 'site') if tie.get(f'{kind}1')]
+        ends = [tie.get(f'{kind}{n}') for kind in kinds for n in (1, 2)]
+        ends += [x.get('site') for x in tie.findall('site')]
+        if tied & {*joints} or len({moved.get(x, still) for x in ends}) > 1:
+            kind = 'tendon' if tie.tag in ('fixed', 'spatial') else tie.tag
+            return f'the {kind} {name_of(tie.get("name"))}'
+    for actuator in root.iterfind('actuator/*'):
+        if actuator.get('joint') in joints and actuator.tag not in _PLAIN:
+            return f'the actuator {actuator.tag}'
+    for tag, name, silent in _SILENT:
+        for joint, numbers in declared(root, tag, name).items():
+            if joint in joints and numbers[0] != silent:
+                return f'the {name} of {joint}'
+    return ''
 
 
 def joints_in(text: str) -> tuple[str, ...]:

@@ -5,30 +5,37 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import itertools
 from itertools import cycle, groupby, islice
+import re
 import textwrap
 from typing import Any, cast
 
 import numpy as np
 import yaml
 
-from ros2_ident.errors import ErrorCode
-from ros2_ident.machine.description import declared, judged_tree
+from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.machine.description import declared, judged_tree, own_physics
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
 from ros2_ident.models.registry import KINDS, machine_from_mapping, make_model
-from ros2_ident.recording import Recording, Stream
+from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.motion import fill_gaps, Motion, motion_of
 from ros2_ident.recording.streams import FloatArray, with_positions
 
-# Parameters that an MJCF states: element, attribute, and which of its numbers.
+# Parameters that an MJCF states: element, attribute, and which of its numbers; and what they are
+# called under controllers of this package's own.
 _STATED = (
     ('armature', 'joint', 'armature', 0), ('damping', 'joint', 'damping', 0),
     ('frictionloss', 'joint', 'frictionloss', 0), ('kp', 'position', 'kp', 0),
     ('kp', 'general', 'gainprm', 0), ('kv', 'position', 'kv', 0), ('kv', 'general', 'biasprm', 2),
     ('force_limit', 'position', 'forcerange', 1), ('force_limit', 'general', 'forcerange', 1),
+    ('force_limit', 'motor', 'forcerange', 1), ('force_limit', 'joint', 'actuatorfrcrange', 1),
 )  # fmt: skip
+_OWN_WORDS = {
+    'armature': 'drive_inertia', 'damping': 'viscous_torque', 'frictionloss': 'coulomb_torque',
+    'kp': 'position_gain', 'kv': 'velocity_gain',
+}  # fmt: skip
 # A box reaches to so many times what is stated, as those of the bundled examples do.
 _ROOM = 4.0
 
@@ -153,11 +160,11 @@ def _weight(motion: Motion, logged: FloatArray) -> float:
 def followed_file(
     drives: Sequence[str], description: str, named: str, log: Recording
 ) -> str | None:
-    """Return the whole file of a URDF's joints that follow set-points, by their log.
+    """Return the whole file of an arm's joints that follow set-points, by their log.
 
-    Bounds are what alone would make the largest effort: that of the log, or the URDF's limit. Of
-    the controllers' laws it has the one that leaves least of a half of the log by the other's
-    gains, see `Serial.regressed`.
+    Bounds are what alone would make the largest effort: that of the log, or the description's
+    limit; what an MJCF states lies in them, with room above. Of the controllers' laws it has the
+    one that leaves least of a half of the log by the other's gains, see `Serial.regressed`.
 
     Args:
         drives: Joint names; those that description and log have in common where there are none.
@@ -166,33 +173,85 @@ def followed_file(
         log: A log with a measured motion.
 
     Returns:
-        The text; None where the description is no URDF, or the log has no set-point.
+        The text; None where the log has no set-point, or an MJCF takes MuJoCo.
 
     Raises:
         IdentError: As `new_machine_file`, and as the model of the kind.
     """
     root = judged_tree(description)
-    if log.command is None or log.command.position is None or root.tag != 'robot':
+    if log.command is None or log.command.position is None:
         return None
     log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None and log.command is not None
-    names = tuple(drives) or _joints(arm_kind(False), description, log.state)
+    kind = arm_kind(False)
+    try:
+        names = tuple(drives) or _joints(kind, description, log.state)
+        if root.tag != 'robot':
+            cast(Any, kind.extent)(description)
+            if own_physics(root, names):
+                return None
+    except IdentError:
+        if root.tag == 'robot':
+            raise
+        return None
     boxes = _boxes_of(names, root, log)
     period = sample_period(log.command.stamp)
     data = align(log, names, period, need=('position',))
-    found: dict[tuple[str, ...], float] = {}
+    stated = f'  cycle: {period:.4g}      # s, how long a set-point holds\n'
+    limits = _stated_by_joint(root).get('force_limit', {})
+    if limits.keys() >= {*names}:
+        stated += f'  torque_limit: {inline([limits[x] for x in names])}\n'
+    found: dict[str, float] = {}
     for compensation, more in itertools.product(_COMPENSATIONS, _MORE):
-        text = _followed(names, named, period, compensation, {**boxes, **_gains(more, boxes)})
-        mapping = yaml.safe_load(text)
-        mapping['geometry']['description'] = DESCRIPTION_TOPIC
-        machine = machine_from_mapping(mapping).described(description)
-        model = cast(Any, make_model(machine, data, quantities=('position',)))
-        _, left = model.regressed()
-        found[compensation, *more] = float(np.mean(left))
+        every = {**boxes, **{name: [_FURTHER[name]] * len(names) for name in more}}
+        text = _followed(names, named, stated, compensation, every)
+        gains, left = _model_by(text, description, data).regressed()
+        for name, several in every.items():
+            told = zip(several, gains[name].tolist(), strict=True)
+            every[name] = [(low, max(high, _ROOM * x), unit) for (low, high, unit), x in told]
+        text = _followed(names, named, stated, compensation, every)
+        ahead = gains['velocity_feedforward'] * gains['velocity_gain']
+        # Within a cycle a stiff drive has taken up its set-point, as if a part were fed forward.
+        if 'velocity_feedforward' in more and (ahead < period * gains['position_gain']).all():
+            continue
+        found[text] = float(np.mean(left))
     # The plainest that leaves hardly more than the best; by hand.
     least = _HARDLY * min(found.values())
-    law = next(law for law, left in found.items() if left <= least)
-    return _followed(names, named, period, law[0], {**boxes, **_gains(law[1:], boxes)})
+    text = next(text for text, left in found.items() if left <= least)
+    if root.tag == 'robot' or not _steps_as_mujoco(text, names, description, named, data):
+        return text
+    return None
+
+
+def _model_by(text: str, description: str, data: Dataset) -> Any:
+    """Return the model of a log's positions by the text of a machine file and its description."""
+    mapping = yaml.safe_load(text)
+    mapping['geometry']['description'] = DESCRIPTION_TOPIC
+    machine = machine_from_mapping(mapping).described(description)
+    return make_model(machine, data, quantities=('position',))
+
+
+def _steps_as_mujoco(
+    text: str, names: Sequence[str], description: str, named: str, data: Dataset
+) -> bool:
+    """Return whether MuJoCo's own steps leave far less of a log than the text of a machine file.
+
+    A log that MuJoCo simulated in steps that are long for its actuators' damping is no motion of
+    the machine described. Both begin as a search would.
+    """
+    other = new_machine_file(arm_kind(True), names, description, named)
+    other = re.sub('( cycle: )[^ ]*', rf'\g<1>{data.cycle:.4g}', other)
+    left = []
+    for each in (text, other):
+        try:
+            model = _model_by(each, description, data)
+        except IdentError as error:
+            if error.code is not ErrorCode.UNKNOWN_MODEL or each is text:
+                raise
+            return False  # MuJoCo is not installed
+        begin = model.suggested()
+        left.append(np.inf if begin is None else float(np.mean(model.residuals(begin[None]) ** 2)))
+    return left[1] < _FAR_LESS * left[0]
 
 
 # What may belong to an arm's law beside P and D, the plainest first; and by how much more than the
@@ -205,26 +264,25 @@ _MORE: tuple[tuple[str, ...], ...] = (
     ('velocity_feedforward', 'integral_gain'),
 )
 _HARDLY = 1.1
+_FURTHER = {
+    'velocity_feedforward': (0.0, 1.5, '1'),
+    'integral_gain': (0.0, 1e5, 'N m/(rad s)'),
+}
+# Share of the mean square that MuJoCo leaves where the log is one of its own steps; by hand.
+_FAR_LESS = 0.25
 
 
-def _gains(more: Sequence[str], boxes: Mapping[str, list[str]]) -> dict[str, list[str]]:
-    """Return boxes of what belongs to a law beside P and D."""
-    count = len(next(iter(boxes.values())))
-    every = {
-        'velocity_feedforward': '[0.0, 1.5, "1"]',
-        'integral_gain': '[0.0, 1.0e+5, N m/(rad s)]',
-    }
-    return {name: [every[name]] * count for name in more}
-
-
-def _boxes_of(names: Sequence[str], root: Any, log: Recording) -> dict[str, list[str]]:
+def _boxes_of(
+    names: Sequence[str], root: Any, log: Recording
+) -> dict[str, list[tuple[float, float, str]]]:
     """Return boxes of gains, rotors and friction by name, one of each joint."""
+    stated = _stated_by_joint(root)
     limits = {
-        joint.get('name'): float(limit.get('effort', 0.0))
+        joint.get('name', ''): float(limit.get('effort', 0.0))
         for joint in root.iterfind('joint')
         for limit in joint.iterfind('limit')
-    }
-    boxes: dict[str, list[str]] = {}
+    } | stated.get('force_limit', {})
+    boxes: dict[str, list[tuple[float, float, str]]] = {}
     effort = any(x is not None and x.effort is not None for x in (log.state, log.effort))
     for name in names:
         motion = motion_of(log, name)
@@ -242,26 +300,44 @@ def _boxes_of(names: Sequence[str], root: Any, log: Recording) -> dict[str, list
         }
         if effort:
             ends['viscous_torque'] = (0.0, ends['velocity_gain'][1], 'N m s/rad')
-        for key, (low, high, unit) in ends.items():
-            boxes.setdefault(key, []).append(f'[{digits(low)}, {high:.3g}, {unit}]')
+        for word, key in _OWN_WORDS.items():
+            # Without an effort two parameters are one.
+            low, high, unit = ends[key if key in ends else 'velocity_gain']
+            high = max(high, _ROOM * stated.get(word, {}).get(name, 0.0))
+            ends[key if key in ends else 'velocity_gain'] = low, high, unit
+        for key, box in ends.items():
+            boxes.setdefault(key, []).append(box)
     return boxes
+
+
+def _stated_by_joint(root: Any) -> dict[str, dict[str, float]]:
+    """Return the sizes of what an MJCF states of `_STATED` by name and joint; of a URDF none."""
+    found: dict[str, dict[str, float]] = {}
+    for name, tag, attribute, column in _STATED:
+        for joint, numbers in declared(root, tag, attribute).items():
+            if len(numbers) > column:
+                found.setdefault(name, {})[joint] = abs(numbers[column])
+    return found
 
 
 def _followed(
     names: Sequence[str],
     named: str,
-    period: float,
+    stated: str,
     compensation: str,
-    boxes: Mapping[str, Sequence[str]],
+    boxes: Mapping[str, Sequence[tuple[float, float, str]]],
 ) -> str:
     """Return the text of `followed_file`."""
-    lines = ['\n  - '.join([f'  {key}:', *each]) for key, each in boxes.items()]
+    lines = [f'  {key}:' for key in boxes]
+    for n, several in enumerate(boxes.values()):
+        for low, high, unit in several:
+            lines[n] += f'\n  - [{digits(low)}, {high:.3g}, {inline(unit)}]'
     added = '' if compensation == 'none' else f'  compensation: {compensation}\n'
     return (
         f'machine: {arm_kind(False).name}\ndrives: {inline([*names])}\n'
         f'geometry: {{description: {inline(named)}}}\n'
         'controller:      # torque position_gain (set-point - position) - velocity_gain velocity\n'
-        f'  cycle: {period:.4g}      # s, how long a set-point holds\n{added}'
+        f'{stated}{added}'
         '  # What is known of the gains, torque_limit, set_point_delay belongs here, a value for\n'
         '  # all or a list, and then not below.\n'
         'parameters:      # of joints that slide: N/m, N s/m, kg, N\n'
@@ -308,10 +384,7 @@ def _boxes(kind: Kind, description: str) -> dict[str, str]:
     root = judged_tree(description)
     if root.tag != 'robot':
         keys = {key.name: key for key in kind.keys if key.section == 'parameters'}
-        most: dict[str, float] = {}
-        for name, tag, attribute, column in _STATED:
-            values = [abs(x[column]) for x in declared(root, tag, attribute) if len(x) > column]
-            most[name] = max([*values, most.get(name, 0.0)])
+        most = {name: max(x.values()) for name, x in _stated_by_joint(root).items()}
         out = {}
         for name, value in most.items():
             low, high = cast(tuple[float, float], keys[name].example)

@@ -7,7 +7,12 @@ import pytest
 import yaml
 
 from ros2_ident.errors import IdentError
-from ros2_ident.machine.description import declared, description_text, judged_tree
+from ros2_ident.machine.description import (
+    declared,
+    description_text,
+    judged_tree,
+    own_physics,
+)
 from ros2_ident.models.new_file import new_machine_file
 from ros2_ident.models.registry import KINDS
 
@@ -56,13 +61,50 @@ def test_a_mass_that_only_a_mesh_tells_is_asked_for() -> None:
 def test_classes_of_defaults_and_bounds_hold_what_they_state() -> None:
     text = ARM.format(inertial=INERTIAL)
     root = judged_tree(text)
-    assert sorted(declared(root, 'joint', 'damping')) == [[2.0], [7.0]]
-    assert declared(root, 'joint', 'frictionloss') == [[6.0]]
-    assert declared(root, 'joint', 'armature') == [[0.15], [0.15]]
+    assert sorted(declared(root, 'joint', 'damping').values()) == [[2.0], [7.0]]
+    assert [*declared(root, 'joint', 'frictionloss').values()] == [[6.0]]
+    assert [*declared(root, 'joint', 'armature').values()] == [[0.15], [0.15]]
     boxes = yaml.safe_load(new_machine_file(KINDS['mujoco'], (), text, 'arm.xml'))['parameters']
     for name, value in (('armature', 0.15), ('damping', 7), ('frictionloss', 6), ('kp', 3500)):
         low, high, _ = boxes[name]
         assert low < value < high
+
+
+CHAIN = """<mujoco><worldbody><body name="base"><site name="foot"/>{base}
+  <body name="upper"><joint name="a"{joint}/><site name="bow"/>
+    <body name="lower"><joint name="b"/><body name="finger"><joint name="c"/></body></body>
+  </body></body></worldbody>
+  <actuator><position joint="a"{gear}/>{actuator}</actuator>{more}</mujoco>"""
+NOTHING = dict.fromkeys(('base', 'joint', 'gear', 'actuator', 'more'), '')
+
+
+@pytest.mark.parametrize(
+    ('part', 'text', 'said'),
+    [
+        ('more', '', ''),
+        # What only joints that stand still move is none of the arm's.
+        ('more', '<equality><joint joint1="c"/></equality>', ''),
+        ('more', '<equality><weld body1="lower" body2="finger"/></equality>', ''),
+        ('more', '<tendon><fixed><joint joint="c"/></fixed></tendon>', ''),
+        ('actuator', '<velocity joint="c"/>', ''),
+        ('more', '<equality><joint joint1="b" joint2="a"/></equality>', 'the joint None'),
+        ('more', '<equality><weld name="w" body1="lower"/></equality>', 'the weld w'),
+        ('more', '<equality><connect site1="foot" site2="bow"/></equality>', 'the connect None'),
+        (
+            'more',
+            '<tendon><spatial name="t"><site site="foot"/><site site="bow"/></spatial></tendon>',
+            'the tendon t',
+        ),
+        ('more', '<tendon><fixed name="t"><joint joint="b"/></fixed></tendon>', 'the tendon t'),
+        ('base', '<freejoint/>', 'body base, which floats'),
+        ('joint', ' stiffness="3"', 'the stiffness of a'),
+        ('gear', ' gear="2"', 'the gear of a'),
+        ('actuator', '<velocity joint="b"/>', 'the actuator velocity'),
+    ],
+)
+def test_own_physics_of_an_mjcf_is_named(part: str, text: str, said: str) -> None:
+    root = judged_tree(CHAIN.format(**{**NOTHING, part: text}))
+    assert own_physics(root, ('a', 'b')) == said
 
 
 def test_includes_are_read_from_the_folder_and_no_further(tmp_path: Path) -> None:

@@ -14,8 +14,10 @@ from arm_cases import described, JOINTS  # noqa: E402
 
 from checks.reference.free_arm import free_arm  # noqa: E402
 from ros2_ident.arrays import Array  # noqa: E402
+from ros2_ident.gates.law import fit_law  # noqa: E402
+from ros2_ident.identify.data import gather  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
-from ros2_ident.models import EffectAt, make_model  # noqa: E402
+from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
 from ros2_ident.models.drives.joints import joints_of  # noqa: E402
 from ros2_ident.models.new_file import followed_file  # noqa: E402
 from ros2_ident.models.serial.model import Serial  # noqa: E402
@@ -258,3 +260,89 @@ def test_a_new_file_has_the_law_by_which_the_log_was_made(
     made = yaml.safe_load(text or '')
     assert made['controller'].get('compensation', 'none') == compensation
     assert {'velocity_feedforward', 'integral_gain'} & set(made['parameters']) == set(more)
+
+
+MJCF = """<mujoco><compiler angle="radian"/><worldbody>
+  <body name="upper"><joint name="lift" axis="0 1 0" damping="2" frictionloss="3" armature="0.3"/>
+    <inertial mass="4" pos="0.2 0 0" diaginertia="0.05 0.05 0.05"/>
+    <body name="lower" pos="0.5 0 0"><joint name="bend" axis="0 1 0" armature="0.1"/>
+      <inertial mass="1.5" pos="0.15 0 0" diaginertia="0.01 0.01 0.01"/>
+      <body name="hand" pos="0.3 0 0"><joint name="grip" axis="1 0 0"/>
+        <inertial mass="0.2" pos="0 0 0" diaginertia="1e-4 1e-4 1e-4"/></body></body></body>
+  </worldbody><actuator>
+  <position joint="lift" kp="900" forcerange="-150 150"/>{actuator}
+  <general joint="bend" biastype="affine" gainprm="300" biasprm="0 -300 -20" forcerange="-40 40"/>
+  </actuator>{more}</mujoco>"""
+
+
+def log_of(description: str, name: str, tmp_path: Path) -> Recording:
+    """Return the log of two joints that this package simulates under stiffer actuators."""
+    (tmp_path / name).write_text(description)
+    text = (
+        f'machine: serial\ndrives: [lift, bend]\ngeometry: {{description: {name}}}\n'
+        'controller: {cycle: 0.004, position_gain: [2000, 700], velocity_gain: [90, 30]}\n'
+        'parameters: {drive_inertia: [0.0, 5.0, kg m^2], coulomb_torque: [0.0, 9.0, N m]}\n'
+    )
+    (tmp_path / 'true.yaml').write_text(text)
+    time = CYCLE * np.arange(1500)
+    rates = np.array([[1.1], [1.7]])
+    place, speed = 0.4 * (1.0 - np.cos(rates * time)), 0.4 * rates * np.sin(rates * time)
+    data = Dataset(
+        ('lift', 'bend'), CYCLE, 0, place, speed, place, None, np.full((2, 1500), np.nan)
+    )
+    model = make_model(
+        load_machine(tmp_path / 'true.yaml'), data, quantities=('effort', 'position')
+    )
+    effort, seen = np.split(model.simulate(np.array([[0.4, 0.2, 3.0, 1.0]]))[0], 2)
+    stamp = round(CYCLE * 1e9) * np.arange(1500)
+    return Recording(
+        Stream(('lift', 'bend'), stamp, position=seen.T, effort=effort.T),
+        command=Stream(('lift', 'bend'), stamp, position=place.T),
+    )
+
+
+def test_an_open_chain_of_an_mjcf_is_simulated_by_this_package(tmp_path: Path) -> None:
+    text = MJCF.format(actuator='', more='')
+    log = log_of(text, 'arm.xml', tmp_path)
+    made = yaml.safe_load(followed_file((), text, 'arm.xml', log) or '')
+    assert (made['machine'], made['drives']) == ('serial', ['lift', 'bend'])
+    assert made['controller']['torque_limit'] == [150.0, 40.0]
+    assert not {'velocity_feedforward', 'integral_gain'} & set(made['parameters'])
+    # What ran and what is stated lie well within the bounds.
+    for name, ran in (('position_gain', (2000, 700)), ('velocity_gain', (90, 30))):
+        assert all(box[1] > 2 * x for box, x in zip(made['parameters'][name], ran, strict=True))
+    assert made['parameters']['drive_inertia'][0][1] >= 4 * 0.3
+
+
+def test_noise_of_positions_is_no_late_set_point(tmp_path: Path) -> None:
+    text = MJCF.format(actuator='', more='')
+    log = log_of(text, 'arm.xml', tmp_path)
+    assert log.state is not None and log.state.position is not None
+    assert log.state.effort is not None
+    rng = np.random.default_rng(4)
+    position = log.state.position + 2e-5 * rng.standard_normal((1500, 2))
+    effort = log.state.effort + 0.05 * rng.standard_normal((1500, 2))
+    log = replace(log, state=replace(log.state, position=position, effort=effort))
+    made = followed_file((), text, 'arm.xml', log) or ''
+    # Feed-forward that is to be found, and was none.
+    made += '\n  velocity_feedforward: [0.0, 1.5, "1"]\n'
+    (tmp_path / 'arm.yaml').write_text(made)
+    machine = load_machine(tmp_path / 'arm.yaml')
+    data = gather([log], machine).datasets[0]
+    for drive in machine.drives:
+        law = fit_law(machine, data, drive)
+        assert law is not None and law.command_delay == law.effort_delay == 0.0
+        assert law.explained > 0.99
+
+
+@pytest.mark.parametrize(
+    ('actuator', 'more'),
+    [
+        ('<velocity joint="bend"/>', ''),
+        ('', '<equality><joint joint1="lift" joint2="bend"/></equality>'),
+    ],
+)
+def test_what_only_mujoco_has_takes_mujoco(tmp_path: Path, actuator: str, more: str) -> None:
+    log = log_of(MJCF.format(actuator='', more=''), 'arm.xml', tmp_path)
+    text = MJCF.format(actuator=actuator, more=more)
+    assert followed_file((), text, 'arm.xml', log) is None
