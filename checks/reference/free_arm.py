@@ -19,6 +19,8 @@ from ros2_ident.machine.machine import Machine
 
 # Of a friction force, what may still change from round to round, and rounds to get there.
 _SETTLED, _ROUNDS = 1e-14, 100_000
+# As `kernel_free` has them: how many times as many steps, and what counts as rest.
+_FINER, _RESTS = 4, 1e-3
 
 
 @dataclass
@@ -76,9 +78,12 @@ class FreeArm:
         holding = np.where(self.gains[2] > 0.0, load + self.constant - first, 0.0)
         self.integral, bend = holding, np.zeros_like(place)
         positions, efforts = np.empty_like(target), np.empty_like(target)
-        h = self.cycle / self.steps
         for k in range(target.shape[1]):
-            for step in range(self.steps):
+            # Friction that may turn over or let go is looked at more often.
+            slow = np.abs(rate) <= self.cycle * (np.abs(bend) + _RESTS)
+            steps = self.steps * (_FINER if (slow & (self.coulomb > 0.0)).any() else 1)
+            h = self.cycle / steps
+            for step in range(steps):
                 torque = self._law(wanted[:, k], place, rate)
                 if step == 0:
                     positions[:, k], efforts[:, k] = place, torque
