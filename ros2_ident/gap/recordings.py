@@ -19,7 +19,7 @@ from ros2_ident.identify.layout import Conditions, held_of, Layout
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import complete, EffectAt, FullModel, make_model, Model
 from ros2_ident.models.protocol import RecordedMotion
-from ros2_ident.models.registry import kind_of, scales_of
+from ros2_ident.models.registry import compared_of, kind_of, scales_of
 from ros2_ident.recording import Dataset
 
 Mask = npt.NDArray[np.bool_]
@@ -57,7 +57,7 @@ def recordings_of(
         IdentError: As `make_model`; INVALID_GOAL where a kind compares more than one quantity.
     """
     scales = scales_of(machine, [*data, *beside])
-    quantities = None if output is None else (output,)
+    quantities = (output or compared_of(machine)[0],)
     make = partial(make_model, machine, drives=drives, scales=scales, quantities=quantities)
     if fixed and data:
         fixed = held_of(machine, make(data[0]), chosen_drives(machine, drives), fixed)
@@ -132,7 +132,7 @@ class JointModel(Layout):
         part = self._part
         for number, (mask, seen) in enumerate(zip(part.law_masks, part.seen, strict=True)):
             model = self.models[number]
-            rest = model.measured[mask] - model.replay_law(seen, self.own(number, theta), mask)
+            rest = model.replayed[mask] - model.replay_law(seen, self.own(number, theta), mask)
             ends = np.cumsum(mask.sum(axis=1))
             for row in np.split(rest, ends[:-1], axis=1):
                 parts.append(row - row.mean(axis=1, keepdims=True))
@@ -184,7 +184,7 @@ class Part:
         out = []
         for model, mask in zip(self.models[: len(self.seen)], self.masks, strict=False):
             # At its start a delayed effort does not yet belong to the motion beside it.
-            later = mask.copy()
+            later = mask & np.isfinite(model.replayed)
             later[:, : int(round(LATEST_EFFORT / model.cycle))] = False
             out.append(later)
         return tuple(out)

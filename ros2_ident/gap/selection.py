@@ -14,13 +14,14 @@ from ros2_ident.gap.fits import Fits, PROMISING
 from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
 from ros2_ident.gap.noise_floor import Floor, predictability
-from ros2_ident.gap.recordings import are_alike, Split
+from ros2_ident.gap.recordings import are_alike, Part, Split
 from ros2_ident.gap.result import Tie
 from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Evidence
+from ros2_ident.search.noise import correlation_time
 
 
 class Selector(Fitter):
@@ -72,20 +73,32 @@ class Selector(Fitter):
             fits: Those it is one of; the present ones where None.
         """
         fits = fits or self.fits
-        part, rows = fits.split.fit, len(fits.weight)
-        joint = part.with_effects(e.effects)
+        part, rows, masks = fits.split.fit, len(fits.weight), fits.split.fit.masks
+        joint, law = part.with_effects(e.effects), e.jacobian[rows:]
+        # Where efforts are compared, those that the law makes say nothing new.
+        if len(law) and part.models[0].outputs[0].quantity != 'effort':
+            rows, masks = len(e.residual), (*masks, *part.law_masks)
+            evidence = evidence and evidence.with_rows(law / self._slow(e.residual, part))
         found = intervals(
             e.jacobian[:rows] / (joint.high - joint.low),
             e.residual[:rows],
             e.theta,
             joint.low,
             joint.high,
-            series=[int(s) for mask in part.masks for s in mask.sum(axis=1)],
+            series=[int(s) for mask in masks for s in mask.sum(axis=1)],
         )
         noise = found.low, found.high
         if evidence is None:
             return *noise, *noise
         return *evidence.ends(e.theta, joint.low, joint.high, *noise), *noise
+
+    @staticmethod
+    def _slow(residual: Array, part: Part) -> Array:
+        """Return (L, 1) the factor on the errors of the law's rows, as they are autocorrelated."""
+        ends = np.cumsum([s for mask in part.law_masks for s in mask.sum(axis=1)])
+        series = np.split(residual[len(residual) - ends[-1] :], ends[:-1])
+        factors = [np.full(x.size, math.sqrt(correlation_time(x))) for x in series]
+        return np.concatenate(factors)[:, None]
 
     # ------------------------------------------------------------------ selection
 
@@ -134,6 +147,7 @@ class Selector(Fitter):
             on_best(chain[-1])
             if not self.stopped():
                 chain, rounds = self.with_new_floor(chain, rounds)
+                chain = self.settled(chain)
         if chain[-1].effects and not self.stopped():
             chain = self.on_like_drives(chain, candidates)
         rests = self.rests(chain)
@@ -152,6 +166,18 @@ class Selector(Fitter):
             self.restless(),
             tuple(ties),
         )
+
+    def settled(self, chain: list[Hypothesis]) -> list[Hypothesis]:
+        """Return the chain without its last effects where the fit before had not come to its end.
+
+        Refitted, the last may be gone: what it closed was then the end of the search before it.
+        """
+        final, count = chain[-1], len(chain[-2].theta)
+        less = self.refit(chain[-2].effects, final.theta[:count])
+        if less.cost >= chain[-2].cost - TIE:
+            return chain
+        chain = [*chain[:-2], less]
+        return [*chain, final] if self.counts(less, final) else chain
 
     def untied(self, round_: Round) -> tuple[Round, list[Tie]]:
         """Return a round without leaders that the parameters imitate, and these."""

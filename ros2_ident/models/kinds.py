@@ -159,9 +159,9 @@ def _judge_serial(draft: Draft) -> Iterator[Remark]:
 
 
 def _compared_freely(machine: Machine) -> tuple[str, ...]:
-    """Return the effort where only it tells a joint's damping from its controller's."""
+    """Return the position; the effort, too, where only it tells damping from the controller's."""
     both = {'velocity_gain', 'viscous_torque'} <= set(machine.bounds)
-    return ('effort',) if both else ('position',)
+    return ('position', 'effort') if both else ('position',)
 
 
 SERIAL = Kind(

@@ -252,6 +252,11 @@ class FullModel(Model):
         """Return the motion that the controllers saw, None where they cannot be replayed."""
         return None
 
+    @property
+    def replayed(self) -> Array:
+        """(P, K) logged efforts that `replay_law` makes, one of each place; NaN for none."""
+        return np.full_like(self.measured, np.nan)
+
     def replay_law(self, seen: RecordedMotion, theta: Array, there: Mask) -> Array:
         """Return (S, R) what the controllers alone make of the recorded motion.
 

@@ -15,7 +15,7 @@ How far the parameters may be off is drawn with the sizes unknown, each its own 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -86,6 +86,13 @@ class Evidence:
     def predicted(self) -> Array:
         """(P,) root mean square of what is predicted."""
         return np.sqrt(np.maximum(self.rms**2 - self.floor**2, 0.0))
+
+    def with_rows(self, jacobian: Array) -> 'Evidence':
+        """Return it with further rows (L, N) that what is missing does not change, of noise 1."""
+        before = np.linalg.pinv(self.covariance, hermitian=True)
+        known = before + jacobian.T @ jacobian
+        covariance = np.asarray(np.linalg.pinv(known, hermitian=True), dtype=np.float64)
+        return replace(self, shift=covariance @ before @ self.shift, covariance=covariance)
 
     def ends(
         self, theta: Array, low: Array, high: Array, least: Array, most: Array

@@ -149,7 +149,8 @@ def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array
         if motion is None:
             continue
         row = model.places.index(drive)
-        wanted = np.isfinite(model.measured)
+        logged = model.measured if seen is None else model.replayed
+        wanted = np.isfinite(logged)
         wanted[np.arange(len(wanted)) != row] = False
         wanted[:, : int(LATEST_EFFORT / model.cycle)] = False
         there = np.flatnonzero(wanted[row])
@@ -157,14 +158,14 @@ def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array
             made = model.simulate_at(own[None], wanted)[0]
         else:
             made = model.replay_law(seen, own[None], wanted)[0]
-        missed = model.measured[wanted] - made
+        missed = logged[wanted] - made
         count = data.cycles
         rate = there.size / (count * model.cycle)
         fast = missed - scipy.ndimage.uniform_filter1d(missed, max(3, int(_SLOW * rate)))
-        logged = there - float(model.effort_delay(own)[row]) / model.cycle
+        acted = there - float(model.effort_delay(own)[row]) / model.cycle
         ways = motion.values.reshape(2, len(drives), count)[:, drives.index(drive)]
         for lag in _LAGS:
-            position, velocity = (np.interp(logged - lag, np.arange(count), x) for x in ways)
+            position, velocity = (np.interp(acted - lag, np.arange(count), x) for x in ways)
             yield position, velocity, fast
 
 

@@ -306,17 +306,23 @@ class DriveModel(MachineModel):
     def recorded_motion(self) -> RecordedMotion | None:
         """Return the motion that the controllers saw, None where they cannot be replayed.
 
-        That takes a set-point, an effort that is compared, and all drives' motion at a good part
-        of the cycles.
+        That takes a set-point, a logged effort, and all drives' motion at a good part of the
+        cycles.
         """
         data = self.data
-        if self.outputs[0].quantity != 'effort':
-            return None
         if not self._closed or data.position is None or data.effort is None:
+            return None
+        if not np.isfinite(self.replayed).any():
             return None
         if (np.isfinite(data.position).sum(axis=1) <= SEEN * data.cycles).any():
             return None
         return recorded_motion(data, self.machine.drives)
+
+    @property
+    def replayed(self) -> Array:
+        """(P, K) logged efforts that `replay_law` makes; NaN where efforts are not compared."""
+        compared = self.outputs[0].quantity == 'effort'
+        return self.measured if compared else super().replayed
 
     def extensions(self) -> tuple[EffectAt, ...]:
         """Return every effect of the catalogue at every place it can sit in this machine."""

@@ -16,6 +16,7 @@ from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.model import Compiled, DriveModel
+from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.models.drives.separate import first_seen
 from ros2_ident.models.protocol import Output, RecordedMotion
 from ros2_ident.models.serial import kernel, kernel_free
@@ -195,6 +196,12 @@ class Serial(DriveModel):
             asked = self.arm.efforts(self._seen[0], zero, zero)
         gear = self.machine.numbers('gear_factor')[:, None]
         return np.ascontiguousarray(self.transmission.at_motors(asked) / gear).ravel()
+
+    @property
+    def replayed(self) -> Array:
+        """(P, K) logged efforts that `replay_law` makes, also where positions are compared."""
+        effort = chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
+        return np.asarray(effort.measured(self.data))
 
     def recorded_motion(self) -> RecordedMotion | None:
         """Return the motion that the controllers saw; None where a motor turns with two joints."""
