@@ -3,6 +3,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from ros2_ident.identify.hidden import Rows
 from ros2_ident.identify.layout import Layout
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.search.changes import Changes, Logs
+from ros2_ident.search.evidence import SIZES, Sums
 from ros2_ident.search.jacobian import diverged
 from ros2_ident.search.noise import Whitening
 
@@ -50,10 +52,16 @@ class Sides(Layout):
         self.nominal, self.moved = len(models[0].parameters), tuple(moved)
         self._fitted = len(self.parameters)
         self._at = [self.names.index(name) for name in moved]
-        self._ends = self.low.copy(), self.high.copy()
+        width = self.high - self.low
+        # A change may lead out of the box of what was known before, but does not turn a sign.
+        far = self.low - width, self.high + width
+        self._ends = (
+            np.where(self.low >= 0.0, np.maximum(far[0], 0.0), far[0]),
+            np.where(self.high <= 0.0, np.minimum(far[1], 0.0), far[1]),
+        )
         first = [m.parameters for m, s in zip(self.models, after, strict=True) if not s]
         early = {p.name for own in first for p in own[self.nominal :]}
-        width = (self.high - self.low)[self._at]
+        width = width[self._at]
         self.later = np.array([p.name not in early for p in self.parameters] + [True] * len(moved))
         self.parameters += tuple(
             replace(self.parameters[i], name=f'{name}{AFTER}', low=-float(w), high=float(w))
@@ -114,11 +122,20 @@ class Marginal:
 
     Attributes:
         whiten: Makes noise white.
-        pairs: For each its rows, columns and the factor of their precision.
+        columns: (M + C, R) whitened: what pairs and logs have of their own, of coefficients with a
+            standard deviation of 1; then what the model lacks, of one size.
+        sizes: (C,) standard deviations of its coefficients.
+        limit: (C,) the largest.
+        scale: RMS of the residual.
+        pairs: Rows of each pair, and the products (M + C, M + C) of the columns there.
     """
 
     whiten: Whitening
-    pairs: tuple[tuple[npt.NDArray[np.int64], Array, Array], ...]
+    columns: Array
+    sizes: Array
+    limit: Array
+    scale: float
+    pairs: tuple[tuple[npt.NDArray[np.int64], Array], ...]
 
     @classmethod
     def of(
@@ -131,26 +148,50 @@ class Marginal:
             fold: The part that it is of; all where None.
         """
         whiten = Whitening(rows.runs, weighed.noise)
-        common = whiten(np.concatenate([jacobian.T, (weighed.common * weighed.sizes).T]))
-        alone, found = whiten(weighed.alone.T), []
-        for pair in np.unique(logs.pair):
-            of_pair = [x for x, p in zip(logs.rows, logs.pair, strict=True) if p == pair]
-            there = np.concatenate([np.arange(x.start, x.stop) for x in of_pair])
-            if fold is not None:
-                there = there[logs.fold[there] == fold]
-            apart = [np.where((x.start <= there) & (there < x.stop), alone[:, there], 0.0)
-                     for x in of_pair]  # fmt: skip
-            own = np.concatenate([common[:, there], *apart])
-            factor = scipy.linalg.cholesky(np.eye(len(own)) + own @ own.T, lower=True)
-            found.append((there, own, factor))
-        return cls(whiten, tuple(found))
+        alone = [np.zeros((weighed.alone.shape[1], len(jacobian))) for _ in logs.rows]
+        for own, log in zip(alone, logs.rows, strict=True):
+            own[:, log] = weighed.alone.T[:, log]
+        pair = np.concatenate([np.full(x.stop - x.start, p)
+                               for x, p in zip(logs.rows, logs.pair, strict=True)])  # fmt: skip
+        here = np.full(pair.shape, True) if fold is None else logs.fold == fold
+        columns = whiten(np.concatenate([jacobian.T, *alone, weighed.common.T]))
+        rows_of = [np.flatnonzero(here & (pair == p)) for p in np.unique(pair)]
+        pairs = tuple((x, columns[:, x] @ columns[:, x].T) for x in rows_of)
+        return cls(whiten, columns, weighed.sizes, weighed.limit, weighed.scale, pairs)
+
+    def sized(self, residual: Array | None = None) -> 'Marginal':
+        """Return it with the sizes that a residual (R,) makes most probable; with none where None.
+
+        A change that is not in a fit looks as if the model lacked much.
+        """
+        if residual is None:
+            return replace(self, sizes=np.minimum(self.scale * SIZES[0], self.limit))
+        normal = np.sum([x for _, x in self.pairs], axis=0)
+        sums = Sums(normal, self.columns @ self.whiten(residual), self.limit)
+        return replace(self, sizes=sums.sizes(self.scale)[0])
+
+    @cached_property
+    def _parts(self) -> list[tuple[npt.NDArray[np.int64], Array, Array]]:
+        """For each pair its rows, columns and the factor of their precision."""
+        unit = np.ones(len(self.columns))
+        unit[len(unit) - len(self.sizes) :] = self.sizes
+        found = []
+        for there, normal in self.pairs:
+            precision = np.eye(len(unit)) + normal * np.outer(unit, unit)
+            factor = scipy.linalg.cholesky(precision, lower=True)
+            found.append((there, self.columns[:, there] * unit[:, None], factor))
+        return found
 
     def loss(self, residual: Array) -> float:
-        """Return minus twice the logarithm of the likelihood of a residual (R,) on its rows."""
+        """Return minus twice the logarithm of the likelihood of a residual (R,) on its rows.
+
+        But for what the noise alone decides.
+        """
         white, total = self.whiten(residual), 0.0
-        for rows, own, factor in self.pairs:
+        for rows, own, factor in self._parts:
             half = scipy.linalg.solve_triangular(factor, own @ white[rows], lower=True)
             total += float(white[rows] @ white[rows] - half @ half)
+            total += 2.0 * float(np.sum(np.log(np.diag(factor))))
         return total
 
     def __call__(self, residual: Array) -> Array:
@@ -158,7 +199,7 @@ class Marginal:
         there = ~diverged(residual)
         white = self.whiten(np.where(there[:, None], residual, 0.0))
         out = [white]
-        for rows, own, factor in self.pairs:
+        for rows, own, factor in self._parts:
             taken = scipy.linalg.cho_solve((factor, True), own @ white[:, rows].T)
             white[:, rows] -= taken.T @ own
             out.append(taken.T)

@@ -61,6 +61,7 @@ class Changes:
         noise: The noise of each place.
         common: (R, C) columns of what the model lacks on both sides, of one size.
         sizes: (C,) standard deviations of their coefficients.
+        limit: (C,) the largest.
         alone: (R, V) columns of what each log has of its own, one standard deviation.
         folds: Information and score of each part left out, and of all others; by multiples of
             columns of one size.
@@ -76,6 +77,7 @@ class Changes:
     noise: tuple[NoiseModel, ...]
     common: Array
     sizes: Array
+    limit: Array
     alone: Array
     folds: list[tuple[Array, ...]]
     scale: float
@@ -182,7 +184,6 @@ def weigh_changes(
     alone: Mask,
     side: Mask,
     kept: Sequence[int] = (),
-    share: float = 1.0,
 ) -> Changes:
     """Weigh what may have changed from one side to the other.
 
@@ -200,7 +201,6 @@ def weigh_changes(
         alone: (Q,) which each log has of its own: no change of the machine.
         side: (Q,) whether a change is on the side after; else on the side before.
         kept: Columns of `changed` that did change.
-        share: Share of all rows that these are: the others tell as much.
 
     Reference:
         Scatter from log to log: random effects of DerSimonian and Laird (1986), Controlled
@@ -220,7 +220,7 @@ def weigh_changes(
         for fold in np.unique(logs.fold[log]):
             there = log.start + np.flatnonzero(logs.fold[log] == fold)
             rows = white.take(there, axis=1)
-            sums = np.column_stack([rows @ rows.T, rows @ right[there]]) / share
+            sums = np.column_stack([rows @ rows.T, rows @ right[there]])
             cells.append(_Cell(int(log.start), int(pair), int(fold), side == after, sums))
     first = nuisance.shape[1]
     whole = np.sum([cell.sums for cell in cells], axis=0)
@@ -241,8 +241,8 @@ def weigh_changes(
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
     apart = (changed * unit * known)[:, alone & (known > 0.0)]
     return Changes(
-        own, score, tuple(kept), alike, inflation, freedom, noise, common.T, sizes, apart, parts,
-        scale,
+        own, score, tuple(kept), alike, inflation, freedom, noise, common.T, sizes, limit, apart,
+        parts, scale,
     )  # fmt: skip
 
 

@@ -30,6 +30,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         'two': [],
         'heavy': ['--set', 'moving_mass=77'],
         'worn': ['--effect', 'stribeck@emps_axis:torque=4,velocity=0.004'],
+        'loaded': ['--set', 'moving_mass=170'],
+        'tuned': ['--effect', 'velocity_gain_error@emps_axis:factor=1.5'],
     }.items()):  # fmt: skip
         words = ['simulate', f'{folder}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
         assert main([*words, '--seconds', '6', '--seed', str(number), *more]) == 0
@@ -74,6 +76,15 @@ def test_an_effect_is_there_on_one_side(made):
         found = compared(made, [before], [after]).result
         assert 'stribeck' in {x.name for c in found.changes for x in (c.suspect, *c.ties)}
         assert found.changes[0].suspect.side == side
+
+
+def test_a_large_change_is_one_change(made):
+    # Beyond the box of what was known before; and where half as much on the other side is alike.
+    for after, name, size in (('loaded', 'moving_mass', 95.0), ('tuned', 'factor', 1.5)):
+        (change,) = compared(made, ['one'], [after]).result.changes
+        (told,) = change.sizes
+        assert told.name.endswith(f'.{name}') and told.low < size < told.high
+        assert change.suspect.side == 'after' and told.high - told.low < 0.05 * size
 
 
 def test_pairs_need_as_many_bags(made):
