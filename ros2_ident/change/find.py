@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which change tells the logs after from those before."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import chain, islice
 import math
 from typing import Literal
@@ -95,7 +95,7 @@ class _Column:
     @property
     def place(self) -> str:
         """Its drive; empty for the machine."""
-        return self.suspect.where or self.suspect.name.rpartition('.')[0]
+        return self.suspect.where.replace('all', '') or self.suspect.name.rpartition('.')[0]
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def find_change(
         threads: That simulate; one for each processor where None.
     """
     looked = partial(
-        _round, log=log, zeros=dict(_shifted(problem)), paired=paired, without=without,
+        _round, log=log, zeros=tuple(_shifted(problem)), paired=paired, without=without,
         stopped=stopped, threads=threads,
     )  # fmt: skip
     found: list[_Fit] = []
@@ -209,18 +209,32 @@ def find_change(
 # ---------------------------------------------------------------------- columns
 
 
-def _shifted(problem: Problem) -> Iterator[tuple[str, tuple[FullModel, ...]]]:
-    """Yield the models, and by drive those of logs whose encoder has another zero."""
-    yield '', problem.models
+@dataclass(frozen=True)
+class _Homed:
+    """Models of logs in which the encoder of a drive has another zero, by `by`; of none first."""
+
+    models: tuple[FullModel, ...]
+    drive: str = ''
+    by: float = 0.0
+    unit: str = ''
+
+
+def _shifted(problem: Problem) -> Iterator[_Homed]:
+    """Yield the models, and those of logs with another zero, drive by drive."""
+    yield _Homed(problem.models)
     setup = problem.setup
     if setup is None:
         return
-    by = _HOMED * per_metre(setup.machine.travel_unit)
-    for name in setup.machine.drives:
+    machine = setup.machine
+    usual = (machine.travel_unit,) * len(machine.drives)
+    # An arm may have joints of both kinds.
+    units = getattr(problem.models[0], 'travels', usual)
+    for name, unit in zip(machine.drives, units, strict=True):
+        by = _HOMED * per_metre(unit)
         datasets = tuple(_moved(x, name, by) for x in setup.data.datasets)
         with suppress(IdentError):
             moved = replace(setup, data=replace(setup.data, datasets=datasets))
-            yield name, moved.problem().models
+            yield _Homed(moved.problem().models, name, by, unit)
 
 
 def _moved(data: Dataset, drive: str, by: float) -> Dataset:
@@ -235,7 +249,7 @@ def _round(
     sides: Sides,
     theta: Array,
     log: npt.NDArray[np.int64],
-    zeros: Mapping[str, Sequence[FullModel]],
+    zeros: Sequence[_Homed],
     paired: bool,
     without: Sequence[str],
     stopped: Callable[[], bool],
@@ -299,25 +313,24 @@ def _constants(sides: Sides, theta: Array, rows: Rows, residual: Array) -> _Colu
                 yield _Column(c, (name,), (unit,), np.array([value]), value=value), [slope]
 
 
-def _zeros(
-    sides: Sides, theta: Array, rows: Rows, zeros: Mapping[str, Sequence[FullModel]]
-) -> _Columns:
+def _zeros(sides: Sides, theta: Array, rows: Rows, zeros: Sequence[_Homed]) -> _Columns:
     """Yield the zeros of all drives, and (R,) what the usual difference of each does.
 
     Numbers are as the machine file states them: what changed of them is of second order.
     """
-    told = {name: residuals_at(sides.on(models), rows)(theta[None])[0]
-            for name, models in zeros.items()}  # fmt: skip
-    plain = told.pop('')
-    moved = {name: residual - plain for name, residual in told.items()}
+    plain, *moved = (residuals_at(sides.on(x.models), rows)(theta[None])[0] for x in zeros)
     least = _SETTLED * float(np.sqrt(np.mean(plain**2)))
-    seen = {name: x for name, x in moved.items() if least < np.sqrt(np.mean(x**2)) < math.inf}
+    seen = [
+        (x, residual - plain) for x, residual in zip(zeros[1:], moved, strict=True)
+        if least < np.sqrt(np.mean((residual - plain) ** 2)) < math.inf
+    ]  # fmt: skip
     if seen:
-        unit, metre = sides.bare[0].travel
-        scales = np.full(len(seen), -_HOMED * metre)
-        names, units = tuple(seen), (unit,) * len(seen)
-        c = _Column(Suspect('constant', 'zero'), names, units, scales, own='zero', usual=1.0)
-        yield c, list(seen.values())
+        c = _Column(
+            Suspect('constant', 'zero'), tuple(x.drive for x, _ in seen),
+            tuple(x.unit for x, _ in seen), np.array([-x.by for x, _ in seen]),
+            own='zero', usual=1.0,
+        )  # fmt: skip
+        yield c, [column for _, column in seen]
 
 
 def _effects(first: FullModel, alternatives: Sequence[Alternative]) -> _Columns:
@@ -388,26 +401,37 @@ def _step(
     fits = [
         f for f in (_with(now, c, base, stopped) for c in promising)
         if all(f.evidence > Rules.alike * x.evidence for x in found
-               if x.column.place == f.column.place)
+               if '' in (x.column.place, f.column.place) or x.column.place == f.column.place)
     ]  # fmt: skip
     top = max((f.evidence for f in fits), default=0.0)
     if not top > price:
         return None
     alike = [f for f in fits if f.evidence > min(top - price_of(1), (1.0 - Rules.alike) * top)]
-    one = min(alike, key=lambda f: (f.column.at is not None, f.column.numbers, -f.evidence))
+    # Gains and other stated numbers come first: efforts follow from how a machine is driven.
+    kinds = 'constant', 'parameter', 'effect'
+    one = min(
+        alike, key=lambda f: (kinds.index(f.column.suspect.kind), f.column.numbers, -f.evidence)
+    )
     return replace(one, ties=tuple(f.column.suspect for f in alike if f is not one))
 
 
 def _fitted(now: _Round, sides: Sides, start: Array, stopped: Callable[[], bool]) -> _Best:
-    """Return the best fit of sides under the noise, with what the model lacks left open.
+    """Return the best fit of sides under the noise, with what the model lacks left open."""
+    box = Box.of(sides.low, sides.high)
+    return _best(now, residuals_at(sides, now.rows), box, start, stopped)
 
-    At first it lacks nothing, so that parameters go where they explain most; then as much as
-    that leaves.
+
+def _best(
+    now: _Round, evaluate: Residuals, box: Box, start: Array, stopped: Callable[[], bool]
+) -> _Best:
+    """Return the best fit of residuals.
+
+    At first the model lacks nothing, so that parameters go where they explain most; then as much
+    as that leaves.
     """
-    evaluate, theta, loss = residuals_at(sides, now.rows), start, math.inf
-    marginal = now.marginal.sized()
+    theta, loss, marginal = start, math.inf, now.marginal.sized()
     for _ in range(_TURNS):
-        theta = _descended(evaluate, sides, theta, marginal, stopped)
+        theta = _descended(evaluate, box, theta, marginal, stopped)
         residual = evaluate(theta[None])[0]
         if diverged(residual):
             break
@@ -417,14 +441,9 @@ def _fitted(now: _Round, sides: Sides, start: Array, stopped: Callable[[], bool]
 
 
 def _descended(
-    evaluate: Residuals,
-    sides: Sides,
-    start: Array,
-    marginal: Marginal,
-    stopped: Callable[[], bool],
+    evaluate: Residuals, box: Box, start: Array, marginal: Marginal, stopped: Callable[[], bool]
 ) -> Array:
-    """Return the best parameters (N,) of sides with what the model may lack as it is."""
-    box = Box.of(sides.low, sides.high)
+    """Return the best parameters (N,) with what the model may lack as it is."""
     point = Point.at(lambda theta: marginal(evaluate(theta)), box, box.inside(start))
     for better in islice(descent(point, _SETTLED, prior=True), _STEPS):
         point = better
@@ -438,23 +457,23 @@ def _with(now: _Round, c: _Column, base: _Best, stopped: Callable[[], bool]) -> 
     fits = []
     for suspect, sides, own in _begun(now, c):
         found = _fitted(now, sides, sides.start(now.sides, now.theta, own), stopped)
+        fits.append((suspect, sides, found))
+    if c.suspect.kind == 'constant':
+        fits.append((c.suspect, *_restated(now, c, stopped)))
+    evidences = []
+    for _, _, found in fits:
         gain = now.weighed.among_logs(max(0.0, base.loss - found.loss), c.columns)
-        column = replace(c, suspect=suspect)
-        fits.append(_Fit(column, evidence_of(gain, c.numbers), sides, found.theta))
-    first, *others = fits
-    return next((x for x in others if x.evidence > first.evidence + price_of(1)), first)
+        evidences.append(evidence_of(gain, c.numbers))
+    # There after only, where that is alike.
+    best = max(range(len(fits)), key=lambda i: evidences[i] - i * price_of(1))
+    suspect, sides, found = fits[best]
+    return _Fit(replace(c, suspect=suspect), evidences[best], sides, found.theta)
 
 
 def _begun(now: _Round, c: _Column) -> Iterator[tuple[Suspect, Sides, Array]]:
     """Yield how a suspect may be there, the sides with it, and (P,) its numbers to begin with."""
     estimate, suspect = now.weighed.of(c.columns)[0], c.suspect
-    if suspect.kind == 'constant':
-        most = math.log(STATED_WITHIN)
-        factor = math.exp(float(np.clip(estimate[0], -most, most)))
-        yield suspect, now.sides.stating(suspect.name, c.value * factor), np.empty(0)
-    elif c.at is None:
-        yield suspect, now.sides.also(name=suspect.name), estimate * c.scales
-    else:
+    if c.at is not None:
         box = np.array([(p.low, p.high) for p in now.sides.models[0].scaled(c.at)]).T
         # What cannot be less than nothing on one side is on the other.
         for later, sign in ((True, 1.0), (False, -1.0)):
@@ -462,6 +481,33 @@ def _begun(now: _Round, c: _Column) -> Iterator[tuple[Suspect, Sides, Array]]:
             if not np.array_equal(own, c.begin):
                 there = replace(suspect, side='after' if later else 'before')
                 yield there, now.sides.also((c.at, later)), own
+    elif suspect.kind == 'parameter':
+        yield suspect, now.sides.also(name=suspect.name), estimate * c.scales
+
+
+def _restated(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sides, _Best]:
+    """Return the sides with the most probable stated number after, and their fit.
+
+    Its logarithm is a parameter more.
+    """
+    most = math.log(STATED_WITHIN)
+    low, high = np.append(now.sides.low, -most), np.append(now.sides.high, most)
+
+    @lru_cache(maxsize=2)
+    def stated(power: float) -> tuple[Sides, Residuals]:
+        sides = now.sides.stating(c.suspect.name, c.value * math.exp(power))
+        return sides, residuals_at(sides, now.rows)
+
+    def evaluate(theta: Array) -> Array:
+        out: Array = np.empty((len(theta), now.rows.blocks.size))
+        for power in np.unique(theta[:, -1]).tolist():
+            at = theta[:, -1] == power
+            out[at] = stated(power)[1](theta[at, :-1])
+        return out
+
+    start = np.append(now.theta, now.weighed.of(c.columns)[0])
+    found = _best(now, evaluate, Box.of(low, high), start, stopped)
+    return stated(float(found.theta[-1]))[0], _Best(found.theta[:-1], found.loss)
 
 
 # ---------------------------------------------------------------------- what is said
@@ -473,10 +519,12 @@ def _explained(begun: _Round, now: _Round, stopped: Callable[[], bool]) -> float
     Of that and of what all that may have changed beside it explains there; NaN where it explains
     nothing. How large it is, is told by the other parts, a little off what all of them tell.
     """
-    evaluate = residuals_at(begun.sides, now.rows)
-    without = _descended(evaluate, begun.sides, begun.theta, now.marginal, stopped)
-    before = evaluate(without[None])[0]
-    after = residuals_at(now.sides, now.rows)(now.theta[None])[0]
+    left = []
+    for x in (begun, now):
+        evaluate, box = residuals_at(x.sides, now.rows), Box.of(x.sides.low, x.sides.high)
+        theta = _descended(evaluate, box, x.theta, now.marginal, stopped)
+        left.append(evaluate(theta[None])[0])
+    before, after = left
     some = now.weighed.unseen(now.weighed.kept)
     for fold in np.unique(now.logs.fold):
         part = Marginal.of(now.weighed, now.rows, now.logs, now.nominal, int(fold))

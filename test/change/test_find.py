@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ros2_ident import jobs
+from ros2_ident.change.find import _shifted
 from ros2_ident.change.result import Change, Comparison, Size, Suspect
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
@@ -79,12 +80,33 @@ def test_an_effect_is_there_on_one_side(made):
 
 
 def test_a_large_change_is_one_change(made):
-    # Beyond the box of what was known before; and where half as much on the other side is alike.
-    for after, name, size in (('loaded', 'moving_mass', 95.0), ('tuned', 'factor', 1.5)):
+    # Beyond the box of what was known before; and a gain, which comes before effects like it.
+    gain = 0.5 * load_machine(AXIS).number('velocity_gain')
+    for after, name, size in (
+        ('loaded', 'emps_axis.moving_mass', 95.0), ('tuned', 'velocity_gain', gain),
+    ):  # fmt: skip
         (change,) = compared(made, ['one'], [after]).result.changes
         (told,) = change.sizes
-        assert told.name.endswith(f'.{name}') and told.low < size < told.high
-        assert change.suspect.side == 'after' and told.high - told.low < 0.05 * size
+        assert told.name == name and told.low < size < told.high
+        assert told.high - told.low < 0.05 * size
+    assert 'velocity_gain_error' in {x.name for x in change.ties}
+
+
+def test_zeros_of_turning_and_sliding_joints_have_their_own_units(tmp_path):
+    (tmp_path / 'arm.yaml').write_text(
+        'machine: serial\ndrives: [turn, slide]\neffort_unit: N m\neffort_noise: 0.05\n'
+        'geometry: {dh_a: [0.0, 0.1], dh_alpha: [1.2, 0.0], dh_d: [0.0, 0.0],\n'
+        '  dh_theta: [0.0, 0.0], joint: [revolute, prismatic]}\ncontroller: {cycle: 0.004}\n'
+        'parameters: {coulomb_torque: [0.0, 2.0, N m]}\n'
+    )
+    words = ['simulate', f'{tmp_path}/log', '--machine', f'{tmp_path}/arm.yaml']
+    assert main([*words, '--seconds', '2']) == 0
+    request = jobs.Request(load_machine(tmp_path / 'arm.yaml'), bags=(f'{tmp_path}/log',))
+    none, turn, slide = _shifted(request.problem(jobs.read(request).fit))
+    assert not none.drive and (turn.unit, slide.unit) == ('rad', 'm')
+    # A degree, and what a lever of 50 mm makes of it.
+    assert turn.by == pytest.approx(math.radians(1.0))
+    assert slide.by == pytest.approx(0.05 * turn.by)
 
 
 def test_pairs_need_as_many_bags(made):
