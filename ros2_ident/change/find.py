@@ -255,7 +255,8 @@ def _round(
     stopped: Callable[[], bool],
     threads: int | None,
 ) -> _Round:
-    first, taken = sides.models[0], {at for at, _ in sides.effects}
+    theta, first = sides.inside(theta), sides.models[0]
+    taken = {at for at, _ in sides.effects}
     candidates = [at for at in first.extensions() if at not in taken and at.effect not in without]
     # Twice: what is common, and what changed.
     seen = missing_beside(sides, theta, candidates, stopped, threads, times=2)

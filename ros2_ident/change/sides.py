@@ -81,6 +81,16 @@ class Sides(Layout):
             fitted = np.clip(fitted, *self._ends)
         return super().own(number, fitted)
 
+    def inside(self, theta: Array) -> Array:
+        """Return (N,) the same parameters, of which no change is larger than acts.
+
+        Beyond it nothing changes, and a derivative would say that nothing is known.
+        """
+        theta, own = theta.copy(), theta[self._at]
+        ends = [x[self._at] - own for x in self._ends]
+        theta[self._fitted :] = np.clip(theta[self._fitted :], *ends)
+        return theta
+
     def also(self, effect: tuple[EffectAt, bool] | None = None, name: str = '') -> 'Sides':
         """Return the sides with one change more: an effect on one side, or a parameter."""
         effects = self.effects if effect is None else (*self.effects, effect)
@@ -110,7 +120,7 @@ class Sides(Layout):
         """Return (N,) parameters from those (N',) with a change less, and its own (P,)."""
         known, more = dict(zip(base.names, theta.tolist(), strict=True)), iter(new.tolist())
         start = np.array([known[n] if n in known else next(more) for n in self.names])
-        return np.asarray(np.clip(start, self.low, self.high), np.float64)
+        return self.inside(np.clip(start, self.low, self.high))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import pytest
 from ros2_ident import jobs
 from ros2_ident.change.find import _shifted
 from ros2_ident.change.result import Change, Comparison, Size, Suspect
+from ros2_ident.change.sides import Sides
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import load_machine
@@ -90,6 +91,18 @@ def test_a_large_change_is_one_change(made):
         assert told.name == name and told.low < size < told.high
         assert told.high - told.low < 0.05 * size
     assert 'velocity_gain_error' in {x.name for x in change.ties}
+
+
+def test_a_change_that_ends_at_nothing_has_a_derivative(made):
+    request = jobs.Request(load_machine(AXIS), bags=(f'{made}/one', f'{made}/worn'))
+    problem = request.problem(jobs.read(request).fit)
+    sides = Sides(problem.models, np.array([False, True]), moved=['emps_axis.viscous_friction'])
+    at = sides.names.index('emps_axis.viscous_friction')
+    theta = np.append(sides.low[:4] + 0.3 * (sides.high - sides.low)[:4], -300.0)
+    found = sides.inside(theta)
+    assert found[-1] == -theta[at] and np.array_equal(found[:-1], theta[:-1])
+    assert np.array_equal(sides.own(1, theta), sides.own(1, found))
+    assert sides.own(1, found + 1e-3 * (np.arange(5) == 4))[0, at] == pytest.approx(1e-3)
 
 
 def test_zeros_of_turning_and_sliding_joints_have_their_own_units(tmp_path):
