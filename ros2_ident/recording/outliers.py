@@ -6,11 +6,11 @@ for a few milliseconds, is nothing that a machine does. Such samples are left ou
 that never came: left in, a set-point one millimetre off for one cycle moves friction by percents.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from numpy.typing import NDArray
 
 from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray
 
@@ -22,6 +22,8 @@ _SHORT = 0.025
 _MANY, _MANY_SHARE = 20, 0.002
 # So many samples tell the range and the resolution of a signal.
 _ENOUGH = 1 << 15
+# Values and places taken at once, which a processor's cache holds.
+_BLOCK, _BATCH = 1 << 15, 1 << 10
 
 
 class _Rule(NamedTuple):
@@ -43,36 +45,39 @@ _ALONE = 0.2
 _STEPS, _FEW = 4.0, 9
 
 
-def _lone(stamp: IntArray, values: FloatArray, rule: _Rule) -> tuple[IntArray, float]:
+def _lone(
+    stamp: IntArray, x: FloatArray, rule: _Rule, found: IntArray, least: float
+) -> tuple[IntArray, float]:
     """Return the samples (N,) of a signal (T,) that jump away and back, and the largest jump.
 
     None where they last as long as a machine could move, or are so many that the signal is like
     that.
+
+    Args:
+        found: Where they may be, increasing.
+        least: What is no jump.
     """
-    none = np.empty(0, dtype=np.int64), 0.0
-    there = np.flatnonzero(np.isfinite(values))
-    if there.size < 2 * _SIDE + 1:
-        return none
-    whole = there.size == values.size
-    x, time = (values, stamp) if whole else (values[there], stamp[there])
-    least = _floor(x, rule)
-    found = _candidates(x, rule, least)
-    most = max(_MANY, int(_MANY_SHARE * x.size))
-    if found.size > 20 * most:
-        return none
     rows: list[int] = []
     largest, longest = 0.0, 0.0
-    for at in found.tolist():
-        if rows and at <= rows[-1] + _JUDGED:
-            continue
-        run, size = _run_at(time, x, at, rule, least)
-        if run:
+    most = max(_MANY, int(_MANY_SHARE * x.size))
+    if found.size > 20 * most:
+        found = found[:0]
+    left = np.minimum(found - _JUDGED, _SIDE)
+    right = np.minimum(x.size - 1 - _JUDGED - found, _SIDE)
+    wrong, size = np.zeros((found.size, 2 * _JUDGED + 1), dtype=bool), np.zeros(found.size)
+    for sides in {*zip(left.tolist(), right.tolist(), strict=True)}:
+        own = np.flatnonzero((left == sides[0]) & (right == sides[1]))
+        for part in np.split(own, range(_BATCH, own.size, _BATCH)) if min(sides) >= 4 else []:
+            wrong[part], size[part] = _judged(stamp, x, found[part], sides, rule, least)
+    for n in np.flatnonzero(wrong.any(axis=1)).tolist():
+        run = (found[n] - _JUDGED + np.flatnonzero(wrong[n])).tolist()
+        if not rows or found[n] > rows[-1] + _JUDGED:
             rows += run
-            largest = max(largest, size)
-            longest = max(longest, float(time[run[-1] + 1] - time[run[0] - 1]) * 1e-9)
-    if not rows or len(rows) > most or longest > _SHORT:
-        return none
-    return there[np.array(rows)], largest
+            largest = max(largest, float(size[n]))
+            longest = max(longest, float(stamp[run[-1] + 1] - stamp[run[0] - 1]) * 1e-9)
+    if len(rows) > most or longest > _SHORT:
+        return found[:0], 0.0
+    return np.array(rows, dtype=np.int64), largest
 
 
 def _floor(x: FloatArray, rule: _Rule) -> float:
@@ -88,51 +93,118 @@ def _floor(x: FloatArray, rule: _Rule) -> float:
     return max(_STEPS * step, rule.share * float(high - low), 1e-300)
 
 
-def _candidates(x: FloatArray, rule: _Rule, least: float) -> IntArray:
-    """Return where a cubic through two samples on each side is far off, and not so beside it."""
-    far = 8
+def _candidates(x: FloatArray, rule: _Rule, least: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return where a cubic through two samples on each side is far off, and not so beside it.
+
+    Args:
+        x: Signals (T, D).
+        least: What is no jump of each (D,).
+
+    Returns:
+        Samples (N,), increasing, and their signals; none with a NaN among the samples around.
+    """
+    far, (size, joints) = 8, x.shape
     # a run of samples shows half its jump at its edges
     part_of = 1.0 if rule.run == 1 else 0.4
-    off = np.zeros(x.size + 2 * far)
-    with np.errstate(over='ignore', invalid='ignore'):
-        outer, inner = x[:-4] + x[4:], x[1:-3] + x[3:-1]
-        off[far + 2 : far + x.size - 2] = np.abs(x[2:-2] - (4.0 * inner - outer) / 6.0)
-    rows = np.flatnonzero(off[far:-far] > part_of * least)
-    nearby = scipy.ndimage.maximum_filter1d(off, 3)
-    beside = np.maximum(nearby[far - 7 + rows], nearby[far + 7 + rows])
-    return np.asarray(rows[off[far + rows] > part_of * 0.8 * rule.ratio * beside])
+    block = max(_BLOCK // joints, 4 * far)
+    found = [(np.empty(0, dtype=np.int64),) * 2]
+    for begin in range(2, size - 2, block):
+        end = min(begin + block, size - 2)
+        low, high = max(2, begin - far), min(size - 2, end + far)
+        part = x[low - 2 : high + 2]
+        inner, outer = part[1:-3] + part[3:-1], part[:-4] + part[4:]
+        inner *= 4.0
+        inner -= outer
+        inner /= 6.0
+        off = np.zeros((end - begin + 2 * far, joints))
+        np.subtract(part[2:-2], inner, out=inner)
+        np.abs(inner, out=off[low - begin + far : high - begin + far])
+        nearby = np.maximum(off[:-1], off[1:])
+        nearby = np.maximum(nearby[:-1], off[2:], out=nearby[:-1])
+        beside = np.maximum(nearby[: end - begin], nearby[2 * far - 2 :])
+        beside *= part_of * 0.8 * rule.ratio
+        off = off[far:-far]
+        rows, columns = np.nonzero((off > part_of * least) & (off > beside))
+        found.append((rows + begin, columns))
+    rows, columns = map(np.concatenate, zip(*found, strict=True))
+    return rows, columns
 
 
-def _run_at(
-    time: IntArray, x: FloatArray, at: int, rule: _Rule, least: float
-) -> tuple[list[int], float]:
-    """Return the samples of a lone jump near a place, none where it is none, and its size."""
-    begin, end = max(0, at - _JUDGED), min(x.size, at + _JUDGED + 1)
-    low, high = max(0, begin - _SIDE), min(x.size, end + _SIDE)
-    if begin - low < 4 or high - end < 4:
-        return [], 0.0
-    around = np.r_[low:begin, end:high]
-    when = (time[low:high] - time[at]) / max(float(time[high - 1] - time[low]), 1.0)
-    powers = when[:, None] ** np.arange(4)
-    with np.errstate(over='ignore', invalid='ignore'):
-        cubic = np.linalg.lstsq(powers[around - low], x[around], rcond=None)[0]
-        off = np.abs(x[low:high] - powers @ cubic)
-        steps = np.diff(when)
-        usual = float(np.median(steps))
-        slip = rule.slip * usual + float(np.abs(steps - usual).max())
-        rest = float(off[around - low].max())
-        bound = max(rule.ratio * rest, least, abs(float(cubic[1])) * slip)
-    wrong = np.flatnonzero(off[begin - low : end - low] > bound) + begin
-    if not np.isfinite(bound) or not 0 < wrong.size <= rule.run:
-        return [], 0.0
-    if wrong[-1] - wrong[0] >= rule.run or wrong[0] < 1 or wrong[-1] >= x.size - 1:
-        return [], 0.0
-    size = float(off[wrong - low].max())
+def _judged(
+    time: IntArray,
+    x: FloatArray,
+    at: IntArray,
+    sides: tuple[int, int],
+    rule: _Rule,
+    least: float,
+) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return which samples around some places (N,) are a lone jump (N, 7), and its size (N,).
+
+    A cubic through so many samples on both sides says where they should be: a sum of polynomials
+    orthogonal on these (Forsythe, 1957), each from the two before.
+    """
+    left, right = sides
+    middle = slice(left, left + 2 * _JUDGED + 1)
+    place = at[:, None] + np.arange(-left - _JUDGED, _JUDGED + right + 1)
+    y, when = x[place], (time[place] - time[at][:, None]).astype(np.float64)
+    when /= np.maximum(when[:, -1:] - when[:, :1], 1.0)
+    steps = np.diff(when)
+    usual = np.median(steps, axis=1)
+    slip = rule.slip * usual + np.abs(steps - usual[:, None]).max(axis=1)
+    slope, last, last_rate, last_norm = np.zeros((4, at.size, 1))
+    now, rate = np.ones_like(when), np.zeros_like(slope)
+    for _ in range(4):  # a cubic has four
+        around = now.copy()
+        around[:, middle] = 0.0
+        norm = _product(around, around)
+        share = _product(around, y) / norm
+        y = y - share * now
+        slope += share * rate
+        shift = _product(around * when, around) / norm
+        back = norm / last_norm if last_norm.any() else last_norm
+        here = now[:, left + _JUDGED, None]
+        last, now = now, (when - shift) * now - back * last
+        last_rate, rate = rate, here - shift * rate - back * last_rate
+        last_norm = norm
+    off = np.abs(y)
+    judged = off[:, middle].copy()
+    off[:, middle] = 0.0
+    bound = np.maximum(rule.ratio * off.max(axis=1), least)
+    bound = np.maximum(bound, np.abs(slope[:, 0]) * slip)[:, None]
+    wrong = (judged > bound) & np.isfinite(bound)
+    first, final = wrong.argmax(axis=1), 2 * _JUDGED - wrong[:, ::-1].argmax(axis=1)
+    size = np.where(wrong, judged, 0.0).max(axis=1)
     # a blow rings on, an oscillation sets in: only what leaves its neighbours alone is no motion
-    off[wrong - low] = 0.0
-    if float(off[begin - low : end - low].max()) > _ALONE * size:
-        return [], 0.0
-    return wrong.tolist(), size
+    alone = np.where(wrong, 0.0, judged).max(axis=1) <= _ALONE * size
+    return wrong & (alone & (final - first < rule.run))[:, None], size
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    product: FloatArray = np.einsum('nw,nw->n', a, b)[:, None]
+    return product
+
+
+def _found(
+    stamp: IntArray, values: FloatArray, rule: _Rule
+) -> Iterator[tuple[int, IntArray, float]]:
+    """Yield the signals of a field (T, D) that jump, where they do (N,), and the largest jump."""
+    if stamp.size < 2 * _SIDE + 1:
+        return
+    whole = np.isfinite(values.sum(axis=0))
+    least = np.array(
+        [_floor(x, rule) if y else np.inf for x, y in zip(values.T, whole, strict=True)]
+    )
+    at, of = _candidates(values, rule, least)
+    for column, x in enumerate(values.T):
+        if whole[column]:
+            yield column, *_lone(stamp, x, rule, at[of == column], float(least[column]))
+            continue
+        there = np.flatnonzero(np.isfinite(x))
+        if there.size > 2 * _SIDE:
+            x, least_of = x[there], _floor(x[there], rule)
+            own, _ = _candidates(x[:, None], rule, np.array([least_of]))
+            rows, size = _lone(stamp[there], x, rule, own, least_of)
+            yield column, there[rows], size
 
 
 def leave_out(
@@ -153,12 +225,10 @@ def leave_out(
     for field, values in zip(FIELDS, fields, strict=True):
         if values is None or (role, field) == ('command', 'effort'):
             continue  # a feedforward may be anything, and is not used
-        for column, name in enumerate(names):
-            signal = values[:, column]
-            what = f'{role}: {field} of {name}'
-            rule = _EXACT if role == 'command' else _FINE if field == 'position' else _ROUGH
-            rows, size = _lone(stamp, signal, rule)
+        rule = _EXACT if role == 'command' else _FINE if field == 'position' else _ROUGH
+        for column, rows, size in _found(stamp, values, rule):
             if rows.size:
+                signal, what = values[:, column], f'{role}: {field} of {names[column]}'
                 signal[rows] = np.nan
                 few = 'a sample' if rows.size == 1 else f'{rows.size} samples'
                 at = (stamp[rows[0]] - stamp[0]) * 1e-9
