@@ -126,17 +126,15 @@ def inflate(method: str, packed: bytes, most: int) -> tuple[bytes, bool]:
     Returns:
         At most `most` bytes, and whether nothing in the block is damaged and no more would come.
     """
-    out, sound = bytearray(), method in _OPEN
+    pieces, size, sound = list[bytes](), 0, method in _OPEN
     try:
         with _OPEN.get(method, BytesIO)(packed if sound else b'') as stream:
-            while len(out) <= most:
-                piece = stream.read(min(_PIECE, most + 1 - len(out)))
-                if not piece:
-                    break
-                out += piece
+            while size <= most and (piece := stream.read(min(_PIECE, most + 1 - size))):
+                pieces.append(piece)
+                size += len(piece)
     except FAILURES:
         sound = False
-    return bytes(out[:most]), sound and len(out) <= most
+    return b''.join(pieces)[:most], sound and size <= most
 
 
 SUFFIXES = ('.mcap', '.db3', '.bag')
