@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,35 @@ _LARGEST_MAP, _MOST_COLUMNS = 1 << 20, 1 << 16
 _FINEST, _COARSEST = 1_000, 2_000_000_000
 Cell = str | int
 
+TIME_UNITS = {'s': 's', 'sec': 's', 'seconds': 's', 'ms': 'ms', 'us': 'us', 'µs': 'us', 'ns': 'ns'}
+_DEGREE, _TURN = math.pi / 180.0, 2.0 * math.pi
+# Factors to m or rad, and a second; to N, N m, A or percent. NaN where only the owner knows it.
+_COUNTED = 'inc incs increments count counts cnt cts tick ticks puls pulses lsb steps raw digits'
+_RAW = dict.fromkeys(_COUNTED.split(), math.nan)
+PERMIL = ('permil', '‰', '0.1%', '0.1 %')
+OPEN = _RAW | dict.fromkeys(('%', 'percent', *PERMIL), math.nan)
+LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6}
+MOTION = OPEN | LENGTHS | {'rad': 1.0, 'mrad': 1e-3}
+MOTION |= dict.fromkeys(('deg', 'degree', 'degrees', '°'), _DEGREE)
+MOTION |= dict.fromkeys(('rev', 'turn', 'turns'), _TURN)
+_SPEEDS = ('rpm', '1/min', 'u/min', 'rev/min')
+MOTION |= dict.fromkeys(_SPEEDS, _TURN / 60.0)
+EFFORT = _RAW | {'mnm': 1e-3, 'ncm': 1e-2, 'kn': 1e3, 'knm': 1e3, 'a': 1.0, 'ma': 1e-3}
+EFFORT |= dict.fromkeys(('n', 'nm', 'n m', 'n.m', 'n*m', 'n·m', '%', 'percent'), 1.0)
+EFFORT |= dict.fromkeys(PERMIL, 0.1)
+
+
+def units_of(quantity: str) -> Mapping[str, float]:
+    """Return the factors of the units that a quantity may have, in lower case."""
+    if quantity == 'effort':
+        return EFFORT
+    return MOTION if quantity.endswith('velocity') else MOTION | dict.fromkeys(_SPEEDS, math.nan)
+
+
+def plain_unit(unit: str) -> str:
+    """Return a unit in lower case, without what is per second."""
+    return re.sub(r'(/s(ec)?|_per_s|_s| s-1| s\^-1)$', '', unit.strip().lower())
+
 
 @dataclass(frozen=True)
 class Column:
@@ -43,7 +73,7 @@ class Column:
         joint: Joint name.
         quantity: A key of `QUANTITIES`.
         cell: Name of the column, or its number from 1.
-        scale: Factor from the column to m, m/s or the unit of the effort.
+        scale: Factor from the column to m, m/s or the unit of the effort; of its unit, too.
         unsigned: Whether it is an effort's size, with the sign of the velocity.
         entry: Which number of the cell it is, where a path names several.
         of: How many they are.
@@ -247,12 +277,25 @@ def _column(
     """Return what a map has as (a part of) a quantity of a joint: a cell, or more about it."""
     what, scale = f'{printable(joint)}.{quantity}', math.nan
     given = entry if isinstance(entry, Mapping) else {'column': entry}
-    _known(path, what, given, ('column', 'scale', *['sign'] * (quantity == 'effort')))
+    _known(path, what, given, ('column', 'scale', 'unit', *['sign'] * (quantity == 'effort')))
     with suppress(TypeError, ValueError, OverflowError):
         scale = float(given.get('scale', 1.0))
     if not math.isfinite(scale) or not scale or given.get('sign', 'velocity') != 'velocity':
         raise refuse(path, f'{what} is {short(entry)}; {_AS}')
+    if 'unit' in given:
+        scale *= _factor(path, what, quantity, given['unit'])
     return Column(joint, quantity, cell(what, given.get('column')), scale, 'sign' in given)
+
+
+def _factor(path: object, what: str, quantity: str, unit: Any) -> float:
+    """Return the factor of a unit that a map states."""
+    known = {name: x for name, x in units_of(quantity).items() if not math.isnan(x)}
+    found = known.get(plain_unit(str(unit)))
+    if found is None:
+        text = 'which is no unit of it, or none of a known size'
+        able = f'choose from {", ".join(known)}, or state its `scale`'
+        raise refuse(path, f'{what} is in {short(unit)}, {text}; {able}')
+    return found
 
 
 def _cell(path: object, header: bool, arrays: bool, what: str, cell: Any) -> Cell:

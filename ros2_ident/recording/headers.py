@@ -18,7 +18,19 @@ import re
 import shlex
 
 from ros2_ident.errors import ErrorCode
-from ros2_ident.recording.columns import MAP_SUFFIX, QUANTITIES, refuse
+from ros2_ident.recording.columns import (
+    EFFORT,
+    LENGTHS,
+    MAP_SUFFIX,
+    MOTION,
+    OPEN,
+    PERMIL,
+    plain_unit,
+    QUANTITIES,
+    refuse,
+    TIME_UNITS,
+    units_of,
+)
 from ros2_ident.recording.limits import listed, printable, short
 from ros2_ident.recording.table import text_of
 
@@ -55,24 +67,9 @@ _BESIDE = ' _-./:'
 _HEAD = 200
 _HOLDS_WORDS = 'holds words'
 
-TIME_UNITS = {'s': 's', 'sec': 's', 'seconds': 's', 'ms': 'ms', 'us': 'us', 'µs': 'us', 'ns': 'ns'}
-_DEGREE, _TURN = math.pi / 180.0, 2.0 * math.pi
-# Factors to m or rad, and a second; to N, N m, A or percent. NaN where only the owner knows it.
-_COUNTED = 'inc incs increments count counts cnt cts tick ticks puls pulses lsb steps raw digits'
-_RAW = dict.fromkeys(_COUNTED.split(), math.nan)
-_PERMIL = ('permil', '‰', '0.1%', '0.1 %')
-_OPEN = _RAW | dict.fromkeys(('%', 'percent', *_PERMIL), math.nan)
-_LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6}
-_MOTION = _OPEN | _LENGTHS | {'rad': 1.0, 'mrad': 1e-3}
-_MOTION |= dict.fromkeys(('deg', 'degree', 'degrees', '°'), _DEGREE)
-_MOTION |= dict.fromkeys(('rev', 'turn', 'turns'), _TURN)
-_MOTION |= dict.fromkeys(('rpm', '1/min', 'u/min', 'rev/min'), _TURN / 60.0)
-_EFFORT = _RAW | {'mnm': 1e-3, 'ncm': 1e-2, 'kn': 1e3, 'knm': 1e3, 'a': 1.0, 'ma': 1e-3}
-_EFFORT |= dict.fromkeys(('n', 'nm', 'n m', 'n.m', 'n*m', 'n·m', '%', 'percent'), 1.0)
-_EFFORT |= dict.fromkeys(_PERMIL, 0.1)
 # What an effort in another unit than N or N m asks of the machine file.
 ASKED = dict.fromkeys(('a', 'ma'), 'A and torque_constant')
-ASKED |= dict.fromkeys(('%', 'percent', *_PERMIL), 'percent and rated_torque')
+ASKED |= dict.fromkeys(('%', 'percent', *PERMIL), 'percent and rated_torque')
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,7 @@ class _Name:
     def __init__(self, name: str, below: str, derived: bool) -> None:
         self.name = name
         text, unit = _without_unit(re.sub(r'^#\s+', '', name))
-        self.unit = _plain(below.strip('[]() ')) or unit
+        self.unit = plain_unit(below.strip('[]() ')) or unit
         pieces = re.split(r'([/.])', text)
         parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
@@ -158,7 +155,7 @@ class _Name:
         quantity = self.quantity
         self.bare = not quantity and role != '' and 'time' not in kinds
         if self.bare:
-            quantity = 'effort' if self.unit in _EFFORT.keys() - _MOTION.keys() else 'position'
+            quantity = 'effort' if self.unit in EFFORT.keys() - MOTION.keys() else 'position'
         self.quantity, self.why, self.scale = '', '', 1.0
         if 'other' in kinds:
             self.why = 'no position, velocity or effort of a drive'
@@ -169,8 +166,7 @@ class _Name:
         elif role == 'command' and quantity == 'effort':
             self.why = 'a set-point of the effort'
         else:
-            factors = _EFFORT if quantity == 'effort' else _MOTION
-            self.scale = factors.get(self.unit, 1.0)
+            self.scale = units_of(quantity).get(self.unit, 1.0)
             self.quantity = f'command_{quantity}' if role == 'command' else quantity
         self.key = tuple(word for _, key in rests for word in key)
         self.joint, last = '', -2
@@ -264,22 +260,17 @@ def _without_unit(name: str) -> tuple[str, str]:
     """Return a name without the unit in brackets or behind the last _, and that unit."""
     found = re.fullmatch(r'(.*\S)\s*[\[(<]([^\[\]()<>]*)[\])>]\s*', name)
     if found and _is_unit(found[2]):
-        return found[1], _plain(found[2])
+        return found[1], plain_unit(found[2])
     if found and found[2].strip().isdigit():
         return f'{found[1]} {found[2].strip()}', ''
     found = re.fullmatch(r'(.+?)_([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
     if found and _is_unit(found[2]) and len(_WORD.findall(found[1])) > 0:
-        return found[1], _plain(found[2])
+        return found[1], plain_unit(found[2])
     return name, ''
 
 
-def _plain(unit: str) -> str:
-    """Return a unit in lower case, without what is per second."""
-    return re.sub(r'(/s(ec)?|_per_s|_s| s-1| s\^-1)$', '', unit.strip().lower())
-
-
 def _is_unit(text: str) -> bool:
-    return _plain(text) in _MOTION.keys() | _EFFORT.keys() | TIME_UNITS.keys()
+    return plain_unit(text) in MOTION.keys() | EFFORT.keys() | TIME_UNITS.keys()
 
 
 @dataclass(frozen=True)
@@ -306,8 +297,8 @@ class Header:
     def travel(self) -> str:
         """Unit of the positions, `m` or `rad`; empty where the header does not say it."""
         units = {x.unit for x in self.columns if x.quantity in ('position', 'command_position')}
-        known = units & (_MOTION.keys() - _OPEN.keys())
-        found = {'m' if x in _LENGTHS else 'rad' for x in known}
+        known = units & (MOTION.keys() - OPEN.keys())
+        found = {'m' if x in LENGTHS else 'rad' for x in known}
         return found.pop() if len(found) == 1 else ''
 
     def map(self) -> dict[str, object]:
@@ -318,8 +309,10 @@ class Header:
             if x.quantity == 'time':
                 time = {'column': cell, 'unit': TIME_UNITS.get(x.unit, 's')}
             elif x.quantity:
-                plain = x.scale == 1.0
-                entry = cell if plain else {'column': cell, 'scale': x.scale}
+                by: dict[str, object] = {'scale': x.scale}
+                if x.scale == units_of(x.quantity).get(x.unit):
+                    by = {'unit': x.unit}
+                entry = cell if x.scale == 1.0 else {'column': cell, **by}
                 joints.setdefault(x.joint, {})[x.quantity] = entry
         layout = {'delimiter': self.delimiter, 'decimal': self.decimal, 'skip': self.skip}
         return {'time': time, 'joints': joints} | layout | {'skip_below': int(self.units)}

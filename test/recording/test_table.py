@@ -75,6 +75,19 @@ def test_columns_are_added_rows_chosen_and_lines_of_units_left_out(tmp_path):
         read(tmp_path, text, f'skip_below: {1 << 63}\n', joints)
 
 
+def test_a_unit_is_a_factor_and_a_scale_beside_it_one_more(tmp_path):
+    text = 't,q,v,g,m\n0,90,60,1000,20\n0.1,180,-30,0,10\n'
+    joints = """a: {position: {column: q, unit: deg, scale: -1}, velocity: {column: v, unit: rpm},
+      command_velocity: {column: v, unit: Deg/s}, command_position: {column: g, unit: mm},
+      effort: [{column: m, unit: permil}, {column: g, unit: mNm}]}"""
+    (log,) = read(tmp_path, text, '', joints)
+    np.testing.assert_allclose(log.state.position[:, 0], [-np.pi / 2, -np.pi])
+    np.testing.assert_allclose(log.state.velocity[:, 0], [2.0 * np.pi, -np.pi])
+    np.testing.assert_allclose(log.command.velocity[:, 0], [np.pi / 3, -np.pi / 6])
+    np.testing.assert_allclose(log.command.position[:, 0], [1.0, 0.0])
+    np.testing.assert_allclose(log.effort.effort[:, 0], [3.0, 1.0])
+
+
 def test_streams_of_different_rates_stand_in_one_table_without_names(tmp_path):
     joints = 'a: {position: 2, effort: {column: 3, scale: 2.0}}, b: {effort: 4}'
     text = '0.00,1,,\n0.01,2,5,6\n0.02,,,\n0.03,3,7,\n'
@@ -145,8 +158,10 @@ MAPS = [
         (said, f'joints: {{a: {{effort: {{column: q1, {part}}}}}}}')
         for part, said in (('scale: 0', "'scale': 0}; write it as in docs"),
                            ('scale: .nan', "'scale': nan}"), ('scale: x', "'scale': 'x'}"),
-                           ('unit: m', "has 'unit'; choose from column, scale"))
+                           ('unit: m', "effort is in 'm', which is no unit of it, or none"),
+                           ('unit: [n]', "in ['n'], which is"), ('unit: Inc', 'or state its'))
     ),
+    ("position is in 'rpm'", 'joints: {a: {position: {column: q, unit: rpm}}}'),
 ]  # fmt: skip
 
 
@@ -248,9 +263,6 @@ def test_the_commands_take_a_table_like_a_bag(tmp_path, capsys):
 # ---------------------------------------------------------------------- names in headers
 
 
-DEGREE = pytest.approx(np.pi / 180.0)
-
-
 @pytest.mark.parametrize(
     ('text', 'joints', 'time', 'more'),
     [
@@ -266,9 +278,9 @@ DEGREE = pytest.approx(np.pi / 180.0)
         (
             'Scope;x\n\nTime;ActPos1;ActVel1;Current1;Temp\nms;deg;deg/s;mA;C\n0;1,5;2;3;4\n1;1,5;2;;4\n',
             {
-                'joint_1': {'position': {'column': 'ActPos1', 'scale': DEGREE},
-                            'velocity': {'column': 'ActVel1', 'scale': DEGREE},
-                            'effort': {'column': 'Current1', 'scale': 1e-3}},
+                'joint_1': {'position': {'column': 'ActPos1', 'unit': 'deg'},
+                            'velocity': {'column': 'ActVel1', 'unit': 'deg'},
+                            'effort': {'column': 'Current1', 'unit': 'ma'}},
             },
             ('Time', 'ms'), {'delimiter': ';', 'decimal': ',', 'skip': 2, 'skip_below': 1},
         ),
@@ -280,7 +292,7 @@ DEGREE = pytest.approx(np.pi / 180.0)
         ),
         (
             'ID;7\n;Velocity averaged;Torque actual value\nms;rpm;%\n0;1;2\n',
-            {'joint_1': {'velocity': {'column': 'Velocity averaged', 'scale': 0.10471975511965977},
+            {'joint_1': {'velocity': {'column': 'Velocity averaged', 'unit': 'rpm'},
                          'effort': 'Torque actual value'}},
             (1, 'ms'), {'delimiter': ';', 'skip': 1, 'skip_below': 1},
         ),
