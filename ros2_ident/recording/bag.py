@@ -153,10 +153,14 @@ def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording
             text = f'{path}: holds no message of {topic}, only {held}; correct the column map'
             raise ErrorCode.MISSING_STREAM.error(text)
     if not layouts:
-        chosen, notes = supplemented(topics, content)
+        chosen, open_, notes = supplemented(topics, content, drives)
         if chosen != topics:
             roles, content = chosen.roles(), _scanned(files, chosen, drives)
+        read = any(x.count for x in content.messages.values())
+        if open_ and not read and not any(map(topics.named, ROLES)):
+            raise ErrorCode.MISSING_STREAM.error(f'{path}: {open_[0]}')
         _check_topics(path, content, roles, topics)
+        notes = (*open_, *notes)
     maps = [Path(topics.columns)] if layouts else []
     builder = RecordingBuilder(str(path), digest([*files, *maps]), notes)
     # damage says it all: metadata.yaml cannot fit a broken file
@@ -186,28 +190,41 @@ def _feed_columns(
     builder.add_columns(stamp, summed(path, columns, stamp, rows))
 
 
-def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, ...]]:
-    """Give the roles whose default topics a log does not have to what ros2_control publishes.
+def supplemented(
+    topics: Topics, content: Content, drives: Sequence[str] = ()
+) -> tuple[Topics, tuple[str, ...], tuple[str, ...]]:
+    """Give the roles whose default topics a log does not have to others.
+
+    A topic of the default's name in a namespace goes before what ros2_control or a robot
+    publishes. Of several the one that names most of the machine's joints is taken.
 
     Returns:
-        The topics to read, and a sentence on each that was chosen or could be.
+        The topics to read, a sentence on each role that several could have, and one on each topic
+        that was chosen or could be.
     """
     offered = list(content.offered())
     chosen: dict[str, str] = {}
-    notes = []
+    several, notes = [], []
     for role in ROLES:
         if not _is_open(topics, role, content, chosen):
             continue
-        for kind in kinds():
+        default = getattr(topics, role)
+        for kind in (JOINT_STATE, *kinds()):
             able = [x for x, its, roles in offered if its == kind and role in roles]
-            if kind == JOINT_STATE or not able:
+            if kind == JOINT_STATE:
+                able = [x for x in able if x.endswith(default)]
+            if not able:
                 continue
-            if len(able) == 1:
-                chosen[role] = able[0]
-                notes.append(f'{role}: no {getattr(topics, role)}, {able[0]} is taken ({kind})')
+            named = [len(content.joints_of(x, role) & {*drives}) for x in able]
+            best = [x for x, count in zip(able, named, strict=True) if count == max(named)]
+            if len(best) == 1:
+                chosen[role] = best[0]
+                why = ', of joints of the machine' if len(able) > 1 else ''
+                notes.append(f'{role}: no {default}, {best[0]} is taken ({kind}{why})')
             else:
-                several = f'{listed(able)} hold one; name one of them by --{role}-topic'
-                notes.append(f'{role}: {several}')
+                several.append(
+                    f'{role}: {listed(best)} hold one; name one of them by --{role}-topic'
+                )
             break
     for topic, kind, roles in offered:
         if topic in chosen.values() or kind == JOINT_STATE:
@@ -219,7 +236,7 @@ def supplemented(topics: Topics, content: Content) -> tuple[Topics, tuple[str, .
         said = f'; to read it: {ways}' if roles else ': it holds no values'
         notes.append(f'{topic} ({kind}) is not read{said}')
     found = replace(topics, **chosen)  # type: ignore[arg-type]
-    return found, (*notes, *_others(content))
+    return found, tuple(several), (*notes, *_others(content))
 
 
 # Fields of a type without a map that are shown, and topics in a list.

@@ -509,6 +509,13 @@ class Content:
             }
             yield topic, kind, tuple(x for x in roles_of(kind) if x in found)
 
+    def joints_of(self, topic: str, role: str) -> set[str]:
+        """Return the joints that the first messages of a topic name in a role."""
+        messages = self._messages_of(topic, role)
+        messages.take([0] * len(self._first[topic]), self._first[topic])
+        messages.finish()
+        return {name for block in messages.blocks for name in block.names}
+
     def _shows(self, topic: str, role: str, first: Sequence[bytes]) -> bool:
         """Say whether a message of a topic holds values of a role without being told anything."""
         messages = self._messages_of(topic, role)

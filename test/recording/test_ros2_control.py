@@ -10,6 +10,7 @@ from ros2_control_bags import ARRAY, as_ros2_control_records, Maker
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import check, read_bag, render, Topics
+from ros2_ident.recording.cdr import JOINT_STATE
 from ros2_ident.recording.content import parse_trajectory, set_points
 from ros2_ident.recording.maps import TRAJECTORY
 
@@ -68,6 +69,53 @@ def test_two_controllers_are_not_guessed_between(tmp_path):
     assert any('name one of them by --command-topic' in x for x in read.notes)
     (read,) = read_bag(tmp_path / 'log', Topics(command=CONTROLLER))
     assert read.command is not None
+
+
+def namespaced(recording, maker, prefixes):
+    """Return state and set-point of arms in namespaces, their joints with a prefix."""
+    found = []
+    for space, prefix in prefixes.items():
+        for role, topic in (('state', 'joint_states'), ('command', 'joint_command')):
+            stream = recording.streams[role]
+            names = [f'{prefix}{x}' for x in stream.names]
+            rate = (
+                stream.velocity
+                if stream.velocity is not None
+                else np.zeros((len(stream.stamp), 0))
+            )
+            for when, *values in zip(stream.stamp.tolist(), stream.position, rate, strict=True):
+                message = maker.joint_state(when, names, *values)
+                found.append((when, f'/{space}/{topic}', JOINT_STATE, message))
+    return sorted(found, key=lambda x: x[0])
+
+
+def test_of_two_arms_the_one_of_the_machine_is_read(tmp_path):
+    recording, maker = make_recording(), Maker()
+    path = maker.write(
+        tmp_path / 'two', namespaced(recording, maker, {'left': 'l_', 'right': 'r_'})
+    )
+    said = 'state: /left/joint_states, /right/joint_states hold one; name one of them by --state-'
+    for drives in ((), ('other',)):
+        with pytest.raises(IdentError, match=said) as caught:
+            read_bag(path, drives=drives)
+        assert caught.value.code == ErrorCode.MISSING_STREAM
+    (read,) = read_bag(path, drives=('r_drive_1', 'r_drive_2', 'l_drive_1'))
+    assert set(read.state.names) == set(read.command.names)
+    assert {x[:2] for x in read.state.names} == {'r_'}
+    np.testing.assert_array_equal(read.state.position, recording.state.position)
+    assert 'command: no /joint_command, /right/joint_command is taken' in '\n'.join(read.notes)
+    (read,) = read_bag(path, Topics('/left/joint_states', 'none', 'none'))
+    assert {x[:2] for x in read.state.names} == {'l_'}
+
+
+def test_a_default_topic_in_a_namespace_needs_no_option(tmp_path):
+    recording, maker = make_recording(), Maker()
+    path = maker.write(tmp_path / 'one', namespaced(recording, maker, {'cell/arm': ''}))
+    (read,) = read_bag(path)
+    same(read.state, recording.state, 'position', 'velocity')
+    same(read.command, recording.command, 'position')
+    with pytest.raises(IdentError, match='holds no message of /nowhere, only /cell/arm/joint_com'):
+        read_bag(path, Topics(state='/nowhere'))
 
 
 def forward(maker, recording, fields=('position',)):
