@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of any message type, written by `rosbags` from the published definitions."""
 
+from collections import Counter
+import importlib
+import json
 from pathlib import Path
 
 from mcap.writer import Writer as McapWriter
@@ -128,3 +131,65 @@ def write_mcap(path, kind, form, schema, rows, encoding='cdr', **options):
             writer.add_message(topics[topic], when, data, when)
         writer.finish()
     return path
+
+
+def foxglove_schema():
+    """Return foxglove.JointStates as a set of file descriptors, as foxglove-sdk 0.30 has it."""
+    import pytest
+
+    pb2 = pytest.importorskip('google.protobuf.descriptor_pb2', reason='protobuf is not installed')
+    time = importlib.import_module('google.protobuf.timestamp_pb2')
+    field, own = pb2.FieldDescriptorProto, pb2.FileDescriptorProto()
+    own.name, own.package, own.syntax = 'foxglove/JointStates.proto', 'foxglove', 'proto3'
+    own.dependency.append('google/protobuf/timestamp.proto')
+    joint = own.message_type.add(name='JointState')
+    joint.field.add(name='name', number=1, type=field.TYPE_STRING, label=field.LABEL_OPTIONAL)
+    for number, name in enumerate(('position', 'velocity', 'acceleration', 'effort'), 2):
+        joint.oneof_decl.add(name=f'_{name}')
+        joint.field.add(
+            name=name, number=number, type=field.TYPE_DOUBLE, label=field.LABEL_OPTIONAL,
+            proto3_optional=True, oneof_index=number - 2,
+        )  # fmt: skip
+    whole = own.message_type.add(name='JointStates')
+    for name, number, kind, label in (
+        ('timestamp', 1, '.google.protobuf.Timestamp', field.LABEL_OPTIONAL),
+        ('joints', 2, '.foxglove.JointState', field.LABEL_REPEATED),
+    ):
+        whole.field.add(
+            name=name, number=number, type=field.TYPE_MESSAGE, label=label, type_name=kind
+        )
+    found = pb2.FileDescriptorSet()
+    found.file.add().CopyFrom(own)  # what it needs comes after it, too
+    time.DESCRIPTOR.CopyToProto(found.file.add())
+    return found
+
+
+def foxglove_log(path, form, rows, broken=None):
+    """Write `[(topic, time, joints as mappings)]` as foxglove.JointStates; return the file's path.
+
+    Args:
+        form: protobuf or json.
+        broken: Topic and number of a message of other bytes.
+    """
+    schema, make = b'', None
+    if form == 'protobuf':
+        files = foxglove_schema()
+        schema = files.SerializeToString()
+        pool = importlib.import_module('google.protobuf.descriptor_pool').DescriptorPool()
+        for file in reversed(files.file):
+            pool.Add(file)
+        factory = importlib.import_module('google.protobuf.message_factory')
+        make = factory.GetMessageClass(pool.FindMessageTypeByName('foxglove.JointStates'))
+    found, count = [], Counter()
+    for topic, when, joints in rows:
+        if make is not None:
+            message = make(joints=joints)
+            message.timestamp.seconds, message.timestamp.nanos = divmod(when, 10**9)
+            data = message.SerializeToString()
+        else:
+            stamp = {'sec': when // 10**9, 'nsec': when % 10**9}
+            data = json.dumps({'timestamp': stamp, 'joints': joints}).encode()
+        found.append((topic, when + 10_000, b'\xff{' if (topic, count[topic]) == broken else data))
+        count[topic] += 1
+    encoding = {'protobuf': 'protobuf', 'json': 'jsonschema'}[form]
+    return write_mcap(path, 'foxglove.JointStates', encoding, schema, found, form)

@@ -2,14 +2,13 @@
 """Robots' own messages: read by their definition and the map of their type, without an option."""
 
 from dataclasses import replace
-import importlib
 import json
 from pathlib import Path
 import sqlite3
 import sys
 
 from identify_cases import QUICK, ROOT
-from message_makers import Messages, write_mcap
+from message_makers import foxglove_log, Messages, write_mcap
 import numpy as np
 import pytest
 
@@ -477,46 +476,8 @@ def test_a_map_that_does_not_fit_says_what_is_there(maker, tmp_path, text, said)
 # ---------------------------------------------------------------------- protobuf and JSON
 
 
-def foxglove_schema():
-    """Return foxglove.JointStates as a set of file descriptors, as foxglove-sdk 0.30 has it."""
-    pb2 = pytest.importorskip('google.protobuf.descriptor_pb2', reason='protobuf is not installed')
-    time = importlib.import_module('google.protobuf.timestamp_pb2')
-    field, own = pb2.FieldDescriptorProto, pb2.FileDescriptorProto()
-    own.name, own.package, own.syntax = 'foxglove/JointStates.proto', 'foxglove', 'proto3'
-    own.dependency.append('google/protobuf/timestamp.proto')
-    joint = own.message_type.add(name='JointState')
-    joint.field.add(name='name', number=1, type=field.TYPE_STRING, label=field.LABEL_OPTIONAL)
-    for number, name in enumerate(('position', 'velocity', 'acceleration', 'effort'), 2):
-        joint.oneof_decl.add(name=f'_{name}')
-        joint.field.add(
-            name=name, number=number, type=field.TYPE_DOUBLE, label=field.LABEL_OPTIONAL,
-            proto3_optional=True, oneof_index=number - 2,
-        )  # fmt: skip
-    whole = own.message_type.add(name='JointStates')
-    for name, number, kind, label in (
-        ('timestamp', 1, '.google.protobuf.Timestamp', field.LABEL_OPTIONAL),
-        ('joints', 2, '.foxglove.JointState', field.LABEL_REPEATED),
-    ):
-        whole.field.add(
-            name=name, number=number, type=field.TYPE_MESSAGE, label=label, type_name=kind
-        )
-    found = pb2.FileDescriptorSet()
-    found.file.add().CopyFrom(own)  # what it needs comes after it, too
-    time.DESCRIPTOR.CopyToProto(found.file.add())
-    return found
-
-
 def write_foxglove(path, form, broken=None):
     q, dq, tau, goal = truth(2)
-    schema, make = b'', None
-    if form == 'protobuf':
-        files = foxglove_schema()
-        schema = files.SerializeToString()
-        pool = importlib.import_module('google.protobuf.descriptor_pool').DescriptorPool()
-        for file in reversed(files.file):
-            pool.Add(file)
-        factory = importlib.import_module('google.protobuf.message_factory')
-        make = factory.GetMessageClass(pool.FindMessageTypeByName('foxglove.JointStates'))
     rows = []
     for k in range(SAMPLES):
         when = START + k * STEP
@@ -524,18 +485,9 @@ def write_foxglove(path, form, broken=None):
             {'name': 'ab'[n], 'position': q[k, n], 'velocity': dq[k, n], 'effort': tau[k, n]}
             for n in (0, 1)
         ]
-        goals = [{'name': 'b', 'position': goal[k, 1]}]
-        for topic, own in (('/joint_states', joints), ('/goal', goals)):
-            if make is not None:
-                message = make(joints=own)
-                message.timestamp.seconds, message.timestamp.nanos = divmod(when, 10**9)
-                data = message.SerializeToString()
-            else:
-                stamp = {'sec': when // 10**9, 'nsec': when % 10**9}
-                data = json.dumps({'timestamp': stamp, 'joints': own}).encode()
-            rows.append((topic, when + 10_000, b'\xff{' if (topic, k) == broken else data))
-    encoding = {'protobuf': 'protobuf', 'json': 'jsonschema'}[form]
-    return write_mcap(path, 'foxglove.JointStates', encoding, schema, rows, form)
+        rows.append(('/joint_states', when, joints))
+        rows.append(('/goal', when, [{'name': 'b', 'position': goal[k, 1]}]))
+    return foxglove_log(path, form, rows, broken)
 
 
 @pytest.mark.parametrize('form', ['protobuf', 'json'])
