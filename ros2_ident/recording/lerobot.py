@@ -250,8 +250,9 @@ def _factor(
 def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) -> tuple[str, str]:
     """Return the unit of positions, and what tells it.
 
-    Degrees are told by their steps, which are those of a servo's counts. Else joints stay within
-    their ends in one unit only, and move more than a little.
+    Degrees are told by their steps, which are those of a servo's counts, and so is a share of a
+    travel in counts. Else joints stay within their ends in one unit only, and move more than a
+    little.
 
     Raises:
         IdentError: WRONG_UNITS where several are possible, or none.
@@ -266,12 +267,16 @@ def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) ->
     }
     if not rows and any(ending == 'q' for *_, ending in columns.values()):
         return 'rad', 'as names that end in .q are'
-    for counts in _COUNTS:
-        steps = np.concatenate([np.unique(x) for x in rows.values()] or [np.empty(0)])
-        steps = steps * (2 * counts / 360.0)
-        whole = np.rint(steps)
-        if (np.abs(steps - whole) < _NEAR).all() and np.unique(whole).size >= _DIFFERENT:
-            return 'deg', f'their steps are those of {counts + 1} counts a turn'
+    for able in ('deg', 'percent'):
+        pairs = [_factor(able, ends.get(joint), False) for joint in rows]
+        angles = [
+            np.unique(x) * p[0] + p[1] for x, p in zip(rows.values(), pairs, strict=True) if p
+        ]
+        for counts in _COUNTS if angles and all(pairs) else ():
+            steps = np.concatenate(angles) * (2 * counts / math.tau)
+            whole = np.rint(steps)
+            if (np.abs(steps - whole) < _NEAR).all() and np.unique(whole).size >= _DIFFERENT:
+                return able, f'their steps are those of {counts + 1} counts a turn'
     spans = {joint: (float(x.min()), float(x.max())) for joint, x in rows.items()}
     found = [unit for unit in UNITS if spans and _fits(unit, spans, ends)]
     if len(found) == 1:

@@ -152,6 +152,25 @@ def test_degrees_are_told_by_their_steps(tmp_path, counts):
     assert f'taken as degrees, their steps are those of {counts} counts a turn' in read.warnings[1]
 
 
+def test_percent_of_two_calibrated_arms_is_told_by_its_steps(tmp_path):
+    low, high, names = np.array([800, 900]), np.array([3001, 3100]), ('left_a', 'right_a')
+    raw = np.rint(0.5 * (low + high) + 400.0 * WAVE[:, None] * [1.0, 0.3])
+    percent = (raw - low) / (high - low) * 200.0 - 100.0
+    motors = [
+        {'range_min': a, 'range_max': b} for a, b in zip(low.tolist(), high.tolist(), strict=True)
+    ]
+    motors[1]['drive_mode'] = 1
+    percent[:, 1] *= -1.0
+    where = tmp_path / 'both.json'
+    where.write_text(json.dumps(dict(zip(names, motors, strict=True))))
+    titles = [f'{x}.pos' for x in names]
+    folder = write(tmp_path / 'log', 'v3.0', {'observation.state': percent}, names=titles)
+    (read,) = read_bag(folder, Topics(columns=str(where)))
+    expected = (raw - 0.5 * (low + high)) * 2.0 * np.pi / 4095
+    np.testing.assert_allclose(read.state.position, expected, atol=1e-6)
+    assert 'taken as -100 to 100 of the travel, their steps are those of 4096' in read.warnings[1]
+
+
 def test_percent_of_the_same_reach_are_not_taken_for_degrees(tmp_path):
     percent = np.rint(1024 + 700 * WAVE[:, None]) / 2048 * 200.0 - 100.0
     folder = write(tmp_path / 'log', 'v3.0', {'observation.state': percent}, names=('a.pos',))
