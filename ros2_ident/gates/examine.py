@@ -16,13 +16,14 @@ from ros2_ident.gates.controller import check_law, check_swapped, of_one_drive
 from ros2_ident.gates.finding import Gate, GateReport, Level, LEVELS
 from ros2_ident.gates.law import fit_law, Law
 from ros2_ident.gates.scale import figure, near
+from ros2_ident.gates.signals import sane
 from ros2_ident.gates.tracking import check_tracking, tracking_of
 from ros2_ident.gates.weight import check_weight
 from ros2_ident.models import FullModel, Machine
 from ros2_ident.models.registry import compared_of, follows, kind_of, knows_gains
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import motion_in, ROOM
-from ros2_ident.recording.quality import SAID, sign_of, WRONG
+from ros2_ident.recording.quality import effort_lag, SAID, sign_of, WRONG
 from ros2_ident.recording.streams import StreamQuality
 
 # Shares of samples missing from which on a log is suspect, and of no use. By hand.
@@ -31,8 +32,8 @@ MISSING, TOO_MANY_MISSING = 0.02, 0.2
 SEEN = 50.0
 NO_COMMAND = Gate(
     'command', '', 'warn', math.nan, '1',
-    'there is no command, so the recorded motion drives the model: its noise biases masses and '
-    'friction, and the controller stays unchecked; record the set-point too',
+    'no command is used, so the recorded motion drives the model: its noise biases masses and '
+    'friction, and the controller stays unchecked; record the set-point that it takes',
 )  # fmt: skip
 
 NO_GAINS = replace(
@@ -170,10 +171,11 @@ def _of_motion(
     added: list[Asked] = []
     for number, drive in enumerate(drives):
         late = 0.0 if tracking is None else tracking.late(drive)
-        law = fit_law(machine, data, drive, late)
+        agree = _agree(data, drive)
+        law = fit_law(machine, data, drive, late, agree)
         if law is not None and (more := added_to(machine, data, law, recording)):
             added.append(more)
-            law = fit_law(machine, without(data, more), drive, late) or law
+            law = fit_law(machine, without(data, more), drive, late, agree) or law
         if law is not None:
             laws.append(law)
         level = None if noise is None else float(noise[number])
@@ -187,6 +189,48 @@ def _of_motion(
     known = {gate.drive for gate in said if gate.gate == 'offset'}
     apart = [gate for gate in apart if gate.drive not in known and not swapped]
     return GateReport((*found, *apart, *said, *swapped), tuple(laws), (tuple(added),))
+
+
+def _agree(data: Dataset, drive: str) -> bool:
+    """Return whether a drive's motion explains its effort without a shift of their stamps."""
+    if data.position is None or data.effort is None:
+        return False
+    try:
+        lag, _ = effort_lag(motion_in(data, drive), data.effort[data.names.index(drive)])
+    except IdentError:
+        return False
+    return lag <= scale.LATE
+
+
+def late_set_point(machine: Machine, data: Dataset, drives: Sequence[str]) -> str:
+    """Return that a drive follows its set-point later than loop and model can; or nothing.
+
+    Said only where position and effort are stamped together, and gains are stated.
+
+    Args:
+        machine: The machine.
+        data: A recording on the grid of controller cycles.
+        drives: The drives compared.
+    """
+    from ros2_ident.effects import shown_by
+
+    gains = 'position_gain', 'velocity_gain'
+    effect, tracking = shown_by('late_set_point'), tracking_of(data, drives)
+    stated = all(map(machine.known, gains)) and not {*gains} & set(machine.bounds)
+    if not stated or effect is None or tracking is None or 'effort' not in compared_of(machine):
+        return ''
+    for drive in drives:
+        position, velocity = (sane(machine.number(gain, drive)) for gain in gains)
+        # Of a cascade the first is 1/s.
+        own = (1.0 if 'law' in machine.constants else velocity) / max(position, 1e-12)
+        behind = tracking.late(drive)
+        if behind > 1.5 * own + effect.parameters[0].high and _agree(data, drive):
+            return (
+                f'{drive}: the position follows its set-point {1e3 * behind:.2g} ms behind, where '
+                f'the stated gains make {1e3 * own:.2g} ms: the controller takes another one, '
+                'behind a filter or a network, so it is not used; log the set-point that it takes'
+            )
+    return ''
 
 
 def check_streams(data: Dataset) -> list[Gate]:

@@ -107,7 +107,9 @@ class Law:
         return min(self.misfit_file, self.gains[0].misfit)
 
 
-def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -> Law | None:
+def fit_law(
+    machine: Machine, data: Dataset, drive: str, tracked: float = 0.0, agree: bool = False
+) -> Law | None:
     """Compare the law M = k_v e + k_I int e dt + c, e = k_p (z_cmd - z) + f v_cmd - v, with a log.
 
     It is linear in its coefficients: of position error, velocity error, their integrals, and a
@@ -122,6 +124,7 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
         drive: The drive.
         tracked: How late the position follows its set-point [s]: stamps of the topics that lie far
             apart are looked for about it.
+        agree: Whether stamps of position and effort are known to be those of one clock.
 
     Returns:
         The law; None where command, position or effort are missing or the drive stands still.
@@ -161,7 +164,8 @@ def fit_law(machine: Machine, data: Dataset, drive: str, tracked: float = 0.0) -
     # A loop with feed-forward follows at once, and its law is lost within a fraction of a ms.
     sharp = tracked + np.arange(-3e-3, 3e-3, 2.5e-4)
     lates = np.unique(np.concatenate([coarse, sharp])) / cycle
-    found = best_delays(signals, (-scale.APART / cycle, scale.APART / cycle), lates, inside)
+    lags = usual if agree else (-scale.APART / cycle, scale.APART / cycle)
+    found = best_delays(signals, lags, lates, inside)
     apart = _law_at(machine, drive, signals, found, inside)
     return apart if apart.left**2 < _TOGETHER * law.left**2 else law
 
@@ -233,6 +237,9 @@ def _limit(asked: Array, effort: Array) -> float:
     missed = (effort - asked) ** 2
     much, had = np.log(np.abs(asked[beyond])), np.log(size[beyond])
     if missed[beyond].sum() < scale.MOSTLY * missed.sum() or much.std() < _SPREAD:
+        return math.inf
+    # Short of its limit a drive follows its law.
+    if missed[~beyond].mean() > (1.0 - scale.STRAYS) * effort.var():
         return math.inf
     slope = float(np.cov(much, had)[0, 1] / much.var())
     return float(np.median(size[beyond])) if abs(slope) < scale.STRAYS else math.inf

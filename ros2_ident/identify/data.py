@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gates.examine import late_set_point
 from ros2_ident.identify.result import Quality
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import compared_of, follows, kind_of, knows_gains, travel_of
@@ -196,15 +197,17 @@ def gather(
         assert first is not None
         raise first
     datasets, used, origin = zip(*kept, strict=True)
-    return Data(
+    late = next(filter(None, (late_set_point(machine, x, chosen) for x in datasets)), '')
+    data = Data(
         datasets,
         used,
         ' + '.join(sources),
         ' + '.join(dict.fromkeys(sources.values())),
-        tuple(warnings),
+        tuple([*warnings, late] if late else warnings),
         held_out,
         origin,
     )
+    return data.without_command() if late else data
 
 
 def _labels(recordings: Sequence[Recording]) -> tuple[str, ...]:

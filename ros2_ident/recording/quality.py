@@ -99,7 +99,7 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
             return 'unsigned'
         # With the sign of the motion a size is an effort that the motion explains.
         signed = np.sign(motion.velocity) * effort
-        shares = [_explained(motion, x)[1] for x in (effort, signed)]
+        shares = [effort_lag(motion, x)[1] for x in (effort, signed)]
         plain, other = (
             (1.0 - share) * float(np.var(motion.slowly(x)))
             for share, x in zip(shares, (effort, signed), strict=True)
@@ -496,8 +496,11 @@ def _of_velocity(motion: Motion) -> Iterator[Said]:
         yield 'ok', 'velocity', text
 
 
-def _explained(motion: Motion, effort: FloatArray) -> tuple[float, float]:
-    """Return the lag of an effort, s, and what share of its variance the motion explains."""
+def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:
+    """Return the lag of an effort, s, and what share of its variance the motion explains.
+
+    The lag is NaN where the motion tells none.
+    """
     friction = np.tanh(motion.velocity / (0.02 * np.abs(motion.velocity).max()))
     place = motion.position - motion.position.mean()
     rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), place])
@@ -523,7 +526,7 @@ def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
         text = f'all efforts are whole numbers up to {top:g}, which looks like {what}; state '
         remedy = 'effort_unit with torque_constant or rated_torque in the machine file'
         yield 'warn', 'effort_unit', text + remedy
-    lag, explained = _explained(motion, effort)
+    lag, explained = effort_lag(motion, effort)
     share = f'{100.0 * explained:.0f} % of its effort'
     text = f'inertia, friction and gravity of this joint explain {share}'
     if explained < 0.3:

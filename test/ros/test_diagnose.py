@@ -210,7 +210,7 @@ def status_of(listener: Any, entry: str, text: str) -> Any:
 
 
 def test_a_missing_command_is_warned_of_everywhere(shared: Any, tmp_path: Path) -> None:
-    said = 'there is no command, so the recorded motion drives the model'
+    said = 'no command is used, so the recorded motion drives the model'
     streams = {k: v for k, v in axis_bag().streams.items() if k != '/joint_command'}
     silent = write_bag(tmp_path / 'silent', streams)
     _, result = shared.ask(bag_goal(bag_path=str(silent), machine_file=str(AXIS)))
