@@ -153,9 +153,10 @@ def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording
             text = f'{path}: holds no message of {topic}, only {held}; correct the column map'
             raise ErrorCode.MISSING_STREAM.error(text)
     if not layouts:
+        content.titles = titles = content.titled()
         chosen, open_, notes = supplemented(topics, content, drives)
-        if chosen != topics:
-            roles, content = chosen.roles(), _scanned(files, chosen, drives)
+        if chosen != topics or titles:
+            roles, content = chosen.roles(), _scanned(files, chosen, drives, titles=titles)
         read = any(x.count for x in content.messages.values())
         if open_ and not read and not any(map(topics.named, ROLES)):
             raise ErrorCode.MISSING_STREAM.error(f'{path}: {open_[0]}')
@@ -229,9 +230,9 @@ def supplemented(
     for topic, kind, roles in offered:
         if topic in chosen.values() or kind == JOINT_STATE:
             continue
-        names = ''
-        if not roles and nameless(kind, 'command'):
-            roles, names = ('command',), ' --joint-names A,B (the joints in its order)'
+        names, bare = '', [x for x in ('command', 'state') if nameless(kind, x)]
+        if not roles and bare:
+            roles, names = (bare[0],), ' --joint-names A,B (the joints in its order)'
         ways = ' or '.join(f'--{role}-topic {topic}{names}' for role in roles)
         said = f'; to read it: {ways}' if roles else ': it holds no values'
         notes.append(f'{topic} ({kind}) is not read{said}')
@@ -251,7 +252,7 @@ def _others(content: Content) -> list[str]:
     found: list[str] = []
     bare = []
     for topic, kind in sorted(content.types.items()):
-        if roles_of(kind):
+        if roles_of(kind) or map_of(kind) is not None:
             continue
         known = content.definition(topic)
         fields = known.numbers(_SHOWN + 1) if known and len(found) < _LISTED else []
@@ -282,13 +283,14 @@ def _scanned(
     topics: Topics,
     drives: tuple[str, ...],
     mapped: Mapping[str, TopicMap] | None = None,
+    titles: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Content:
     """Return the messages of all files, one after the other, and in warnings what is lost.
 
     Raises:
         IdentError: DAMAGED_BAG where no file yields a message and one is damaged.
     """
-    content = Content(topics.roles(), topics.names, drives, mapped or {})
+    content = Content(topics.roles(), topics.names, drives, mapped or {}, titles or {})
     refused: list[IdentError] = []
     found = 0
     with unpacked(files) as plain:
@@ -354,7 +356,7 @@ def _check_topics(
         if len(several) > 1 and same:
             text = f'{topic} is given as {several[0]} and as {several[1]}; name one topic per role'
             raise ErrorCode.INVALID_GOAL.error(text)
-        if nameless(kind, several[0]) and not raw.names:
+        if nameless(kind, several[0]) and not raw.names and topic not in raw.titles:
             text = f'{topic} is an array without names; name the joints in its order, as a,b or '
             text += 'a/velocity,b/velocity: --joint-names (the node: joint_names)'
             raise ErrorCode.INVALID_GOAL.error(text)
@@ -399,7 +401,8 @@ def _tell(
     names = messages.blocks[0].names if messages.blocks else ()
     if about is not None and about.note:
         said.append(about.note)
-    if about is not None and role not in about.names and not content.names and messages.blocks:
+    given = content.names or topic in content.titles
+    if about is not None and role not in about.names and not given and messages.blocks:
         called = f'{listed(names, 4)} in their order; name others by --joint-names'
         said.append(f'its messages have no names: joints are called {called}')
     for sentence in said:

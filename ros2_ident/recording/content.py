@@ -29,6 +29,7 @@ from ros2_ident.recording.maps import (
     map_of_fields,
     MessageMap,
     nameless,
+    names_in,
     parser,
     roles_of,
     TRAJECTORY,
@@ -368,6 +369,7 @@ def messages_of(
     definition: Definition | None = None,
     form: str = '',
     schema: bytes = b'',
+    stated: bool = False,
 ) -> Messages:
     """Return what decodes a role's messages; see `maps.parser`, and of `FORMS` `objects.decoder`.
 
@@ -379,7 +381,7 @@ def messages_of(
     if form in FORMS:
         decode = decoder(about, role, form, schema)
     else:
-        decode = partial(cdr.decode, parse=parser(about, role, names, drives, definition))
+        decode = partial(cdr.decode, parse=parser(about, role, names, drives, definition, stated))
     return Messages(decode, clock=about.clock, padded=about.padded and not names)
 
 
@@ -402,6 +404,7 @@ class Content:
         names: Joints of messages that name none; see `maps.parser`.
         drives: Joints of the machine.
         mapped: Topics that a column map names, which are read instead.
+        titles: Names of the numbers of topics that have those on another.
         messages: By topic and role, of those wanted that can be read.
         types: Message type of every topic of the bag.
         counts: Messages of every topic of the bag.
@@ -412,6 +415,7 @@ class Content:
     names: tuple[str, ...] = ()
     drives: tuple[str, ...] = ()
     mapped: Mapping[str, TopicMap] = field(default_factory=dict)
+    titles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     messages: dict[tuple[str, str], Messages] = field(default_factory=dict)
     types: dict[str, str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
@@ -440,7 +444,8 @@ class Content:
         kind = self.types[topic]
         self.counts.setdefault(topic, 0)
         able = ('',) * (topic in self.mapped) if self.mapped else roles_of(kind)
-        if not able:
+        own = map_of(kind)
+        if not able and (own is None or own.names_of is None):
             return None
         roles = able if self.mapped else [x for x in self.wanted.get(topic, ()) if x in able]
         if not roles:
@@ -471,7 +476,9 @@ class Content:
         kind, form, schema = self._schemas[topic]
         about = self._mapped(topic) if self.mapped else map_of(kind)
         known = None if self.mapped else self.definition(topic)
-        return messages_of(about, role, names, drives, known, form, schema)
+        titles = () if names else self.titles.get(topic, ())
+        names = names or titles
+        return messages_of(about, role, names, drives, known, form, schema, bool(titles))
 
     def _mapped(self, topic: str) -> MessageMap:
         """Return the meaning of the fields of a topic that a column map names.
@@ -502,12 +509,26 @@ class Content:
         """Yield topic, type and possible roles of what could be read and is not wanted."""
         for topic, first in sorted(self._first.items()):
             kind = self.types[topic]
+            if not roles_of(kind):
+                continue
             found = {
                 role
                 for role in roles_of(kind)
                 if kind == TRAJECTORY or self._shows(topic, role, first)
             }
             yield topic, kind, tuple(x for x in roles_of(kind) if x in found)
+
+    def titled(self) -> dict[str, tuple[str, ...]]:
+        """Return the names of numbers, by their topic, that another topic beside it has."""
+        found = {}
+        for topic, first in self._first.items():
+            about = map_of(self.types[topic])
+            if about is not None and about.names_of is not None:
+                for data in first[:1]:
+                    with suppress(ValueError, IdentError):
+                        place = f'{topic.rpartition("/")[0]}/{about.names_of[0]}'
+                        found[place] = names_in(about, data, self.definition(topic))
+        return found
 
     def joints_of(self, topic: str, role: str) -> set[str]:
         """Return the joints that the first messages of a topic name in a role."""

@@ -83,6 +83,7 @@ class MessageMap:
         note: What a user has to know of it.
         joints: Names of its first entries, where the messages have none.
         definition: As far as it is read, for files that have none; None for what is not of ROS.
+        names_of: The topic beside it whose numbers it names, and the path of these names.
     """
 
     kind: str
@@ -94,6 +95,7 @@ class MessageMap:
     note: str
     joints: tuple[str, ...]
     definition: Definition | None
+    names_of: tuple[str, Path] | None = None
 
 
 def kinds() -> list[str]:
@@ -125,9 +127,9 @@ def map_of(kind: str) -> MessageMap | None:
     clock: Clock = 'counter' if data.get('counter') else 'stamp' if parts else 'none'
     joints = tuple(data.get('joints', '').split())
     note = data.get('note', '')
-    return MessageMap(
-        kind, fields, names, parts, clock, bool(data.get('padded')), note, joints, definition
-    )
+    beside = next(((x, path_of(y)) for x, y in data.get('names_of', {}).items()), None)
+    padded = bool(data.get('padded'))
+    return MessageMap(kind, fields, names, parts, clock, padded, note, joints, definition, beside)
 
 
 def _source(given: Any) -> Source:
@@ -186,12 +188,25 @@ def map_of_fields(
     )
 
 
+def names_in(about: MessageMap, data: bytes, definition: Definition | None) -> tuple[str, ...]:
+    """Return the names that a message has for the numbers of another topic.
+
+    Raises:
+        ValueError: The bytes are no such message.
+    """
+    known = definition or about.definition
+    assert about.names_of is not None and known is not None
+    path = about.names_of[1]
+    return tuple(map(str, found_at(Fields(known, [path]).walk(data)[0], path)))
+
+
 def parser(
     about: MessageMap,
     role: str,
     names: Sequence[str] = (),
     drives: Sequence[str] = (),
     definition: Definition | None = None,
+    stated: bool = False,
 ) -> Parse:
     """Return what finds a role's values in messages.
 
@@ -202,6 +217,7 @@ def parser(
             message of efforts its effort.
         drives: Joints of the machine, whose order is taken where nothing else names them.
         definition: Of the messages, where the file has one; that of the map otherwise.
+        stated: Whether the names are the log's own: of other hardware than joints, too.
     """
     known = definition or about.definition
     assert known is not None
@@ -228,7 +244,7 @@ def parser(
                 picks.append(Pick(0, np.array([int(field)]), places[[entry]], form))
                 continue
             if field == 'values':
-                joints, parted = _parted(joints, usual, places, titles is not None)
+                joints, parted = _parted(joints, usual, places, stated or titles is not None)
             else:
                 joints = joints if titles or joints else _named(about, drives, places.size)
                 places = places[: len(joints)] if about.padded else places

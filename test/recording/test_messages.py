@@ -149,6 +149,20 @@ def dynamixel(maker):
         yield START + k * STEP, '/dynamixel_state', kind, message
 
 
+def keyed(maker):
+    """Yield those of an interfaces_state_broadcaster: names once, after the first values."""
+    q, dq, tau, _ = truth(2)
+    keys = [*(f'{x}/{y}' for y in FIELDS for x in 'ab'), 'gpio/vacuum']
+    names = maker.made('control_msgs/msg/Keys', [('keys', keys)], START)
+    for k in range(SAMPLES):
+        values = [*q[k], *dq[k], *tau[k], 7.0]
+        when = START + k * STEP
+        message = maker.made('control_msgs/msg/Float64Values', [('values', values)], when)
+        yield when, '/broadcaster/values', 'control_msgs/msg/Float64Values', message
+        if not k:
+            yield when, '/broadcaster/names', 'control_msgs/msg/Keys', names
+
+
 def compare(read, joints, factor, holds, command=()):
     q, dq, tau, goal = truth(len(joints))
     assert read.state.names == tuple(joints)
@@ -200,6 +214,21 @@ def test_a_ros_1_bag_is_read_by_its_definitions(tmp_path):
     maker = Messages(version=1)
     (read,) = read_bag(maker.write(tmp_path / 'log.bag', sent(maker, 'franka_ros1')))
     compare(read, *CASES['franka_ros1'][:3])
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_numbers_are_called_as_the_topic_beside_them_says(maker, tmp_path, storage):
+    path = maker.write(tmp_path / 'log', keyed(maker), storage=storage)
+    for topics in (Topics(), Topics('/broadcaster/values', 'none', 'none')):
+        (read,) = read_bag(path, topics)
+        compare(read, ['a', 'b'], 1.0, 've')
+        assert read.warnings == () and not any('not read' in x for x in read.notes)
+    (read,) = read_bag(path, Topics(names=tuple(f'x{n}/velocity' for n in range(7))))
+    assert read.state.names == tuple(f'x{n}' for n in range(7)) and read.state.position is None
+    alone = [x for x in keyed(maker) if x[1] == '/broadcaster/values']
+    path = maker.write(tmp_path / 'alone', alone, storage=storage)
+    with pytest.raises(IdentError, match='/broadcaster/values is an array without names; name'):
+        read_bag(path, Topics('/broadcaster/values', 'none', 'none'))
 
 
 def test_counts_are_scaled_by_what_the_map_states(maker, tmp_path):
@@ -374,7 +403,7 @@ def test_check_lists_every_topic(maker, tmp_path):
         assert f'ok    {said}' in lines
 
 
-@pytest.mark.parametrize('kind', [x for x in kinds() if map_of(x)])
+@pytest.mark.parametrize('kind', [x for x in kinds() if map_of(x) and roles_of(x)])
 def test_a_topic_of_bytes_that_are_no_message_is_named(maker, tmp_path, kind):
     form = 'cdr' if '/msg/' in kind else 'json'
     rows = [('/odd', START, b'\x00\x01\x00\x00{')]
@@ -392,7 +421,7 @@ def test_every_map_can_be_read_and_states_its_source():
     for kind in kinds():
         if (about := map_of(kind)) is None:
             continue
-        assert about.kind == kind and roles_of(kind)
+        assert about.kind == kind and (roles_of(kind) or about.names_of)
         text = (MAPS / f'{kind.replace("/msg/", "-")}.yaml').read_text()
         assert text.split('\n')[1].startswith('source: https://')
         if about.definition is None:  # protobuf and JSON need none
