@@ -455,15 +455,20 @@ def _descended(
 
 def _with(now: _Round, c: _Column, base: _Best, stopped: Callable[[], bool]) -> _Fit:
     """Return the fit of a suspect beside the parameters, and its evidence."""
-    fits = []
+    fits, without = [], base.loss
     for suspect, sides, own in _begun(now, c):
         found = _fitted(now, sides, sides.start(now.sides, now.theta, own), stopped)
         fits.append((suspect, sides, found))
+        if c.at is not None:
+            # On both sides it is what the model lacks, which one motion may show and not another.
+            both = sides.also((c.at, suspect.side == 'before'))
+            common = _fitted(now, both, both.start(now.sides, now.theta, own), stopped)
+            without = min(without, common.loss)
     if c.suspect.kind == 'constant':
         fits.append((c.suspect, *_restated(now, c, stopped)))
     evidences = []
     for _, _, found in fits:
-        gain = now.weighed.among_logs(max(0.0, base.loss - found.loss), c.columns)
+        gain = now.weighed.among_logs(max(0.0, without - found.loss), c.columns)
         evidences.append(evidence_of(gain, c.numbers))
     # There after only, where that is alike.
     best = max(range(len(fits)), key=lambda i: evidences[i] - i * price_of(1))
