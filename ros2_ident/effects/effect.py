@@ -260,6 +260,13 @@ class Effect:
         """Id of the next of several, looked for beside this one; empty for none."""
         return f'{self.variant_of or self.id}_{self.number + 1}' if self.number < self.most else ''
 
+    @property
+    def reads(self) -> frozenset[str]:
+        """Fields of `DriveState` that its law reads; none for some that act on a parameter."""
+        law = getattr(self.kernel, 'py_func', self.kernel)
+        names = law.__code__.co_names if law else (p.target for p in self.parameters)
+        return frozenset(DriveState._fields).intersection(names)
+
     def applies(self, context: Context) -> bool:
         """Whether a machine can have the effect.
 

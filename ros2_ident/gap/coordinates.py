@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The coordinates along which a gap is looked for: motion and effort of the drives."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +138,13 @@ def following_error(model: FullModel) -> Array | None:
     return np.asarray(data.command_position[rows] - data.position[rows], dtype=np.float64)
 
 
+def joined(motions: Sequence[Motion]) -> Motion:
+    """Return the motion of recordings one after the other."""
+    rows = 'position', 'velocity', 'acceleration', 'jerk', 'torque', 'load', 'output'
+    every: dict[str, Any] = {n: np.hstack([getattr(m, n) for m in motions]) for n in rows}
+    return replace(motions[0], **every)
+
+
 def direction(velocity: Array) -> Array:
     """Return (K,) the direction of motion, -1 or 1; while a drive hardly moves, the last one."""
     fast = np.abs(velocity) > _REST * _top(velocity)
@@ -180,8 +187,8 @@ def _top(values: Array) -> float:
     return float(np.percentile(np.abs(values), 99.5))
 
 
-def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coordinate]:
-    """Return the coordinates of one drive at some cycles.
+def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> Iterator[Coordinate]:
+    """Yield the coordinates of one drive at some cycles; for each drive in the same order.
 
     How many bins each has, and how far back an acceleration may act, is set by hand: few enough
     that a log of seconds fills them.
@@ -200,7 +207,7 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
     way = since_reversal(motion.position[d], motion.velocity[d])[at]
     speed: Array = np.abs(velocity)
     effort, travel = motion.effort_unit, motion.travel
-    found = [
+    yield from (
         _named('phase', phase, heading),
         _binned('velocity', 'odd', f'{travel}/s', speed, np.sign(velocity), _graded(speed)),
         _binned('velocity', 'even', f'{travel}/s', speed, None, _graded(speed)),
@@ -214,30 +221,28 @@ def coordinates(motion: Motion, drive: int, at: NDArray[np.int64]) -> list[Coord
         _binned('distance since reversal', 'odd', travel, way, heading, _graded(way)),
         _binned('time', '', 's', at.astype(np.float64) * motion.cycle, None, 5),
         _binned('time', 'odd', 's', at.astype(np.float64) * motion.cycle, heading, 5),
-    ]
+    )
     rate = np.gradient(motion.torque[d], motion.cycle)
     rates = [rate[at], np.gradient(rate, motion.cycle)[at]]
-    found.append(_linear('torque rate', ('rate', 'bend'), rates))
+    yield _linear('torque rate', ('rate', 'bend'), rates)
     lags = range(-20, 45, 5)
     ago = [np.clip(at - round(1e-3 * x / motion.cycle), 0, motion.load.shape[1] - 1) for x in lags]
     recent = [motion.acceleration[d, x] for x in ago]
-    found.append(_linear('recent acceleration', tuple(f'{lag} ms ago' for lag in lags), recent))
+    yield _linear('recent acceleration', tuple(f'{lag} ms ago' for lag in lags), recent)
     turn, push = 0.5 * direction(motion.velocity[d]), motion.acceleration[d]
     push = np.sign(push) * (np.abs(push) > _SLOW * _top(push))
-    found += _answers('time since reversal', 'odd', turn, motion.cycle, at)
-    found += _answers('time since a jump of the acceleration', '', push, motion.cycle, at)
-    labels, rows = _memories(motion, d, at)
-    found += [_linear('lagging friction', labels, rows)] if rows else []
+    yield from _answers('time since reversal', 'odd', turn, motion.cycle, at)
+    yield from _answers('time since a jump of the acceleration', '', push, motion.cycle, at)
+    yield _linear('lagging friction', *_memories(motion, d, at))
     others = [o for o in range(len(motion.drives)) if o != d]
     if others:
         rows = [row[o, at] for o in others for row in (motion.torque, motion.acceleration)]
         labels = tuple(
             f'{what} of {motion.drives[o]}' for o in others for what in ('torque', 'acceleration')
         )
-        found.append(_linear('other drives', labels, rows))
+        yield _linear('other drives', labels, rows)
     if motion.gear[d]:
-        found += _orders(position, float(motion.gear[d]))
-    return [c for c in found if c.columns.shape[1]]
+        yield from _orders(position, float(motion.gear[d]))
 
 
 def _answers(
@@ -264,9 +269,7 @@ def _answers(
     ]
 
 
-def _memories(
-    motion: Motion, drive: int, at: NDArray[np.int64]
-) -> tuple[tuple[str, ...], list[Array]]:
+def _memories(motion: Motion, drive: int, at: NDArray[np.int64]) -> tuple[tuple[str, ...], Array]:
     """Return direction, slow motion and rest as a friction that lags behind follows them."""
     velocity = motion.velocity[drive]
     heading = direction(velocity)
@@ -282,7 +285,7 @@ def _memories(
         for name, row in kinds
     }
     there = [label for label, row in late.items() if np.ptp(row) > 0.0]
-    return tuple(there), [late[label] for label in there]
+    return tuple(there), np.reshape([late[label] for label in there], (len(there), at.size))
 
 
 def _follow(row: Array, step: float) -> Array:
@@ -321,9 +324,9 @@ def _graded(values: Array) -> Array:
     return np.array(edges if len(edges) > 1 else [0.0, top], dtype=np.float64)
 
 
-def _linear(name: str, labels: tuple[str, ...], rows: Sequence[Array]) -> Coordinate:
+def _linear(name: str, labels: tuple[str, ...], rows: Sequence[Array] | Array) -> Coordinate:
     """Return columns that the residual may be proportional to."""
-    columns = np.stack(rows, axis=1)
+    columns = np.transpose(rows)
     return Coordinate(name, '', '', columns - columns.mean(axis=0), np.empty((0, 2)), labels)
 
 

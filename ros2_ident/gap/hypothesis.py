@@ -152,7 +152,7 @@ class Selection:
             those among the effects.
         restless: Floors of drives, in the unit of the residual, that are too large and slow for
             noise.
-        ties: Effects that were left out, for the parameters do along this motion what they do.
+        ties: Effects that were left out, for something else does along this motion what they do.
     """
 
     drives: tuple[str, ...]

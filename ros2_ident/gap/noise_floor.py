@@ -7,15 +7,15 @@ is noise: half the mean square difference of successive repeats is never below i
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import scipy
 
 from ros2_ident.arrays import Array, NORMAL
-from ros2_ident.gap.coordinates import coordinates, motion_of
+from ros2_ident.gap.coordinates import coordinates, joined, motion_of
 from ros2_ident.gap.recordings import are_alike, JointModel
 from ros2_ident.gap.spectrum import lines
 from ros2_ident.gates.scale import OTHER_NOISE
@@ -206,9 +206,7 @@ def _by_motion(joint: JointModel, theta: Array, weighed: Missing) -> list[Eviden
     data = joint.models[0].data
     unknown = data.position is None and data.command_position is None
     motions = [motion_of(model, own) for model, own in joint.each(theta)]
-    rows = 'position', 'velocity', 'acceleration', 'jerk', 'torque', 'load', 'output'
-    joined: dict[str, Any] = {n: np.hstack([getattr(m, n) for m in motions]) for n in rows}
-    whole = replace(motions[0], **joined)
+    whole = joined(motions)
     starts = np.cumsum([0, *(m.position.shape[1] for m in motions)])
     counts = np.array([mask.sum(axis=1) for mask in masks])
     ends = np.cumsum(counts).reshape(counts.shape)

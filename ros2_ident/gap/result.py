@@ -83,22 +83,26 @@ class Misfit:
     extended: bool
 
 
+# Name of other values of the parameters among the coordinates in `Tie.like`.
+PARAMETERS = 'parameters'
+
+
 @dataclass(frozen=True)
 class Tie:
-    """An effect that a motion cannot tell from other values of the parameters.
+    """An effect that a motion cannot tell from other causes.
 
     Attributes:
         effect: Id.
         where: Place.
         closed: Share of the explainable gap that it would close.
-        own: RMS of what it changes and nothing else in the model does, over that of all it
-            changes.
+        like: Coordinates of which functions close as much, and `PARAMETERS` where it does not
+            count beside their other values.
     """
 
     effect: str
     where: str
     closed: float
-    own: float
+    like: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,8 @@ class Rules:
             confusable. Practice cases, 2026-11-21.
         alike: Share of the gap by which two laws may differ and be taken for forms of one effect:
             then the one with fewer numbers is named. So much the right effect leaves, its real
-            form being another one, and a further one at its place has to close more. Practice
-            cases, 2026-11-23.
+            form being another one, and a further one at its place has to close more; so has an
+            effect beside functions of another coordinate. Practice cases, 2026-11-23.
         own: Least RMS of what an effect changes and nothing else does, as a share of the RMS of
             all that it changes: the forms of the parameters' laws, which do the rest, may be off
             by as much. By hand.

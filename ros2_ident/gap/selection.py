@@ -13,9 +13,10 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.fits import Fits, PROMISING
 from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
+from ros2_ident.gap.imitation import in_place_of
 from ros2_ident.gap.noise_floor import Floor, predictability
 from ros2_ident.gap.recordings import are_alike, Part, Split
-from ros2_ident.gap.result import Tie
+from ros2_ident.gap.result import PARAMETERS, Tie
 from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
@@ -180,30 +181,33 @@ class Selector(Fitter):
         return [*chain, final] if self.counts(less, final) else chain
 
     def untied(self, round_: Round) -> tuple[Round, list[Tie]]:
-        """Return a round without leaders that the parameters imitate, and these."""
+        """Return a round without leaders that something else imitates, and these."""
         ties, base = list[Tie](), round_.base
         while (best := self.rules.best(round_)) and self.rules.is_material(base, best):
-            new = range(len(base.effects), len(best.effects))
-            own = {best.effects[i]: self.own(best, i) for i in new}
-            if min(own.values()) >= self.rules.own or self.stopped():
+            new = best.effects[len(base.effects) :]
+            tied = [tie for at in new if (tie := self.tie(base, best, at))]
+            if not tied or self.stopped():
                 break
-            closed = best.closes(base)
-            ties += [
-                Tie(at.effect, at.where, closed, x) for at, x in own.items() if x < self.rules.own
-            ]
+            ties += tied
             round_ = replace(round_, fitted=tuple(e for e in round_.fitted if e is not best))
         return round_, ties
 
-    def own(self, e: Hypothesis, index: int) -> float:
-        """Return the share, RMS, of an effect's change that nothing else imitates."""
-        joint, columns = self.split.fit.with_effects(e.effects), e.columns(index)
-        without = joint.without(e.theta, [e.effects[index]])
-        two = self.fits.evaluate(joint)(np.stack([without, e.theta]))
-        change = two[0] - two[1]
-        basis = np.linalg.qr(np.delete(e.jacobian, columns, axis=1))[0]
-        left = change - basis @ (basis.T @ change)
-        # One that ends where it vanishes is another form of the nominal law.
-        return float(np.linalg.norm(left)) / max(float(np.linalg.norm(change)), 1e-300)
+    def tie(self, base: Hypothesis, e: Hypothesis, at: EffectAt) -> Tie | None:
+        """Return what does along this motion what an effect does; None for nothing.
+
+        It has to count beside other values of the parameters, and to have a share of its own.
+        Where functions of a coordinate that its law does not read close as much, but for what
+        forms of a law differ by, the motion does not tell on which a force depends.
+        """
+        own, others = in_place_of(self.fits, e, at)
+        counts = self.rules.is_material(others.pop(PARAMETERS)[0], e)
+        like = [] if counts and own >= self.rules.own else [PARAMETERS]
+        like += [
+            name
+            for name, (less, both) in others.items()
+            if max(e.closes(base), both.closes(base)) - less.closes(base) < self.rules.alike
+        ]
+        return Tie(at.effect, at.where, e.closes(base), tuple(like)) if like else None
 
     def restless(self) -> dict[str, float]:
         """Return the floors of drives that are too large and slow for noise.

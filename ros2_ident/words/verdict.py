@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from ros2_ident.effects import get_effect, title_at
-from ros2_ident.gap.result import Cause, Diagnosis, Facts, Tie, WrongConstant
+from ros2_ident.gap.result import Cause, Diagnosis, Facts, PARAMETERS, Tie, WrongConstant
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.asked import Event
 from ros2_ident.models import EffectAt
@@ -219,12 +219,10 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
         what = f'The run was cut short: the cause of the gap on {where} is not found yet'
         return what, f'; it is {gap} {level}.'
     if cause == Cause.UNKNOWN and (tie := _tie(facts)):
-        done = f'all but {figure(100.0 * tie.own)} %' if tie.own >= 1e-3 else 'all'
         return (
             f'Something is missing on {where} that this motion cannot tell',
             f': the gap is {gap}. {capital(title_at(tie.effect, [tie.where]))} would close '
-            f'{100.0 * min(tie.closed, 1.0):.0f} % of it, but other values of the parameters do '
-            f'{done} of what it does.',
+            f'{100.0 * min(tie.closed, 1.0):.0f} % of it, but {_instead(tie)} do about as well.',
         )
     if cause == Cause.UNKNOWN:
         return (
@@ -257,6 +255,13 @@ def _tie(facts: Facts) -> Tie | None:
     """Return what would close most, where the parameters do the same along this motion."""
     most = max(facts.ties, key=lambda tie: tie.closed, default=None)
     return most if most and most.closed > facts.best else None
+
+
+def _instead(tie: Tie) -> str:
+    """Return what closes as much as an effect along this motion."""
+    names = [f'the {name}' for name in tie.like if name != PARAMETERS]
+    others = ['other values of the parameters'] if PARAMETERS in tie.like else []
+    return joined([*others, *([f'functions of {joined(names)}'] if names else [])])
 
 
 def _missing(names: Sequence[str], logged: Sequence[str] = ()) -> str:
@@ -335,7 +340,7 @@ def advice(d: Diagnosis) -> Iterator[str]:
     if facts.cause == Cause.EVENTS:
         yield 'Exclude these instants, by windows or in another recording, to see other causes.'
     elif facts.cause == Cause.UNKNOWN and (tie := _tie(facts)):
-        yield f'Tell it from the parameters: {separating(tie.effect, tie.where, facts.travel)}.'
+        yield f'Tell them apart: {separating(tie.effect, tie.where, facts.travel)}.'
     elif facts.cause == Cause.UNKNOWN and d.probability > 0.0:
         yield (
             'No effect of the catalogue explains the gap; look at the localisation, and isolate '

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gap.test_rules import DRAG, DRIVES, made, RULES, SAMPLES, STRIBECK
+from ros2_ident.gap import selection
 from ros2_ident.gap.hypothesis import Round
 from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.gap.selection import Selector
@@ -29,7 +30,7 @@ def selector():
     case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
     found = Selector(case, floor_of(1.0, 1.0), RULES)
     found.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
-    found.own = lambda e, index: 1.0
+    found.tie = lambda base, e, at: None
     return found
 
 
@@ -59,12 +60,28 @@ def test_a_law_whose_numbers_another_cause_took_up_is_put_in_plainer_words(selec
         assert len(rests) == 2
 
 
-def test_effects_that_the_parameters_imitate_are_ties_and_no_names(selector):
-    fitted = made((0.1, 0.0), [DRAG]), made((0.3, 0.0), [STRIBECK])
-    selector.own = lambda e, index: 0.01 if e.effects[index] == DRAG else 0.6
-    left, ties = selector.untied(Round(made((2.0, 0.0)), {}, fitted))
-    assert [e.effects for e in left.fitted] == [(STRIBECK,)]
-    assert [(tie.effect, tie.own) for tie in ties] == [(DRAG.effect, 0.01)]
+def test_effects_that_something_else_imitates_are_ties_and_no_names(selector, monkeypatch):
+    base, fitted = made((2.0, 0.0)), (made((0.1, 0.0), [DRAG]), made((0.3, 0.0), [STRIBECK]))
+    del selector.tie
+    for own, alone, place, like in (
+        (0.01, 2.0, 0.3, ('parameters',)),
+        (0.6, 0.2, 0.3, ('parameters',)),
+        (0.6, 2.0, 0.13, ('position',)),
+    ):
+        others = {
+            DRAG: {'parameters': alone, 'position': place, 'time': 0.2},
+            STRIBECK: {'parameters': 2.0, 'position': 0.2},
+        }
+
+        def instead(fits, e, at, others=others, own=own):
+            both = made((0.1, 0.0))
+            gaps = {name: (made((left, 0.0)), both) for name, left in others[at].items()}
+            return own if at == DRAG else 0.6, gaps
+
+        monkeypatch.setattr(selection, 'in_place_of', instead)
+        left, ties = selector.untied(Round(base, {}, fitted))
+        assert [e.effects for e in left.fitted] == [(STRIBECK,)]
+        assert [(tie.effect, tie.like) for tie in ties] == [(DRAG.effect, like)]
 
 
 def test_a_floor_too_large_and_slow_for_noise_is_told(selector):

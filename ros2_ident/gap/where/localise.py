@@ -275,7 +275,7 @@ def _drive(
     offset = Coordinate('offset', 'even', '', np.ones((root.size, 1)), np.empty((0, 2)))
     one = root[:, None] / np.linalg.norm(root)
     centred = coarse.value - one[:, 0] * float(one[:, 0] @ coarse.value)
-    every = [offset, *coordinates(motion, d, coarse.at)]
+    every = [c for c in (offset, *coordinates(motion, d, coarse.at)) if c.columns.size]
     bases = [[one], *(bases_of(c, coarse.weight) for c in every[1:])]
     moving = phases(motion.velocity[d], motion.acceleration[d])[coarse.at]
     values = [coarse.value, *([centred] * (len(every) - 1))]

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects in whose place something else does as much: parameters, functions of the motion.
+
+A log of one frequency, speed or direction hardly tells on what a force depends: there position,
+speed and acceleration, or the way and the time since a reversal, are functions of one another. A
+cause outside the catalogue then looks like an effect that is in it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ros2_ident.arrays import Array
+from ros2_ident.effects import get_effect
+from ros2_ident.gap.coordinates import coordinates, direction, joined, motion_of
+from ros2_ident.gap.fits import Fits
+from ros2_ident.gap.hypothesis import Hypothesis
+from ros2_ident.gap.result import PARAMETERS
+from ros2_ident.models import EffectAt
+from ros2_ident.search.jacobian import Box
+from ros2_ident.search.least_squares import Point
+
+# What rows do not tell from other columns but for this share is rounding of derivatives.
+_ROUNDED = 1e-6
+# What laws depend on, and the coordinates and what laws read that follow from it.
+_FOLLOW = {
+    'position': ('carriage', 'motor angle'),
+    'velocity': ('direction', 'coulomb', 'viscous', 'phase'),
+    'acceleration': (
+        'load', 'torque', 'torque rate', 'jerk', 'recent acceleration',
+        'time since a jump of the acceleration', 'other drives',
+    ),
+    'distance since reversal': ('travel',),
+    'time since reversal': ('lagging friction',),
+    'time': (),
+}  # fmt: skip
+_OF = {name: of for of, names in _FOLLOW.items() for name in (of, *names)}
+
+
+def in_place_of(
+    fits: Fits, e: Hypothesis, at: EffectAt
+) -> tuple[float, dict[str, tuple[Hypothesis, Hypothesis]]]:
+    """Return what something else leaves in an effect's place, as straight lines lead.
+
+    Args:
+        fits: The fits that `e` is one of.
+        e: The fit that holds it.
+        at: The effect.
+
+    Returns:
+        The share, RMS, of its change that other values of the parameters do not make. And the fits
+        with these (`PARAMETERS`), and with functions of each coordinate of its drives that its law
+        does not read beside them, but for what functions of all have in common; each without and
+        with the effect.
+    """
+    split, columns, count = fits.split, e.columns(e.effects.index(at)), len(fits.weight)
+    fitted, held_out = (part.with_effects(e.effects) for part in (split.fit, split.check))
+    box = Box.of(fitted.low, fitted.high)
+    unit = box.inside(fitted.without(e.theta, [at]))
+    points = (
+        Point.at(fits.evaluate(fitted), box, unit),
+        Point.at(lambda theta: held_out.residual(theta) * fits.check_weight, box, unit),
+    )
+    slopes = [np.delete(point.jacobian, columns, axis=1) for point in points]
+
+    # No function of the motion changes what controllers do with it.
+    law = ((0, len(slopes[0]) - count), (0, 0))
+    changes = points[0].residual - e.residual, points[1].residual - e.check_residual
+
+    def left(*added: Array) -> Hypothesis:
+        one, two = (np.hstack(both) for both in zip(slopes, added, strict=True))
+        size = np.maximum(np.linalg.norm(one, axis=0), 1e-300)
+        factor = np.linalg.lstsq(one / size, points[0].residual, rcond=_ROUNDED)[0] / size
+        squares = (
+            np.bincount(part.drive, rest[: part.drive.size] ** 2, len(split.drives)).astype(float)
+            for part, rest in (
+                (split.fit, points[0].residual - one @ factor),
+                (split.check, points[1].residual - two @ factor),
+            )
+        )
+        effects = tuple(x for x in e.effects if x != at)
+        return replace(e, effects=effects, fit=next(squares), check=next(squares))
+
+    found: dict[str, tuple[Hypothesis, Hypothesis]] = {}
+    nothing = PARAMETERS, np.empty((count, 0)), slopes[1][:, :0]
+    for name, fit, check in (nothing, *_functions(fits, e, at)):
+        added = np.pad(fit, law), check
+        both = left(*(np.column_stack(x) for x in zip(added, changes, strict=True)))
+        if name not in found or both.loss < found[name][1].loss:
+            found[name] = left(*added), both
+    basis = np.linalg.qr(np.delete(e.jacobian, columns, axis=1))[0]
+    own = np.linalg.norm(changes[0] - basis @ (basis.T @ changes[0]))
+    # One that ends where it vanishes is another form of the nominal law.
+    return float(own) / max(float(np.linalg.norm(changes[0])), 1e-300), found
+
+
+def _functions(fits: Fits, e: Hypothesis, at: EffectAt) -> Iterator[tuple[str, Array, Array]]:
+    """Yield a coordinate, and functions of it on the fit part's rows and those held out."""
+    split, effect = fits.split, get_effect(at.effect)
+    read = {_OF[x] for x in effect.reads.union(p.role for p in effect.parameters) if x in _OF}
+    fitted = list(split.whole.with_effects(e.effects).each(e.theta))
+    whole = joined([motion_of(model, own) for model, own in fitted])
+    ends = np.cumsum([mask.shape[1] for mask in split.whole.masks])
+    cycles = np.arange(ends[-1])
+    drives = [d for d, name in enumerate(split.drives) if at.where in (name, 'all')]
+    # The part held out is every recording, or the last ones.
+    sides = (split.fit, fits.weight, 0), (split.check, fits.check_weight, -len(split.check.models))
+
+    def seen(each: list[Array]) -> list[Array]:
+        """Return columns (K, B) of the drives as outputs are compared, on each part's rows."""
+        columns = np.zeros((sum(x.shape[1] for x in each), len(split.drives), len(cycles)))
+        first = 0
+        for d, x in zip(drives, each, strict=True):
+            columns[first : first + x.shape[1], d] = x.T
+            first += x.shape[1]
+        bands = [
+            model.in_band(part)
+            for (model, _), part in zip(fitted, np.split(columns, ends[:-1], axis=2), strict=True)
+        ]
+        out = []
+        for part, weight, start in sides:
+            own = zip(bands[start:], part.masks, strict=False)
+            out.append(np.hstack([band[:, mask] for band, mask in own]).T * weight[:, None])
+        return out
+
+    ones = np.ones_like(cycles)
+    common = seen([np.stack([ones, direction(whole.velocity[d])], axis=1) for d in drives])
+    for each in zip(*(coordinates(whole, d, cycles) for d in drives), strict=False):
+        if (name := _OF[each[0].name]) not in (read or {'acceleration'}):
+            columns = seen([c.columns for c in each])
+            factor = np.linalg.lstsq(common[0], columns[0], rcond=None)[0]
+            fit, check = (x - y @ factor for x, y in zip(columns, common, strict=True))
+            yield name, fit, check
