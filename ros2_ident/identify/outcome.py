@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a fit to the result: its outcome, its origin, and how certain each parameter is.
 
-A parameter is identified where its 95 % interval, with what the model may lack, is narrower than
-its value and than half of its box; one that a machine can be without (friction, an offset, a
-delay) also where no value of the interval changes an output by more than `LITTLE` of it. Otherwise
-an interval that ends inside the box bounds it.
+A parameter is identified where half of its 95 % interval, with what the model may lack, is at most
+`KNOWN` of its value, and the interval narrower than half of its box; one that a machine can be
+without (friction, an offset, a delay) also where no value of the interval changes an output by
+more than `LITTLE` of it. Otherwise an interval that ends inside the box bounds it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,6 +49,8 @@ APART, BEYOND = 0.01, 3.0
 # One that leaves less than so many times the best one's mean square above the noise fits alike. By
 # hand.
 ALIKE = 2.0
+# Half an interval over the value up to which the value is known. By hand.
+KNOWN = 0.2
 # An interval wider than this part of the box says no more than the box does. By hand.
 MOST_OF_BOX = 0.5
 # Share of an output that does not matter. By hand.
@@ -249,7 +251,7 @@ def _noise(residual: Array, series: Sequence[int]) -> float:
 
 def state_of(value: float, low: float, high: float, lower: float, upper: float) -> State:
     """Return the state of a value with an interval (low, high) in a box (lower, upper)."""
-    if high - low <= min(abs(value), MOST_OF_BOX * (upper - lower)):
+    if high - low <= min(2.0 * KNOWN * abs(value), MOST_OF_BOX * (upper - lower)):
         return 'identified'
     return 'bounded' if bound_of(low, high, lower, upper, '') else 'not determined'
 
@@ -296,7 +298,10 @@ def _estimate(
             said.append(f'{bound}: {NIL}' if bound else NIL)
         elif state != 'identified':
             hidden = state_of(value, noise_low, noise_high, p.low, p.high) == 'identified'
-            wide = WIDE.format('the value' if high - low > abs(value) else 'half its bounds')
+            most = f'{200.0 * KNOWN:.0f} % of the value'
+            wide = WIDE.format(
+                most if high - low > 2.0 * KNOWN * abs(value) else 'half its bounds'
+            )
             said += [bound or NOT_IDENTIFIABLE]
             said += [wide + (HIDDEN if hidden else '')] if bound or hidden else []
     said += [f'at its {at} bound'] if at else []

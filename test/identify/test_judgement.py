@@ -133,7 +133,8 @@ def found(model):
 @pytest.mark.parametrize(
     ('interval', 'state', 'words'),
     [
-        ((1.5, 2.4), 'identified', 'between 1.5 and 2.4 kg'),
+        ((1.7, 2.4), 'identified', 'between 1.7 and 2.4 kg'),
+        ((1.6, 2.5), 'bounded', 'between 1.6 and 2.5 kg'),
         ((0.5, 4.0), 'bounded', 'between 0.5 and 4 kg'),
         ((-3.0, 4.0), 'bounded', 'at most 4 kg'),
         ((1.0, 11.0), 'bounded', 'at least 1 kg'),

@@ -239,7 +239,7 @@ def test_emps_comes_out_as_published():
     # It trades with what the model lacks, but by no more than half.
     friction = parameter(result, 'emps_axis.coulomb_friction')
     assert friction.low < 16.0 < friction.noise_low
-    assert friction.identifiable
+    assert friction.high - friction.low < friction.value and friction.hidden
     assert result.residuals[0].share < 0.045
 
 
