@@ -192,14 +192,9 @@ def _late(machine: Machine, law: Law, clean: bool) -> list[Gate]:
     )
     if cause == SET_POINT_LATE:
         # Position and effort belong together: nothing has to be wrong with the stamps.
-        from ros2_ident.effects import shown_by
-
-        effect, more = shown_by('late_set_point'), ''
-        if effect is not None and -by > effect.parameters[0].high:
-            more = f', more than the {1e3 * effect.parameters[0].high:g} ms of a {effect.title}'
         text = (
             f'{law.drive}: the controller takes its set-point {round(-1e3 * by, 1):g} ms late'
-            f'{more}, as behind a filter or a network, or the stamps of the command are early; '
+            ', as behind a filter or a network, or the stamps of the command are early; '
             'log the set-point that it takes, or leave the command out: `--command-topic none`'
         )
     # Two cycles are lost where a set-point is differentiated, or a cycle is stated wrongly.

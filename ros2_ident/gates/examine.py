@@ -212,19 +212,22 @@ def late_set_point(machine: Machine, data: Dataset, drives: Sequence[str]) -> st
         data: A recording on the grid of controller cycles.
         drives: The drives compared.
     """
-    from ros2_ident.effects import shown_by
-
-    gains = 'position_gain', 'velocity_gain'
-    effect, tracking = shown_by('late_set_point'), tracking_of(data, drives)
+    gains, tracking = ('position_gain', 'velocity_gain'), tracking_of(data, drives)
     stated = all(map(machine.known, gains)) and not {*gains} & set(machine.bounds)
-    if not stated or effect is None or tracking is None or 'effort' not in compared_of(machine):
+    if not stated or tracking is None or 'effort' not in compared_of(machine):
         return ''
     for drive in drives:
         position, velocity = (sane(machine.number(gain, drive)) for gain in gains)
         # Of a cascade the first is 1/s.
         own = (1.0 if 'law' in machine.constants else velocity) / max(position, 1e-12)
         behind = tracking.late(drive)
-        if behind > 1.5 * own + effect.parameters[0].high and _agree(data, drive):
+        if behind <= 1.5 * own:
+            continue
+        from ros2_ident.effects import shown_by
+
+        effect = shown_by('late_set_point')
+        longest = effect.parameters[0].high if effect else 0.0
+        if behind > 1.5 * own + longest and _agree(data, drive):
             return (
                 f'{drive}: the position follows its set-point {1e3 * behind:.2g} ms behind, where '
                 f'the stated gains make {1e3 * own:.2g} ms: the controller takes another one, '

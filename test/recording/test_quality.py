@@ -173,14 +173,15 @@ def test_a_carriage_in_millimetres_is_held_against_the_machine():
 
 
 @pytest.mark.parametrize(
-    ('late', 'text'), [(0.02, '20[.0-9]* ms late, as'), (0.05, 'the 30 ms of')]
+    ('late', 'code', 'text'),
+    [(0.02, 'offset', '20[.0-9]* ms late, as'), (0.05, 'align', 'the stated gains make 6.2 ms')],
 )
-def test_a_set_point_that_is_taken_late_leaves_the_log_of_use(late, text):
+def test_a_set_point_that_is_taken_late_leaves_the_log_of_use(late, code, text):
     (read,) = read_bag(REPO / 'bags' / 'axis_reversals')
     command = replace(read.command, stamp=read.command.stamp - round(1e9 * late))
     file = read_machine_file(REPO / 'config' / 'emps.yaml')
     report = check_both([replace(read, command=command)], file)
-    (finding,) = report.of('offset')
+    (finding,) = report.of(code)
     assert finding.level == report.level == 'warn'
     assert re.search(text, finding.sentence)
 
