@@ -57,7 +57,9 @@ def recordings_of(
         IdentError: As `make_model`; INVALID_GOAL where a kind compares more than one quantity.
     """
     scales = scales_of(machine, [*data, *beside])
-    quantities = (output or compared_of(machine)[0],)
+    # Of two the effort: what controllers do, and when, hardly shows in a position.
+    compared = compared_of(machine)
+    quantities = (output or ('effort' if 'effort' in compared else compared[0]),)
     make = partial(make_model, machine, drives=drives, scales=scales, quantities=quantities)
     if fixed and data:
         fixed = held_of(machine, make(data[0]), chosen_drives(machine, drives), fixed)
