@@ -70,7 +70,9 @@ def in_place_of(
 
     def left(*added: Array) -> Hypothesis:
         one, two = (np.hstack(both) for both in zip(slopes, added, strict=True))
-        size = np.maximum(np.linalg.norm(one, axis=0), 1e-300)
+        size = np.linalg.norm(one, axis=0)
+        # What only the part held out shows cannot be fitted.
+        size = np.where(size > 0.0, size, np.inf)
         factor = np.linalg.lstsq(one / size, points[0].residual, rcond=_ROUNDED)[0] / size
         squares = (
             np.bincount(part.drive, rest[: part.drive.size] ** 2, len(split.drives)).astype(float)

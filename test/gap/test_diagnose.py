@@ -202,15 +202,13 @@ def test_what_swings_by_itself_is_no_noise_that_somebody_stated() -> None:
     assert 'a load that swings' in sentence(found)
 
 
-def test_a_kind_that_compares_two_quantities_of_a_drive_is_refused() -> None:
+def test_of_a_kind_that_compares_two_quantities_the_effort_is_diagnosed() -> None:
     belt = load_machine(Path(__file__).parents[2] / 'config/belt_drive.yaml')
     row = np.sin(np.linspace(0.0, 6.0, 400))[None]
     data = Dataset(belt.drives, belt.number('cycle'), 0, row, 0.0 * row, row, 0.0 * row, row)
-    with pytest.raises(IdentError, match='compares 2 outputs of 1 drives.*name it') as error:
-        diagnose(belt, [data])
-    assert error.value.code is ErrorCode.INVALID_GOAL
-    (model,) = recordings_of(belt, [data], output='position').models
-    assert [(o.quantity, o.unit) for o in model.outputs] == [('position', 'rad')]
+    for output, unit in ((None, 'N m'), ('position', 'rad')):
+        (model,) = recordings_of(belt, [data], output=output).models
+        assert [(o.quantity, o.unit) for o in model.outputs] == [(output or 'effort', unit)]
 
 
 def test_the_gap_of_a_position_is_diagnosed_with_an_effort_beside_it() -> None:

@@ -80,7 +80,7 @@ def test_without_a_command_the_recorded_motion_drives_the_axis():
     result = identify(axis(), data, settings=QUICK, seed=1)
     assert parameter(result, 'emps_axis.moving_mass').value == pytest.approx(95.0, rel=0.02)
     assert result.outcome is Outcome.IDENTIFIED
-    assert [w for w in result.quality.warnings if w.startswith('there is no command')]
+    assert [w for w in result.quality.warnings if w.startswith('no command is used')]
 
 
 def test_two_segments_are_one_problem():
