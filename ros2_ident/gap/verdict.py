@@ -236,7 +236,7 @@ def _weigh(found: Selection, mass: float, rules: Rules, t: Temperatures) -> tupl
     leads = 1.0 - lead.closes(base)
     for at, e in best.items():
         left, more = 1.0 - e.closes(base), 0.0
-        if abs(left - leads) <= alike and len(e.theta) > len(lead.theta) and final.effects:
+        if abs(left - leads) <= alike and e.numbers > lead.numbers and final.effects:
             # Numbers that bring nothing speak against a law by their price in BIC, no more: what
             # such laws leave differs by their forms.
             dearer = e.bic - lead.bic

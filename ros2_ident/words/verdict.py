@@ -27,6 +27,9 @@ from ros2_ident.words.finding import instants
 _SMALL = 0.01
 # A headline of more letters names the first effect only: three lines of a page.
 _LONG = 110
+# Odds that are "not worth more than a bare mention" (Kass and Raftery, J. Am. Stat. Assoc. 90,
+# 1995).
+_ODDS = 3.0
 # Places that a sentence lists.
 _LISTED = 6
 
@@ -248,6 +251,8 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
         closed = min(max(evidence['closed'], 0.0), 1.0)
     closes = 'they close' if d.also else 'it closes'
     what = _missing(_titles(d, logged=False), _titles(d, logged=True))
+    if same := _as_likely(d):
+        what = ', or '.join((what, *same)) + ', which this motion cannot tell from it'
     return what, f'; {closes} {100 * closed:.0f} % of a gap of {gap}.{rest}'
 
 
@@ -255,6 +260,19 @@ def _tie(facts: Facts) -> Tie | None:
     """Return what would close most, where the parameters do the same along this motion."""
     most = max(facts.ties, key=lambda tie: tie.closed, default=None)
     return most if most and most.closed > facts.best else None
+
+
+def _as_likely(d: Diagnosis) -> list[str]:
+    """Return what the effect named first may be as well; twins, one effect to any log, aside."""
+    if not d.confusable:
+        return []
+    first = d.confusable[0]
+    twins = get_effect(first.at.effect).twins
+    return [
+        title_at(x.at.effect, [] if x.at.where == first.at.where else [x.at.where])
+        for x in d.confusable[1:]
+        if x.at.effect not in twins and x.probability * _ODDS > first.probability
+    ]
 
 
 def _instead(tie: Tie) -> str:

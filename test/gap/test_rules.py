@@ -12,6 +12,7 @@ import pytest
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.assemble import _values
+from ros2_ident.gap.fits import superfluous
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Samples, Selection
 from ros2_ident.gap.rules import Rules, Temperatures
 from ros2_ident.gap.suspects.encoder_steps import EncoderSteps
@@ -50,7 +51,22 @@ def made(gap, effects=()):
     theta = np.array([1.0, 2.0] + [0.5] * own)
     empty, count = np.empty(0), np.full(2, float(SAMPLES))
     samples = Samples(count, count, np.ones(2))
-    return Hypothesis(tuple(effects), theta, fit, fit, samples, *([empty] * 4))
+    return Hypothesis(tuple(effects), theta, fit, fit, samples, *([empty] * 4), len(theta))
+
+
+@pytest.mark.parametrize(
+    ('sizes', 'count'), [((9.0, 9.0), 0), ((9.0, 0.5), 1), ((0.5, 9.0), 1), ((0.5, 0.5), 1)]
+)
+def test_a_size_that_brings_nothing_beside_the_others_of_its_effect_is_no_number(sizes, count):
+    """Asymmetric friction without its viscous part lost to a constant force by one number."""
+    effects = tuple(EffectAt(name, 'one') for name in ('asymmetric_friction', 'effort_bias'))
+    theta = np.array([1.0, *sizes, 0.0])
+    found = SimpleNamespace(theta=theta, jacobian=np.eye(4))
+    joint = SimpleNamespace(
+        effects=effects, low=np.zeros(4), high=np.ones(4),
+        without=lambda theta, effects: np.array([1.0, 0.0, 0.0, 0.0]),
+    )  # fmt: skip
+    assert superfluous(joint, found, 2.0) == count
 
 
 def test_the_rules_are_those_that_the_docs_state():

@@ -82,6 +82,12 @@ def test_advice_tells_effects_apart_and_lists_those_not_visible():
     rival = Ranked(EffectAt('quadratic_drag', 'drive_1'), 0.4, 0.1, 0.9, {})
     (one,) = words.advice(replace(found, confusable=(found.ranking[0], rival)))
     assert 'cannot be told apart' in one and CATALOGUE['quadratic_drag'].title in one
+    rivals = (replace(found.ranking[0], probability=0.5), replace(rival, probability=0.2))
+    assert words.headline(replace(found, confusable=rivals)) == (
+        f'{ONE}, or quadratic drag, which this motion cannot tell from it.'
+    )
+    rivals = (rivals[0], replace(rival, probability=0.1))
+    assert words.headline(replace(found, confusable=rivals)) == f'{ONE}.'
     both = (EffectAt('stribeck', 'drive_1'), EffectAt('stribeck', 'drive_2'))
     (seen,) = words.advice(replace(found, not_testable=both))
     assert seen == f'This motion cannot show: {CATALOGUE["stribeck"].title} (any drive).'
