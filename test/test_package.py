@@ -54,6 +54,7 @@ KEYS = {
 }
 # What is said to be installed where it is asked for: extras.
 OPTIONAL = {'distributed', 'google', 'h5py', 'mujoco', 'pinocchio', 'pyarrow'}
+OPTIONAL |= {'pxr', 'urdf_usd_converter', 'usdex'}
 
 
 def imported(*folders: str) -> set[str]:
@@ -106,10 +107,9 @@ def test_requirements_name_what_the_set_up_script_names() -> None:
 def test_what_the_tests_import_is_declared() -> None:
     found = [*(ROOT / 'test').iterdir(), *(ROOT / 'tools').glob('*.py')]
     own = {path.stem for path in found}
-    # MuJoCo, h5py, protobuf and pyarrow are optional; without them their tests are skipped.
-    modules = (
-        imported('test') - own - {'checks', 'conftest', 'google', 'h5py', 'mujoco', 'pyarrow'}
-    )
+    # What is optional but `pin` and `distributed`: without it tests are skipped.
+    skipped = OPTIONAL - {'distributed', 'pinocchio'}
+    modules = imported('test') - own - skipped - {'checks', 'conftest'}
     known = depends('exec') | depends('test')
     names = {x: {x, KEYS.get(x, f'python3-{x}')} for x in modules}
     assert not [x for x, keys in names.items() if not keys & known]

@@ -41,6 +41,7 @@ PEERS = {
     'sapien': Peer('SAPIEN', ('sapien',), 'sapien'),
     'genesis': Peer('Genesis', ('genesis-world', 'torch'), 'genesis'),
     'newton': Peer('Newton', ('newton[sim]',), 'newton'),
+    'usd': Peer('Newton, of USD', ('newton[sim,importers]',), 'usd'),
 }
 
 

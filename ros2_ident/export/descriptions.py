@@ -33,7 +33,7 @@ def urdf(text: str, content: Content) -> str:
     Raises:
         IdentError: BAD_MACHINE_FILE where a joint or link is not in it.
     """
-    return _written(_in_urdf(text, content))
+    return _written(in_urdf(text, content))
 
 
 def drake(text: str, content: Content) -> str:
@@ -45,7 +45,7 @@ def drake(text: str, content: Content) -> str:
         IdentError: As `urdf`.
     """
     ET.register_namespace('drake', _DRAKE)
-    root = _in_urdf(text, content)
+    root = in_urdf(text, content)
     for joint, element in _joints(root.findall('joint'), content, _OTHER):
         dynamics = element.find('dynamics')
         if dynamics is not None:
@@ -71,9 +71,8 @@ def gazebo(text: str, content: Content) -> str:
     Raises:
         IdentError: As `urdf`.
     """
-    root = _in_urdf(text, content)
+    root = in_urdf(text, content)
     carried = {child.get('link') for child in root.findall('joint/child')}
-    light = set(massless(text))
     for link in root.findall('link'):
         name = link.get('name', '')
         if name not in carried and name != 'world':
@@ -81,20 +80,15 @@ def gazebo(text: str, content: Content) -> str:
             ET.SubElement(joint, 'parent', link='world')
             ET.SubElement(joint, 'child', link=name)
             ET.SubElement(root, 'link', name='world')
-            light |= {name} if link.find('inertial') is None else set()
-        if name in light:
-            new = ET.Element('inertial')
-            ET.SubElement(new, 'mass', value=_number(_LIGHT))
-            values = {axes: _number(_LIGHT * (axes[1] == axes[2])) for axes in _AXES}
-            ET.SubElement(new, 'inertia', values)
-            _put_inertial(link, new)
+    give_mass(root)
     return _written(root)
 
 
 _OTHER = 'give the one that the machine file names'
 
 
-def _in_urdf(text: str, content: Content) -> ET.Element:
+def in_urdf(text: str, content: Content) -> ET.Element:
+    """Return the root of a URDF that has what was identified; raises as `urdf`."""
     root = _parsed(text)
     for name, mass, centre, inertia in content.inertials():
         new = ET.Element('inertial')
@@ -227,14 +221,28 @@ def _put_inertial(body: ET.Element, new: ET.Element) -> None:
 
 def massless(text: str) -> tuple[str, ...]:
     """Return the links of a URDF that have no mass, but for the one that stands."""
-    root = _parsed(text)
-    masses = {
-        link.get('name', ''): float(mass.get('value', 0.0))
-        for link in root.findall('link')
-        if (mass := link.find('inertial/mass')) is not None
-    }
-    carried = [child.get('link', '') for child in root.findall('joint/child')]
-    return tuple(name for name in carried if not masses.get(name))
+    return tuple(link.get('name', '') for link in _massless(_parsed(text)))
+
+
+def _massless(root: ET.Element) -> list[ET.Element]:
+    links = {link.get('name'): link for link in root.findall('link')}
+    carried = [links.get(child.get('link')) for child in root.findall('joint/child')]
+    return [
+        link
+        for link in carried
+        if link is not None
+        and ((mass := link.find('inertial/mass')) is None or not float(mass.get('value', 0.0)))
+    ]
+
+
+def give_mass(root: ET.Element) -> None:
+    """Give the links of a URDF without mass, which parsers drop or refuse, next to none."""
+    for link in _massless(root):
+        new = ET.Element('inertial')
+        ET.SubElement(new, 'mass', value=_number(_LIGHT))
+        values = {axes: _number(_LIGHT * (axes[1] == axes[2])) for axes in _AXES}
+        ET.SubElement(new, 'inertia', values)
+        _put_inertial(link, new)
 
 
 def followers(text: str) -> tuple[str, ...]:

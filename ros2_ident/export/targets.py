@@ -16,6 +16,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
 from ros2_ident.export.descriptions import drake, followers, gazebo, is_urdf, massless, mjcf, urdf
+from ros2_ident.export.usd import can_write, usd
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.machine.keys import written
 from ros2_ident.models.drives.joints import Joint, PARTS
@@ -161,6 +162,10 @@ TARGETS = {
         'Genesis', 'genesis', 'weigh almost nothing', 'are coupled', 'armature'
     ),
     'newton': _loaded('Newton', 'newton', 'weigh 1e-6 kg', 'are coupled', 'armature'),
+    'usd': Target(
+        'USD', 'robot.usda', usd, _URDF, frozenset({*PARTS, 'p', 'd'}),
+        'weigh 1e-5 kg', 'are coupled',
+    ),
     'isaac': Target(
         'Isaac Lab', 'isaac.yaml', isaac, frozenset(), frozenset({*PARTS, 'p', 'd'})
     ),
@@ -169,6 +174,8 @@ TARGETS = {
     ),
 }  # fmt: skip
 SUMMARY = 'export.json'
+# What some need that is not installed with ident.
+_NEEDS = {'mjcf': 'MuJoCo', 'usd': 'urdf-usd-converter'}
 
 
 def fitting(content: Content, description: str) -> tuple[str, ...]:
@@ -178,6 +185,7 @@ def fitting(content: Content, description: str) -> tuple[str, ...]:
     able = {
         'ros2_control': gains,
         'mjcf': own == 'mjcf' or can_convert(),
+        'usd': can_write(),
     }
     return tuple(
         name
@@ -206,8 +214,8 @@ def write(
     wrong = next((name for name in names if name not in fitting(content, description)), None)
     if wrong is not None:
         why = (
-            'it needs MuJoCo; `pip install mujoco`'
-            if wrong == 'mjcf' and is_urdf(description)
+            f'it needs {_NEEDS[wrong]}; `pip install {_NEEDS[wrong].lower()}`'
+            if wrong in _NEEDS and is_urdf(description)
             else f'there is no {" or ".join(sorted(of)).upper()} to write into; give '
             'one with --into, or as geometry.description of the machine file'
             if (of := TARGETS[wrong].of)

@@ -24,11 +24,13 @@ from report_cases import diagnosed  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import Content, content_of  # noqa: E402
 from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
+from ros2_ident.files import kind_of  # noqa: E402
 from ros2_ident.gap.result import Value  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
+from ros2_ident.models.drives.joints import Gains  # noqa: E402
 from ros2_ident.report.files import Estimate, read_estimate, write_diagnosis  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
@@ -369,6 +371,60 @@ def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco)
     ours = found.model.simulate(found.theta)[0, 0]
     assert np.sqrt(np.mean((np.array(out) - ours) ** 2)) < 0.01 * np.ptp(ours)
     assert words == ()
+
+
+# ---------------------------------------------------------------------- USD
+
+
+def test_a_usd_has_what_its_converter_leaves_out(tmp_path: Path) -> None:
+    sys.path.append(str(ROOT / 'build/peers'))
+    pytest.importorskip('urdf_usd_converter', reason='the extra usd is not installed')
+    from pxr import Usd, UsdPhysics
+
+    found = content(described(tmp_path, **BOXES, **ROTOR))
+    servo = Gains(40.0, 0.0, 3.0, 0.0)
+    joints = [replace(j, limit=7.0 + n) for n, j in enumerate(found.joints)]
+    joints[0] = replace(joints[0], gains=servo)
+    turned = (tmp_path / 'arm.urdf').read_text().replace('name="wrist"', 'name="wrist.1"')
+    joints[-1] = replace(joints[-1], name='wrist.1')
+    found = replace(found, joints=tuple(joints))
+    text = TARGETS['usd'].write(turned, found)
+    path = tmp_path / 'robot.usda'
+    path.write_text(text)
+    stage = Usd.Stage.Open(str(path))
+    there = {p.GetDisplayName() or p.GetName(): p for p in stage.Traverse()}
+    for joint in joints:
+        prim = there[joint.name]
+        degree, axis = (math.radians(1.0), 'angular') if joint.travel == 'rad' else (1.0, 'linear')
+        assert prim.GetAttribute('newton:damping').Get() == pytest.approx(joint.viscous * degree)
+        assert prim.GetAttribute('newton:friction').Get() == pytest.approx(joint.coulomb)
+        assert prim.GetAttribute('newton:armature').Get() == pytest.approx(joint.armature)
+        drive = UsdPhysics.DriveAPI(prim, axis)
+        assert drive.GetMaxForceAttr().Get() == pytest.approx(joint.limit)
+        p, d = (40.0, 3.0) if joint.gains else (0.0, 0.0)
+        assert drive.GetStiffnessAttr().Get() == pytest.approx(p * degree)
+        assert drive.GetDampingAttr().Get() == pytest.approx(d * degree)
+    for name, mass, centre, inertia in found.inertials():
+        own = there[name]
+        assert own.GetAttribute('physics:mass').Get() == pytest.approx(mass)
+        assert own.GetAttribute('physics:centerOfMass').Get() == pytest.approx(centre, abs=1e-6)
+        sizes = own.GetAttribute('newton:inertia').Get()
+        full = [inertia[x] for x in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        assert list(sizes) == pytest.approx(full, abs=1e-6)
+    # What is our own is replaced, what is another's is not.
+    assert text.startswith('#usda') and b'export' in kind_of(path)
+    assert str(tmp_path) not in text and '/tmp' not in text
+    with pytest.raises(IdentError, match='no USD can be made of the URDF'):
+        TARGETS['usd'].write(turned.replace('type="prismatic"', 'type="sideways"'), found)
+
+
+def test_a_usd_wants_its_converter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = content(described(tmp_path, **BOXES))
+    monkeypatch.setattr('ros2_ident.export.targets.can_write', lambda: False)
+    text = (tmp_path / 'arm.urdf').read_text()
+    assert 'usd' not in fitting(found, text)
+    with pytest.raises(IdentError, match='`pip install urdf-usd-converter`'):
+        write(tmp_path / 'out', ('usd',), found, text)
 
 
 # ---------------------------------------------------------------------- tables
