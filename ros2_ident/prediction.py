@@ -14,7 +14,6 @@ import numpy as np
 
 from ros2_ident.arrays import Above, Array
 from ros2_ident.models.protocol import FullModel
-from ros2_ident.models.registry import kind_of
 
 # A model, and a candidate (N,) of it.
 Run = tuple[FullModel, Array]
@@ -138,13 +137,8 @@ def _hindered(model: FullModel) -> str:
     """Return why a model does not run freely, and what to log for one that does."""
     if model.machine is None:
         return "a user's own model does not say that it runs freely (`free_run`)"
-    if not kind_of(model.machine).follows(model.machine):
-        return (
-            f'a {model.name} is simulated along its recorded motion; for a free run log the '
-            "drives' set-points, and describe the machine as `machine: mujoco`, whose actuators "
-            'follow them'
-        )
     return (
-        'without a set-point the recorded motion drives the model; for a free run log the '
-        "drives' set-points (`joint_command`) and state the controllers' gains"
+        "without a set-point or the controllers' gains the recorded motion drives the model; for "
+        "a free run log the drives' set-points (`joint_command`) and state the gains, or list "
+        'them in parameters'
     )

@@ -198,6 +198,11 @@ def _leave_out_shapes(root: ET.Element) -> None:
                 contact.remove(pair)
 
 
+# Words of an MJCF for what a joint and its actuator have, and this package's.
+OWN_WORDS = {
+    'armature': 'drive_inertia', 'damping': 'viscous_torque', 'frictionloss': 'coulomb_torque',
+    'kp': 'position_gain', 'kv': 'velocity_gain',
+}  # fmt: skip
 # Actuators whose effort is that of a position by its gains, or of a controller outside.
 _PLAIN = frozenset(('general', 'motor', 'position'))
 # Attributes of joints and actuators that say nothing at these values.

@@ -70,13 +70,13 @@ LINEAR_AXIS = Kind(
 
 MUJOCO = Kind(
     name='mujoco',
-    title='a URDF or MJCF that MuJoCo simulates, its actuators following the set-points',
+    title='an MJCF that MuJoCo simulates, its actuators following the set-points',
     keys=keys_of('mujoco'),
     model=later('ros2_ident.models.mujoco.model:Mujoco'),
     starts_in_motion=True,
     travel='rad',
     read=later('ros2_ident.models.mujoco.plant:Plant'),
-    joints=joints_in,
+    joints=later('ros2_ident.models.mujoco.plant:joints_of'),
     compares=('position',),
     space=later('ros2_ident.models.mujoco.model:space'),
     ends=later('ros2_ident.models.mujoco.model:ends'),

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.description import declared, judged_tree, own_physics
+from ros2_ident.machine.description import declared, judged_tree, own_physics, OWN_WORDS
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
 from ros2_ident.models.registry import KINDS, machine_from_mapping, make_model
@@ -23,8 +23,7 @@ from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.motion import fill_gaps, Motion, motion_of
 from ros2_ident.recording.streams import FloatArray, with_positions
 
-# Parameters that an MJCF states: element, attribute, and which of its numbers; and what they are
-# called under controllers of this package's own.
+# Parameters that an MJCF states: element, attribute, and which of its numbers.
 _STATED = (
     ('armature', 'joint', 'armature', 0), ('damping', 'joint', 'damping', 0),
     ('frictionloss', 'joint', 'frictionloss', 0), ('kp', 'position', 'kp', 0),
@@ -32,10 +31,6 @@ _STATED = (
     ('force_limit', 'position', 'forcerange', 1), ('force_limit', 'general', 'forcerange', 1),
     ('force_limit', 'motor', 'forcerange', 1), ('force_limit', 'joint', 'actuatorfrcrange', 1),
 )  # fmt: skip
-_OWN_WORDS = {
-    'armature': 'drive_inertia', 'damping': 'viscous_torque', 'frictionloss': 'coulomb_torque',
-    'kp': 'position_gain', 'kv': 'velocity_gain',
-}  # fmt: skip
 # A box reaches to so many times what is stated, as those of the bundled examples do.
 _ROOM = 4.0
 
@@ -62,7 +57,10 @@ def new_machine_file(
     """
     known, boxes = dict[str, str](), dict[str, str]()
     if description is not None:
-        known, boxes = {description_key(kind): inline(named)}, _boxes(kind, description)
+        known = {description_key(kind): inline(named)}
+        if kind.joints is not None:
+            kind.joints(description)
+        boxes = _boxes(kind, description)
     if states is not None:
         period = float(np.median(np.diff(states.stamp))) * 1e-9
         known['cycle'] = f'{period:.4g}'
@@ -300,7 +298,7 @@ def _boxes_of(
         }
         if effort:
             ends['viscous_torque'] = (0.0, ends['velocity_gain'][1], 'N m s/rad')
-        for word, key in _OWN_WORDS.items():
+        for word, key in OWN_WORDS.items():
             # Without an effort two parameters are one.
             low, high, unit = ends[key if key in ends else 'velocity_gain']
             high = max(high, _ROOM * stated.get(word, {}).get(name, 0.0))

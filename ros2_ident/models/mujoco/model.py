@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording beside what MuJoCo makes of a description, by the set-points alone."""
+"""A recording beside what MuJoCo makes of an MJCF, by the set-points alone."""
 
 from collections.abc import Mapping, Sequence
 import copy
@@ -14,6 +14,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import CATALOGUE, Context, Effect, EffectParameter, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
+from ros2_ident.machine.description import OWN_WORDS
 from ros2_ident.machine.kind import Space
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.machine.units import per_metre
@@ -21,10 +22,11 @@ from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
 from ros2_ident.models.kinds import MUJOCO as KIND
 from ros2_ident.models.mujoco.forces import Forces, HOOKS
-from ros2_ident.models.mujoco.guess import by_inverse_dynamics, NAMES
 from ros2_ident.models.mujoco.plant import Felt, OWN, Plant
 from ros2_ident.models.protocol import EffectAt, Output, Scales, scales_of
+from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
 from ros2_ident.recording import Dataset
+from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, fill_gaps, low_pass, smooth_motion
 
 # Rows of the kernels' whose change MuJoCo can express, and what they are at their neutral value.
 _FACTORS = ('position_gain', 'velocity_gain', 'log_gain')
@@ -32,6 +34,8 @@ _EXPRESSED = frozenset(
     (*_FACTORS, 'coulomb', 'viscous', 'set_point_delay', 'torque_limit', 'log_bias', 'log_delay')
 )
 _SHARED = frozenset(('measurement_delay', 'free_fall'))
+# What `law.by_regression` calls them.
+_WORDS = {**OWN_WORDS, 'set_point_delay': 'set_point_delay'}
 # Parameters that are no attribute of the simulator.
 _OUTSIDE = frozenset(('measurement_delay', 'joint_zero', 'set_point_delay'))
 # How far a joint moves to either side by default, rad or m; speed and
@@ -75,7 +79,6 @@ class Mujoco(MachineModel):
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]
         self._command = np.asarray(data.command_position)[order]
-        self._rate = np.gradient(self._command, data.cycle, axis=1)
         self._begin = np.array([_beginning(data, row) for row in order]).T
 
     def __getstate__(self) -> dict[str, Any]:
@@ -140,30 +143,17 @@ class Mujoco(MachineModel):
     def suggested(self) -> Array | None:
         """Return (N,) parameters, see `FullModel.suggested`.
 
-        By inverse dynamics, or as described where that leaves less of the log: dry friction of
-        MuJoCo gives way as a damper does, up to its size, and inverse dynamics take it for one.
+        By regression, or as described where that leaves less of the log: dry friction of MuJoCo
+        gives way as a damper does, up to its size, and a regression takes it for one.
         """
         if self.data.position is None or self.plant.model.neq:
             return None
         middle = np.array([0.5 * (p.low + p.high) for p in self.parameters])
-        own = {k: v[0] for k, v in self._candidates.own_values(middle).items()}
-        free = {p.name for p in self.parameters}
-        drives, places = self.machine.drives, range(len(self.machine.drives))
-        known = {
-            name: np.array([
-                math.nan if f'{drives[d]}.{name}' in free
-                else own.get(f'{drives[d]}.{name}', self.plant.stated(name, d)) for d in places
-            ])
-            for name in NAMES
-        }  # fmt: skip
-        zero, late = (self._own(name, {}, 1)[0] for name in ('joint_zero', 'set_point_delay'))
-        known['joint_zero'] = zero[:, None]
-        known['velocity_feedforward'] = self.machine.numbers('velocity_feedforward')[:, None]
-        order = [self.data.names.index(name) for name in drives]
         try:
-            found = by_inverse_dynamics(self.plant, self.data, order, late, known)
+            found = self._regressed(self._candidates.own_values(middle))
         except IdentError:  # a joint has hardly a position
             return None
+        drives = self.machine.drives
         for n, p in enumerate(self.parameters):
             drive, _, name = p.name.rpartition('.')
             if name in found and drive in drives:
@@ -177,6 +167,51 @@ class Mujoco(MachineModel):
         both = np.clip([middle, stated], low, high)
         left = np.square(self.residuals(both)).mean(axis=1)
         return np.asarray(both[int(np.argmin(left))])
+
+    def _regressed(self, own: Mapping[str, Array]) -> dict[str, Array]:
+        """Return (D,) estimates of gains, delay and what a joint has, see `law.by_regression`.
+
+        Args:
+            own: (1,) parameters by their full names, the free ones anything.
+
+        Raises:
+            IdentError: BAD_VALUES where a joint has fewer than four positions.
+        """
+        data, drives, free = self.data, self.machine.drives, {p.name for p in self.parameters}
+        assert data.position is not None
+        order = [data.names.index(name) for name in drives]
+        cutoff = allowed_cutoff(data.position[order], self.cycle, CUTOFF)
+        sense = np.array([[at.sense] for at in self.plant.places])
+        gear = np.array([[self.plant.stated('actuator_gear', d)] for d in range(len(drives))])
+        zero = self._own('joint_zero', own, 1).T
+        place = sense * (data.position[order] - zero)
+        # A set-point holds for a cycle, in whose middle the law is at its mean.
+        seen, middle = (
+            np.array(smooth_motion(place, self.cycle, cutoff, ahead)) for ahead in (0.0, 0.5)
+        )
+        effort = None
+        if data.effort is not None:
+            rows = [fill_gaps(x) if np.isfinite(x).any() else x for x in data.effort[order]]
+            effort = low_pass(sense * np.stack(rows) / gear, self.cycle, cutoff)
+        links = self.plant.inverse(*middle) / gear
+        wanted = low_pass(sense * (self._command - zero), self.cycle, cutoff)
+        one = np.ones(len(drives))
+        signals = Signals(
+            self.cycle, gear * seen, gear * middle, wanted, links, 0.0 * wanted, effort, one
+        )  # fmt: skip
+        # The law's efforts and positions are the actuator's, a joint's own numbers at the joint.
+        power = {'armature': 2, 'damping': 2, 'frictionloss': 1}
+        scale = {name: np.abs(gear[:, 0]) ** power.get(name, 0) for name in _WORDS}
+        known = {name: np.zeros(len(drives)) for name in (*GAINS, *JOINT)}
+        for name, word in _WORDS.items():
+            for d, drive in enumerate(drives):
+                full, stated = f'{drive}.{name}', self.plant.stated(name, d)
+                if name in _OUTSIDE:
+                    stated = float(self._own(name, own, 1)[0, d])
+                value = math.nan if full in free else float(own.get(full, [stated])[0])
+                known[word][d] = value / scale[name][d]
+        found, _ = by_regression(signals, known)
+        return {name: scale[name] * found[word] for name, word in _WORDS.items()}
 
     # ------------------------------------------------------------------ what it is
 
@@ -301,15 +336,6 @@ class Mujoco(MachineModel):
         late = self._own('set_point_delay', own, len(theta)) + row['set_point_delay']
         values = [self._attributes(own, row, s) for s in range(len(theta))]
         command = _late(self._command, late / self.cycle)
-        ahead = self.machine.numbers('velocity_feedforward')
-        if ahead.any():
-            # kp (c* - q) + kv (share c*' - q') is kp (c - q) - kv q', c = c* + share kv/kp c*'.
-            kp, kv = (
-                np.array([[self._attribute(v, n, d) for d in range(count)] for v in values])
-                for n in ('kp', 'kv')
-            )
-            rate = _late(self._rate, late / self.cycle)
-            command = command + (ahead * kv / kp)[:, :, None] * rate
         start = np.repeat(self._begin[None], len(theta), axis=0)
         start[:, 0] = sense * (start[:, 0] - zero)
         start[:, 1] *= sense

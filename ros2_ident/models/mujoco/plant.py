@@ -21,7 +21,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.description import judged_tree
+from ros2_ident.machine.description import joints_in, judged_tree
 from ros2_ident.machine.machine import Machine
 
 # Candidates rolled out at a time: enough that the call costs nothing, few enough for the memory.
@@ -30,7 +30,7 @@ _TOGETHER, _NUMBERS = 64, 4_000_000
 _SUBSTEPS = 10_000
 # Sensors of a joint by the quantity that they tell.
 _SENSORS = {'position': 'JOINTPOS', 'velocity': 'JOINTVEL', 'effort': 'JOINTACTFRC'}
-# Of an actuator, what a machine file states in the description's place; a URDF has none.
+# Of an actuator, what a machine file states in the description's place.
 OWN = 'kp', 'kv', 'force_limit'
 # See `Plant.rollout`.
 Felt = Callable[[float, Array, Array, Array], Array]
@@ -58,16 +58,26 @@ def loaded() -> Any:
     return mujoco
 
 
-def _judged(text: str, joints: list[str]) -> str:
-    """Return a description that MuJoCo can be given, as this package writes it."""
+def joints_of(text: str) -> tuple[str, ...]:
+    """Return the joints of an MJCF that turn about or slide along one axis.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE for a URDF, or as `judged_tree`.
+    """
+    _mjcf(text)
+    return joints_in(text)
+
+
+def _mjcf(text: str) -> str:
+    """Return an MJCF without the files of its shapes, as this package writes it."""
     root = judged_tree(text, shapes=False)
-    for joint in root.iterfind('joint'):
-        # Of a URDF, what no drive moves.
-        if joint.get('name') not in joints:
-            joint.set('type', 'fixed')
-    text = ET.tostring(root, encoding='unicode')
-    tried(text)
-    return text
+    if root.tag == 'robot':
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            'geometry.description is a URDF, and MuJoCo simulates an MJCF here; let `ident '
+            'new-machine --description URDF --bag LOG` write the machine file of an arm, or give '
+            'an MJCF'
+        )
+    return ET.tostring(root, encoding='unicode')
 
 
 def tried(text: str) -> None:
@@ -184,7 +194,7 @@ def _put(name: str, model: Any, at: Place, value: float) -> None:
     if name == 'force_limit':
         model.actuator_forcelimited[at.actuator] = True
         model.actuator_forcerange[at.actuator] = -value, value
-        # Where a URDF has its limit, which would hold beside this one.
+        # The joint's own limit would hold beside this one.
         model.jnt_actfrclimited[at.joint] = False
         return
     if name == 'body_mass':
@@ -229,12 +239,10 @@ class Plant:
     def __init__(self, machine: Machine) -> None:
         mj = loaded()
         joints = [machine.text('joint', name) or name for name in machine.drives]
-        text = _judged(machine.described(None).text('description'), joints)
-        self._bare = text.startswith('<robot')
+        text = _mjcf(machine.described(None).text('description'))
+        tried(text)
         try:
             spec = mj.MjSpec.from_string(text)
-            if self._bare:
-                self._actuate(spec, joints)
             for joint in joints:
                 for quantity, word in _SENSORS.items():
                     kind = getattr(mj.mjtSensor, f'mjSENS_{word}')
@@ -255,13 +263,8 @@ class Plant:
         ]  # fmt: skip
         for d, name in enumerate(machine.drives):
             for word in OWN:
-                if machine.stated(word) or self._bare and machine.known(word):
+                if machine.stated(word):
                     _put(word, self.model, self.places[d], machine.number(word, name))
-            if self._bare and not self.stated('kp', d) > 0.0:
-                raise ErrorCode.BAD_MACHINE_FILE.error(
-                    f'geometry.description is a URDF, which has no gains, and nothing says that '
-                    f'of {name}; state controller.kp, or list it in parameters'
-                )
         cycle = machine.number('cycle')
         step = self.model.opt.timestep
         if not step * _SUBSTEPS >= cycle:
@@ -278,18 +281,6 @@ class Plant:
             for quantity in _SENSORS
         }
         self._own = _Own(self.model)
-
-    @staticmethod
-    def _actuate(spec: Any, joints: list[str]) -> None:
-        """Give the joints of a URDF actuators, whose gains are written later."""
-        mj = loaded()
-        # Rounded inertias are often none that a body can have.
-        spec.compiler.balanceinertia = True
-        spec.option.integrator = mj.mjtIntegrator.mjINT_IMPLICITFAST
-        for name in joints:
-            added = spec.add_actuator(name=name, target=name, biastype=mj.mjtBias.mjBIAS_AFFINE)
-            added.trntype = mj.mjtTrn.mjTRN_JOINT
-            added.gainprm[0] = 0.0
 
     def changed(self, model: Any, values: Mapping[str, Mapping[int, float]]) -> None:
         """Write attributes into a copy of the model, from the description's on.
@@ -309,12 +300,6 @@ class Plant:
                 continue
             for drive, value in each.items():
                 _put(name, model, self.places[drive], value)
-        if self._bare:
-            # Velocities are those half a step later, so that damping d adds the inertia d h / 2.
-            for at in self.places:
-                damping = model.dof_damping[at.dof] - model.actuator_biasprm[at.actuator, 2]
-                less = 0.5 * model.opt.timestep * damping
-                model.dof_armature[at.dof] = max(model.dof_armature[at.dof] - less, 0.0)
         loaded().mj_setConst(model, self._own.data)
 
     def stated(self, name: str, drive: int) -> float:
@@ -394,32 +379,15 @@ class Plant:
         for d, at in enumerate(self.places):
             control[:, :, at.actuator] = command[:, d]
         steps = np.repeat(control, self.substeps, axis=1)
-        if self._bare:
-            # A step's force acts half a step before and after its beginning.
-            fresh = steps[:, self.substeps :: self.substeps]
-            fresh += 0.5 * (control[:, :-1] - fresh)
         if forces is None:
             ends, told = self._own.roller.rollout(models, data, states, steps)
         else:
             ends, told = self._stepped(models, states, steps, forces)
         # Where it is unstable MuJoCo stops, and time with it.
         told[ends[:, -1, 0] < (steps.shape[1] - 0.5) * self.model.opt.timestep] = math.inf
-        after = told[:, 1 :: self.substeps] if self.substeps > 1 else told[:, 1:]
         # What a step's sensors tell is of its beginning.
         told = told[:, :: self.substeps]
-        out = {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
-        if self._bare:
-            place, rate, force = out.values()
-            later = after[:, :, self._sensors['velocity']].swapaxes(1, 2)
-            rate[:, :, : later.shape[2]] += 0.5 * (later - rate[:, :, : later.shape[2]])
-            for s, model in enumerate(models):
-                for d, at in enumerate(self.places):
-                    kp, kv = (-model.actuator_biasprm[at.actuator, n] for n in (1, 2))
-                    gear = model.actuator_gear[at.actuator, 0]
-                    error = command[s % len(command), d] - gear * place[s, d]
-                    asked = gear * (kp * error - kv * gear * rate[s, d])
-                    force[s, d] = np.clip(asked, -_limit(model, at), _limit(model, at))
-        return out
+        return {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
 
     def inverse(self, position: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (D, K) what the links ask of the drives' joints, N m or N.
@@ -491,7 +459,7 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
         pass
     reason = ' '.join(str(error).split()).partition(', line ')[0]
     return ErrorCode.BAD_MACHINE_FILE.error(
-        f'geometry.description cannot be read ({reason}); give a URDF or an MJCF'
+        f'geometry.description cannot be read ({reason}); give another MJCF'
     )
 
 
