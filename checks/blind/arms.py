@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is judged of the cases of MuJoCo's arms, which `generators.arm_cases` draws."""
+"""What is judged of MuJoCo's arms, which `generators.arm_cases` and `free_arms` draw."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,6 +15,7 @@ LABEL = ('case', 'effect', 'where', 'rho', 'size')
 # Parameters of the links and rotors, and those of friction.
 BASE = ('link_moment', 'link_inertia', 'drive_inertia')
 FRICTION = ('coulomb_torque', 'viscous_torque')
+GAINS = ('position_gain', 'velocity_gain')
 
 
 def row(store: Store, number: int, label: Mapping[str, Any]) -> dict[str, Any]:
@@ -28,10 +29,11 @@ def row(store: Store, number: int, label: Mapping[str, Any]) -> dict[str, Any]:
     }
     identified = read_json(folder / 'identified' / 'result.json') or {'parameters': {}}
     out['parameters'] = {
+        # What is found and not hidden is not there.
         name: {
             **{key: found[key] for key in ('value', 'low', 'high')},
-            'true': label['truth'][name],
-            'held': found['low'] <= label['truth'][name] <= found['high'],
+            'true': (true := label['truth'].get(name, 0.0)),
+            'held': found['low'] <= true <= found['high'],
             'identifiable': found['identifiable'] and found['high'] > found['low'],
         }
         for name, found in identified['parameters'].items()
@@ -55,8 +57,9 @@ def _placed(at: Mapping[str, Any]) -> list[Any]:
 
 def asked(label: Mapping[str, Any], row: Row) -> dict[str, Any]:
     """Return what a row says of its label."""
-    truth = {n: {**p, 'true': label['truth'][n]} for n, p in row['parameters'].items()}
-    return {key: label[key] for key in LABEL} | {'parameters': truth}
+    truth = label['truth']
+    own = {n: {**p, 'true': truth.get(n, 0.0)} for n, p in row['parameters'].items()}
+    return {key: label[key] for key in LABEL} | {'parameters': own}
 
 
 def figures(rows: Sequence[Row]) -> dict[str, str]:
@@ -67,6 +70,7 @@ def figures(rows: Sequence[Row]) -> dict[str, str]:
         own = [p for name, p in each if name.rpartition('.')[2].startswith(kinds)]
         return told_share([p['held'] for p in own if p['identifiable'] or not sure])
 
+    every = [p for r in rows for p in r['parameters'].values()]
     none = [r for r in rows if r['effect'] == 'none']
     some = [r for r in rows if r['effect'] != 'none']
     seen = [(r, [r['effect'], [r['where']]]) for r in some if r['rho'] >= SEEN]
@@ -79,6 +83,10 @@ def figures(rows: Sequence[Row]) -> dict[str, str]:
         'base parameters held, cases with one': held(BASE, some),
         'friction held, cases without an effect': held(FRICTION, none),
         'friction held, cases with one': held(FRICTION, some),
+        'gains held': held(GAINS, rows),
+        'values within 5 %': told_share(
+            [abs(p['value'] - p['true']) < 0.05 * abs(p['true']) for p in every]
+        ),
         f'effect and joint named first, rho from {SEEN:g}': told_share(
             [r['named'][:1] == [true] for r, true in seen]
         ),

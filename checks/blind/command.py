@@ -35,6 +35,7 @@ GENERATORS = {
     'reference': 'checks.blind.run',
     'mujoco': 'checks.generators.mujoco_cases',
     'arms': 'checks.generators.arm_cases',
+    'free-arms': 'checks.generators.free_arms',
     'mjcf': 'checks.generators.mjcf_cases',
     'suspects': 'checks.blind.suspects',
 }

@@ -56,7 +56,7 @@ def spent() -> float:
 
 def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
     """Run one diagnosis, and an identification where one is asked for; say how they went."""
-    files = (path for key, path in order.items() if key not in ('output', 'threads'))
+    files = (path for key, path in order.items() if key not in ('output', 'threads', 'method'))
     fence.open_to = tuple(map(os.path.abspath, files))
     of_what = [order['fit'], '--machine', order['machine'], '--quiet', '--no-overlay']
     words = ['diagnose', *of_what, '--out', order['out'], '--no-report', '--resume']
@@ -64,7 +64,8 @@ def diagnose(order: dict[str, str], fence: Fence) -> dict[str, Any]:
         words += [f'--{name}', order[name]] if name in order else []
     went: dict[str, Any] = {}
     if 'identify' in order:
-        asked = ['identify', *of_what, '--out', order['identify'], '--method', 'algebraic']
+        asked = ['identify', *of_what, '--out', order['identify']]
+        asked += ['--method', order['method']] if 'method' in order else []
         went = {'identify': _ran(asked)}
     went |= _ran(words)
     fence.open_to = ()

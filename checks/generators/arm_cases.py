@@ -372,7 +372,7 @@ def draw(folder: Path, seed: int, case: int) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     places, torques = simulate(robot, believed, wanted, 'none', 0, 0.0, 0.0)
     usual = rng.uniform(0.005, 0.02) * torques.std(axis=0)
-    noise = _coloured(rng, len(np.arange(STRIDE, len(places), STRIDE)), usual)
+    noise = coloured(rng, len(np.arange(STRIDE, len(places), STRIDE)), usual)
     write_case(folder, places, torques, noise)
     write_files(folder, believed)
     label: dict[str, Any] = {
@@ -408,7 +408,7 @@ def draw(folder: Path, seed: int, case: int) -> dict[str, Any]:
     return {**label, 'effect': effect, 'where': where, 'size': size, 'shape': shape, 'rho': rho}
 
 
-def _coloured(rng: np.random.Generator, count: int, size: Array) -> Array:
+def coloured(rng: np.random.Generator, count: int, size: Array) -> Array:
     """Return (K, D) noise whose neighbouring samples correlate."""
     out = rng.normal(0.0, 1.0, (count, len(size)))
     for k in range(1, count):
@@ -423,7 +423,7 @@ def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
 def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
     folder = store.case(case).resolve()
     more = {'description': str(folder / DESCRIPTION), 'identify': str(folder / 'identified')}
-    order = order_of(store, case) | more | {'threads': '1'}
+    order = order_of(store, case) | more | {'threads': '1', 'method': 'algebraic'}
     del order['check']
     return {case: order}
 
