@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Content of an export, and the part of it that each kind of file can hold."""
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
+from ros2_ident.export.laws import is_law, Law, laws_of
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt
@@ -29,7 +30,10 @@ class Content:
         joints: Its drives as simulators have them; of a joint with effects, the friction that
             comes closest to all of them.
         identified: The drives as they were identified.
-        effects: Effects of the machine that no file has.
+        beside: The drives beside `laws`; of a joint with other effects, closest to these.
+        laws: Effects that are a function of a joint's position and speed, by joint.
+        delays: How late controllers take their set-points up, s, where they do, by joint.
+        effects: Effects of the machine.
         logged: Effects of how it was logged, which a simulator does not want.
         links: Links that bodies can be; None where there are none.
         spread: How far links were believed to be from the description, as a share.
@@ -42,6 +46,9 @@ class Content:
     machine: Machine
     joints: tuple[Joint, ...]
     identified: tuple[Joint, ...]
+    beside: tuple[Joint, ...]
+    laws: Mapping[str, tuple[Law, ...]]
+    delays: Mapping[str, float]
     effects: tuple[EffectAt, ...]
     logged: tuple[EffectAt, ...]
     links: Links | None
@@ -63,7 +70,7 @@ class Content:
         """Return RMS of measured less simulated effort of each joint of an arm.
 
         Args:
-            holds: What the target has a place for, of `PARTS`.
+            holds: What the target has a place for, of `PARTS` and `laws`.
 
         Returns:
             By joint its `unit`, N m or N; with links as the description has them and no friction;
@@ -82,14 +89,18 @@ class Content:
         _, speed, accel = self.model.motion
         rows = [self.machine.drives.index(joint.name) for joint in self.joints]
 
+        joints, laws = (self.beside, self.laws) if 'laws' in holds else (self.joints, {})
+
         def effort(of: Collection[str]) -> Array:
-            each = [
-                j.effort(speed[d], accel[d], of) for j, d in zip(self.joints, rows, strict=True)
-            ]
+            each = [j.effort(speed[d], accel[d], of) for j, d in zip(joints, rows, strict=True)]
             return np.array(each)
 
         exported, described = (
-            self.model.in_band(x) for x in (asked[rows] + effort(holds), described[rows])
+            self.model.in_band(x)
+            for x in (
+                asked[rows] + effort(holds) + laws_effort(self.model, joints, laws),
+                described[rows],
+            )
         )
         lost = {name: self.model.in_band(effort([name])) for name in PARTS if name not in holds}
         return {
@@ -142,22 +153,27 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     plain = model.extended(effects)
     own, fit_alone = _without_log(model, plain, theta), _without_log(model, plain, fit)
     fitted = plain.simulate(fit_alone)[0]
-    identified = joints = joints_of(plain, own)
+    identified = joints_of(plain, own)
+    # An inertia below zero makes up for links, which no simulator has a place for.
+    joints = beside = tuple(replace(j, armature=max(j.armature, 0.0)) for j in identified)
+    laws = laws_of(plain, own, effects)
     if links is not None and effects and isinstance(plain, Serial):
         # friction and armature closest to all that acts on joints with effects
         whole = at_joints(plain, own, plain.simulated_effort(own))
-        asked, (_, speed, accel) = effort_of(plain, links), plain.motion
-        rows = [plain.machine.drives.index(joint.name) for joint in joints]
-        joints = tuple(
-            joint.closest(whole[o] - asked[d], speed[d], accel[d])
-            if any(at.where in (joint.name, 'all') for at in effects)
-            else joint
-            for o, (joint, d) in enumerate(zip(joints, rows, strict=True))
-        )
+        whole -= effort_of(plain, links)[[plain.machine.drives.index(j.name) for j in joints]]
+        lawless = [at for at in effects if not is_law(get_effect(at.effect))]
+        joints = _closest(plain, joints, whole, effects)
+        beside = _closest(plain, beside, whole - laws_effort(plain, beside, laws), lawless)
+    block = plain.rows(own[None])
+    late = plain.candidates.of(block, 'set_point_delay')[0]
+    drives = zip(plain.machine.drives, late, strict=True)
     return Content(
         problem.machine,
         joints,
         identified,
+        beside,
+        laws,
+        {name: float(delay) for name, delay in drives if delay > 0.0},
         effects,
         logged,
         links,
@@ -167,6 +183,33 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         model.measured - (model.simulate(fit)[0] - fitted),
         fitted,
     )
+
+
+def _closest(
+    model: Serial, joints: tuple[Joint, ...], effort: Array, effects: Sequence[EffectAt]
+) -> tuple[Joint, ...]:
+    """Return joints, those with effects by what comes closest to their effort (D, K)."""
+    _, speed, accel = model.motion
+    return tuple(
+        joint.closest(own, speed[d], accel[d])
+        if any(at.where in (joint.name, 'all') for at in effects)
+        else joint
+        for joint, own in zip(joints, effort, strict=True)
+        for d in (model.machine.drives.index(joint.name),)
+    )
+
+
+def laws_effort(
+    model: Serial, joints: tuple[Joint, ...], laws: Mapping[str, tuple[Law, ...]]
+) -> Array:
+    """Return (D, K) what laws take of joints along the motion."""
+    place, speed, _ = model.motion
+    out = np.zeros((len(joints), place.shape[1]))
+    for own, joint in zip(out, joints, strict=True):
+        d = model.machine.drives.index(joint.name)
+        for law in laws.get(joint.name, ()):
+            own += law.effort(place[d], speed[d])
+    return out
 
 
 def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:

@@ -19,6 +19,7 @@ _AXES = 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'
 _DRAKE = 'http://drake.mit.edu'
 # Friction of MuJoCo's joints gives way by load / inertia x time; the closer these are to 1, the
 # less. Its documentation allows up to 0.9999; width, middle and power are its own.
+_STEP = 0.002  # s, MuJoCo's default
 _STIFF = '0.9999 0.9999 0.001 0.5 2'
 
 
@@ -136,15 +137,15 @@ def mjcf(text: str, content: Content) -> str:
         element.set('solimpfriction', _STIFF)
         element.set('armature', _number(joint.armature))
         if joint.gains is not None:
-            _actuator(root, joint, joint.gains)
+            _actuator(root, joint, joint.gains, content.delays.get(joint.name, 0.0))
         elif math.isfinite(joint.limit):
             element.set('actuatorfrclimited', 'true')
             element.set('actuatorfrcrange', _numbers((-joint.limit, joint.limit)))
     return _written(root)
 
 
-def _actuator(root: ET.Element, joint: Joint, gains: Gains) -> None:
-    """Put a position actuator in the place of whatever drives a joint."""
+def _actuator(root: ET.Element, joint: Joint, gains: Gains, delay: float) -> None:
+    """Put a position actuator in the place of whatever drives a joint, its set-points late."""
     actuators = _part(root, 'actuator')
     name = joint.name
     for old in [a for a in actuators if a.get('joint') == joint.name]:
@@ -156,8 +157,13 @@ def _actuator(root: ET.Element, joint: Joint, gains: Gains) -> None:
     if math.isfinite(joint.limit):
         new.set('forcelimited', 'true')
         new.set('forcerange', _numbers((-joint.limit, joint.limit)))
-    # The default, Euler, takes kv of the step before: on a light joint that swings up.
     option = _part(root, 'option')
+    if delay > 0.0:
+        step = float(option.get('timestep', _STEP))
+        new.set('delay', _number(delay))
+        new.set('interp', 'linear')
+        new.set('nsample', str(math.ceil(delay / step) + 1))
+    # The default, Euler, takes kv of the step before: on a light joint that swings up.
     if option.get('integrator', 'Euler') == 'Euler':
         option.set('integrator', 'implicitfast')
 

@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
 from ros2_ident.export.descriptions import drake, followers, gazebo, is_urdf, massless, mjcf, urdf
+from ros2_ident.export.laws import is_law
 from ros2_ident.export.usd import can_write, usd
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.machine.keys import written
@@ -43,13 +45,34 @@ def loader(text: str, content: Content, name: str) -> str:
         content: What was identified.
         name: Of a file in `loaders/`.
     """
-    rows = {j.name: {part: float(getattr(j, part)) for part in PARTS} for j in content.joints}
+    of = content.beside if 'laws' in TARGETS[name].holds else content.joints
+    rows = {j.name: {part: float(getattr(j, part)) for part in PARTS} for j in of}
     joints = ''.join(f'    {joint!r}: {row},\n' for joint, row in rows.items())
     template = resources.files(__package__).joinpath(f'loaders/{name}.txt').read_text('utf-8')
     filled = template.replace(
         'JOINTS = {}', f'# N m s/rad, N m, kg m^2; N s/m, N, kg\nJOINTS = {{\n{joints}}}'
-    ).replace('MASSLESS = []', f'MASSLESS = {[*massless(text)]}')
+    )
+    if is_urdf(text):
+        filled = filled.replace('MASSLESS = []', f'MASSLESS = {[*massless(text)]}')
+    laws = resources.files(__package__).joinpath('loaders/laws.txt').read_text('utf-8')
+    filled = filled.replace('LAWS = {}\n', laws.replace('LAWS = {}', laws_text(content)))
     return f'# {mark("export")}\n{filled}'
+
+
+def laws_text(content: Content) -> str:
+    """Return functions of effects, and by joint what each is called with."""
+    each = [law for laws in content.laws.values() for law in laws]
+    functions = {law.effect: f'{law.source}\n\n\n' for law in each}
+    rows = ''.join(
+        f'    {joint!r}: [\n'
+        + ''.join(
+            f'        ({law.effect}, {law.takes!r}, {law.values!r}, {dict(law.state)!r}),\n'
+            for law in laws
+        )
+        + '    ],\n'
+        for joint, laws in content.laws.items()
+    )
+    return f'{"".join(functions.values())}LAWS = {{\n{rows}}}' if rows else 'LAWS = {}'
 
 
 def isaac(_: str, content: Content) -> str:
@@ -144,8 +167,12 @@ _URDF, _ANY = frozenset({'urdf'}), frozenset({'urdf', 'mjcf'})
 TARGETS = {
     'urdf': Target('URDF', 'robot.urdf', urdf, _URDF, frozenset({'viscous', 'coulomb'})),
     'mjcf': Target(
-        'MuJoCo', 'robot.xml', mjcf, _ANY, frozenset({*PARTS, 'p', 'd'}),
+        'MuJoCo', 'robot.xml', mjcf, _ANY, frozenset({*PARTS, 'p', 'd', 'command_delay'}),
         'weigh 1e-9 kg', 'are coupled by a soft constraint',
+    ),
+    'mujoco': Target(
+        'MuJoCo with effects', 'load_mujoco.py', partial(loader, name='mujoco'), _ANY,
+        frozenset({*PARTS, 'p', 'd', 'command_delay', 'laws'}), beside=('mjcf',),
     ),
     'drake': Target(
         'Drake', 'drake.urdf', drake, _URDF, frozenset({'viscous', 'armature'}),
@@ -155,7 +182,9 @@ TARGETS = {
         'Gazebo', 'gazebo.urdf', gazebo, _URDF, frozenset({'viscous', 'coulomb'}),
         'weigh 1e-5 kg', 'move by themselves, as its parser drops that',
     ),
-    'pinocchio': _loaded('pinocchio', 'pinocchio', 'weigh 0 kg', 'move by themselves', 'armature'),
+    'pinocchio': _loaded(
+        'pinocchio', 'pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'
+    ),
     'pybullet': _loaded('PyBullet', 'pybullet', 'weigh 0 kg', 'move by themselves'),
     'sapien': _loaded('SAPIEN', 'sapien', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature'),
     'genesis': _loaded(
@@ -185,6 +214,7 @@ def fitting(content: Content, description: str) -> tuple[str, ...]:
     able = {
         'ros2_control': gains,
         'mjcf': own == 'mjcf' or can_convert(),
+        'mujoco': bool(content.laws) and (own == 'mjcf' or can_convert()),
         'usd': can_write(),
     }
     return tuple(
@@ -323,6 +353,8 @@ def _lacking(
             'largest)'
         )
     for at in content.effects:
+        if at.effect in target.holds or ('laws' in target.holds and is_law(get_effect(at.effect))):
+            continue
         yield f'{at.effect} of {at.where}' if at.where != 'all' else at.effect
     if not target.holds & {*'pidf'}:
         return

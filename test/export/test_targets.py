@@ -98,14 +98,18 @@ def efforts(found: Content) -> np.ndarray:
     return found.model.simulated_effort(found.theta)
 
 
+def down(machine: Machine) -> np.ndarray:
+    """Return (3,) gravity in the base's frame, which may be tilted."""
+    tilt = pinocchio.rpy.rpyToMatrix(machine.number('base_roll'), machine.number('base_pitch'), 0)
+    return tilt.T @ [0.0, 0.0, -machine.number('free_fall')]
+
+
 def by_pinocchio(text: str, found: Content) -> np.ndarray:
     """Return (D, K) what a URDF asks along the log: links, damping and friction."""
     model = pinocchio.buildModelFromXML(text)
     data = model.createData()
     machine = found.machine
-    down = np.array([0.0, 0.0, -machine.number('free_fall')])
-    tilt = pinocchio.rpy.rpyToMatrix(machine.number('base_roll'), machine.number('base_pitch'), 0)
-    model.gravity.linear = tilt.T @ down
+    model.gravity.linear = down(machine)
     place, speed, bend = found.model.motion
     order = [model.joints[model.getJointId(name)] for name in machine.drives]
     out = np.empty_like(place)
@@ -185,6 +189,56 @@ def test_pinocchio_gets_friction_and_rotors_by_a_module(tmp_path: Path) -> None:
     asked = [j.effort(v[n : n + 1], a[n : n + 1], ('viscous', 'coulomb'))[0]
              for j, n in zip(found.joints, rows, strict=True)]  # fmt: skip
     np.testing.assert_allclose(off[rows], asked, atol=1e-12)
+
+
+LAWFUL = {
+    'asymmetric_friction': {'coulomb': 1.0, 'viscous': 0.4},
+    'cable_spring': {'stiffness': 3.0, 'rest': 0.2},
+    'constant_force': {'force': 2.0},
+    'degressive_friction': {'torque': 2.0, 'velocity': 0.3},
+    'end_stop': {'stiffness': 50.0, 'lower': -0.1, 'upper': 0.2},
+    'position_dependent_friction': {'slope': 0.3, 'middle': 0.1},
+    'quadratic_drag': {'torque': 0.7},
+    'stribeck': {'torque': 2.0, 'velocity': 0.3},
+    'torque_ripple': {'sine': 1.0, 'cosine': -0.5, 'order': 3.0},
+}
+
+
+@pytest.mark.parametrize('effect', LAWFUL)
+def test_a_law_asks_what_it_does_in_our_own_model(effect: str, tmp_path: Path) -> None:
+    machine = described(tmp_path, **BOXES).with_constants(coulomb_regularisation=1e-4)
+    values = {f'elbow.{effect}.{name}': value for name, value in LAWFUL[effect].items()}
+    there = [EffectAt(effect, 'elbow')]
+    found = content(machine, effects=there, **values)
+    assert [law.effect for law in found.laws['elbow']] == [effect]
+    d = JOINTS.index('elbow')
+    place, speed, _ = found.model.motion[:, d]
+    plain = found.model.extended(())
+    nominal = found.theta[[p.name not in values for p in found.model.parameters]]
+    whole = (efforts(found) - plain.simulated_effort(nominal))[d]
+    slide = np.abs(speed) > 2e-3
+    off = found.laws['elbow'][0].effort(place, speed) - whole
+    assert np.abs(off[slide]).max() < TANH * 3.0 and np.abs(whole).max() > 0.1
+    # Written down, it is the same, and pinocchio's module has it.
+    files = write(tmp_path / 'out', ('pinocchio',), found, (tmp_path / 'arm.urdf').read_text())
+    assert files['pinocchio'][1] == ()
+    spec = importlib.util.spec_from_file_location('loaded', files['pinocchio'][0])
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    told = loaded.asked('elbow', place, speed, np.sign(speed))
+    np.testing.assert_allclose(told, found.laws['elbow'][0].effort(place, speed), atol=1e-12)
+    model = loaded.load()
+    model.gravity.linear = down(machine)
+    rows = [model.joints[model.getJointId(name)] for name in JOINTS]
+    k = int(np.argmax(np.where(slide, np.abs(whole), 0.0)))
+    q, v, a = pinocchio.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+    for joint, (at, rate, bend) in zip(rows, found.model.motion[:, :, k].T, strict=True):
+        q[joint.idx_q : joint.idx_q + joint.nq] = (
+            [at] if joint.nq == 1 else [np.cos(at), np.sin(at)]
+        )
+        v[joint.idx_v], a[joint.idx_v] = rate, bend
+    asked = loaded.torque(model, model.createData(), q, v, a)[rows[d].idx_v]
+    assert asked == pytest.approx(efforts(found)[d, k], abs=1e-6)
 
 
 def test_drake_gets_rotors_by_its_own_tags_and_no_friction(tmp_path: Path) -> None:
@@ -309,9 +363,7 @@ def test_a_urdf_becomes_an_mjcf_that_asks_what_was_identified(tmp_path: Path, mu
     text = text.replace('<link name="hand">', f'<link name="hand">{mesh}')
     path, words = write(tmp_path, ('mjcf',), found, text)['mjcf']
     model = mujoco.MjModel.from_xml_string(path.read_text())
-    machine = found.machine
-    turn = pinocchio.rpy.rpyToMatrix(machine.number('base_roll'), machine.number('base_pitch'), 0)
-    model.opt.gravity[:] = turn.T @ [0.0, 0.0, -machine.number('free_fall')]
+    model.opt.gravity[:] = down(found.machine)
     asked, most = efforts(found), np.abs(efforts(found)).max()
     # MuJoCo writes six digits
     assert np.abs(by_mujoco(mujoco, model, found) - asked).max() < 1e-5 * most
@@ -371,6 +423,64 @@ def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco)
     ours = found.model.simulate(found.theta)[0, 0]
     assert np.sqrt(np.mean((np.array(out) - ours) ** 2)) < 0.01 * np.ptp(ours)
     assert words == ()
+
+
+def test_effects_act_in_mujoco_as_in_our_own_simulation(tmp_path: Path, mujoco) -> None:
+    from models.test_servo import machine, set_points, TRUTH
+
+    from ros2_ident.recording import Dataset
+
+    one = machine()
+    position, velocity = set_points()
+    seen = np.full_like(position, np.nan)
+    seen[:, :12] = position[0, 0]
+    seen[:, 12::2] = 0.0
+    data = Dataset(one.drives, 1e-3, 0, position, velocity, seen, None, None)
+    kinds = 'command_delay', 'stribeck', 'torque_ripple', 'asymmetric_friction'
+    there = [EffectAt(kind, 'joint') for kind in kinds]
+    problem = problem_of(one, Data((data,), labels=('log',)), effects=there)
+    values = {f'joint.{name}': TRUTH[name] for name in one.bounds}
+    values |= {
+        'joint.command_delay.delay': 0.0253,
+        'joint.stribeck.torque': 0.05, 'joint.stribeck.velocity': 0.4,
+        'joint.torque_ripple.sine': 0.06, 'joint.torque_ripple.cosine': -0.03,
+        'joint.torque_ripple.order': 7.0,
+        'joint.asymmetric_friction.coulomb': 0.01, 'joint.asymmetric_friction.viscous': 0.002,
+    }  # fmt: skip
+    found = content_of(problem, known(problem, values), 0.3)
+    drive = SimpleNamespace(**{name: one.number(name) for name in ('load_mass', 'arm_mass')})
+    length, mass = 0.1, drive.load_mass + 0.5 * drive.arm_mass
+    arm = f"""<mujoco><option timestep="1e-4" gravity="0 0 -9.81"/><worldbody>
+      <body euler="0 {np.degrees(0.03)} 0"><joint name="joint" axis="0 1 0"/>
+      <inertial pos="0 0 {-length * mass / 0.51}" mass="0.51"
+        diaginertia="1 1 1"/></body></worldbody></mujoco>"""
+    files = write(tmp_path, ('mujoco',), found, arm)
+    spec = importlib.util.spec_from_file_location('loaded', files['mujoco'][0])
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    ours = found.model.simulate(found.theta)[0, 0]
+
+    def run(effects: bool, late: bool) -> float:
+        """Return how far off MuJoCo is, as a share of the way."""
+        model = loaded.load() if effects else mujoco.MjModel.from_xml_path(str(files['mjcf'][0]))
+        model.actuator_delay[:] *= late
+        inertia = 4e-4 + (drive.load_mass + drive.arm_mass / 3.0) * length**2
+        model.body_inertia[1] = inertia - 0.51 * (mass * length / 0.51) ** 2
+        sim = mujoco.MjData(model)
+        mujoco.mj_setConst(model, sim)
+        sim.qpos[0] = position[0, 0]
+        mujoco.set_mjcb_passive(loaded.act if effects else None)
+        out = []
+        for command in position[0]:
+            out.append(sim.qpos[0])
+            sim.ctrl[0] = command
+            mujoco.mj_step(model, sim, 10)
+        mujoco.set_mjcb_passive(None)
+        return float(np.sqrt(np.mean((np.array(out) - ours) ** 2)) / np.ptp(ours))
+
+    assert run(True, True) < 0.005
+    assert run(False, True) > 0.02 and run(True, False) > 0.05
+    assert files['mujoco'][1] == ()
 
 
 # ---------------------------------------------------------------------- USD
