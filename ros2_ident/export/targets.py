@@ -344,14 +344,17 @@ def _lacking(
             f'{_PARTS[part]} ({row["cost"][part]:.3g} of {row["effort"]:.3g} {row["unit"]} RMS on '
             f'{most}, the largest share)'
         )
-    shifted = [j for j in joints if j.offset != 0.0]
-    if shifted:
-        most_shifted = max(shifted, key=lambda j: abs(j.offset))
-        unit = 'N m' if most_shifted.travel == 'rad' else 'N'
+    least = min(joints, key=lambda j: j.armature)
+    if least.armature < 0.0:
+        unit = 'kg m^2' if least.travel == 'rad' else 'kg'
         yield (
-            f'a constant in the effort ({most_shifted.name} {most_shifted.offset:.3g} {unit}, the '
-            'largest)'
+            'an inertia of motors and gears below zero, which makes up for links '
+            f'({least.name} {least.armature:.3g} {unit}, the largest)'
         )
+    shifted = max(joints, key=lambda j: abs(j.offset))
+    if shifted.offset != 0.0:
+        unit = 'N m' if shifted.travel == 'rad' else 'N'
+        yield f'a constant in the effort ({shifted.name} {shifted.offset:.3g} {unit}, the largest)'
     for at in content.effects:
         if at.effect in target.holds or ('laws' in target.holds and is_law(get_effect(at.effect))):
             continue

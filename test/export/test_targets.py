@@ -292,6 +292,22 @@ def test_effort_limits_go_into_a_urdf(tmp_path: Path) -> None:
     assert model.lowerPositionLimit.tolist() == before.lowerPositionLimit.tolist()
 
 
+def test_limits_of_the_machine_file_and_no_inertia_below_zero_are_exported(
+    tmp_path: Path,
+) -> None:
+    below = {'drive_inertia': [-1.0, 1.0, 'kg m^2']}
+    machine = described(tmp_path, **BOXES, **below).with_constants(torque_limit=7.5)
+    found = content(machine, **{'elbow.drive_inertia': -0.2, 'base.drive_inertia': 0.3})
+    files = write(tmp_path / 'out', ('drake', 'isaac'), found, (tmp_path / 'arm.urdf').read_text())
+    root = ET.parse(files['drake'][0]).getroot()
+    assert {x.get('effort') for x in root.iterfind('joint/limit')} == {'7.5'}
+    told = yaml.safe_load(files['isaac'][0].read_text())
+    assert told['joint_effort_limit'] == dict.fromkeys(JOINTS, 7.5)
+    assert told['armature']['elbow'] == 0.0 and told['armature']['base'] == pytest.approx(0.3)
+    why = 'an inertia of motors and gears below zero, which makes up for links (elbow -0.2 kg m^2'
+    assert all(why in words[0] for _, words in files.values())
+
+
 def test_links_without_mass_and_joints_that_follow_are_named(tmp_path: Path) -> None:
     found = content(described(tmp_path, **BOXES))
     text = (
