@@ -72,6 +72,8 @@ HEAVIER = 0.1
 SECONDS = 4.0
 # States compared; a motion is compared after so long, s, and ours takes steps of so much.
 STATES, MOTION, STEP = 10, 0.5, 1e-4
+# Most that a drive makes, N m: more than any of these needs.
+LIMIT = 5000.0
 # Width of friction's step, rad/s; standard deviations of an estimate as shares of the bounds.
 SHARP, SURE = 1e-3, 1e-4
 
@@ -237,7 +239,7 @@ def case(
     path.write_text(text, 'utf-8')
     written = new_machine_file(KINDS['serial'], drives, description=text, named=path.name)
     machine = machine_from_mapping(yaml.safe_load(written), path, folder)
-    machine = machine.with_constants(coulomb_regularisation=SHARP)
+    machine = machine.with_constants(coulomb_regularisation=SHARP, torque_limit=LIMIT)
     rng = np.random.default_rng(1)
     count = len(drives)
     cycle = machine.number('cycle')

@@ -25,11 +25,13 @@ class Peer:
         title: On the page.
         packages: From PyPI.
         target: Of `ident export --to`.
+        alone: Packages of which nothing but their own files is installed, whatever they ask for.
     """
 
     title: str
     packages: tuple[str, ...]
     target: str
+    alone: tuple[str, ...] = ()
 
 
 PEERS = {
@@ -42,6 +44,13 @@ PEERS = {
     'genesis': Peer('Genesis', ('genesis-world', 'torch'), 'genesis'),
     'newton': Peer('Newton', ('newton[sim]',), 'newton'),
     'usd': Peer('Newton, of USD', ('newton[sim,importers]',), 'usd'),
+    # With all that it asks for, of Python 3.12, it is tens of GB; its configuration needs these.
+    'isaac': Peer(
+        'Isaac Lab',
+        ('lazy_loader', 'numpy', 'pyyaml', 'torch', 'warp-lang'),
+        'isaac',
+        ('isaaclab',),
+    ),
 }
 
 
@@ -63,7 +72,7 @@ def asked(name: str, folder: Path, python: str, request: Any) -> dict[str, Any]:
     Raises:
         IdentError: NO_DATA where it does not install, or ends.
     """
-    own = _environment(folder, python, PEERS[name].packages)
+    own = _environment(folder, python, PEERS[name].packages, PEERS[name].alone)
     script, out = Path(__file__).parent / f'runs/in_{name}.py', folder / 'answer.json'
     out.unlink(missing_ok=True)
     with (folder / 'run.log').open('w') as log:
@@ -82,17 +91,22 @@ def _alone() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
 
 
-def _environment(folder: Path, python: str, packages: tuple[str, ...]) -> Path:
+def _environment(
+    folder: Path, python: str, packages: tuple[str, ...], alone: tuple[str, ...] = ()
+) -> Path:
     """Return the interpreter of an environment with the newest of some packages."""
     own, done = folder / 'bin/python', folder / 'installed'
     if not done.is_file():
         subprocess.run([python, '-m', 'venv', '--clear', str(folder)], check=True, env=_alone())
-        pip = [str(own), '-m', 'pip', 'install', '--quiet', '--upgrade', *packages]
-        found = subprocess.run(
-            pip, capture_output=True, text=True, timeout=_INSTALL, check=False, env=_alone()
-        )
-        if found.returncode:
-            last = found.stderr.strip().splitlines()[-1]
-            raise ErrorCode.NO_DATA.error(f'{packages[0]} does not install ({last})')
+        pip = [str(own), '-m', 'pip', 'install', '--quiet', '--upgrade']
+        bare = [('--no-deps', '--ignore-requires-python', *alone)] if alone else []
+        for words in (packages, *bare):
+            found = subprocess.run(
+                [*pip, *words], capture_output=True, text=True, timeout=_INSTALL, check=False,
+                env=_alone(),
+            )  # fmt: skip
+            if found.returncode:
+                last = found.stderr.strip().splitlines()[-1]
+                raise ErrorCode.NO_DATA.error(f'{words[-1]} does not install ({last})')
         done.write_text(sys.version)
     return own

@@ -57,6 +57,7 @@ def test_the_page_marks_what_is_off_beside_what_a_target_lacks(tmp_path: Path) -
     told = json.loads((tmp_path / 'out' / SUMMARY).read_text())
     near = {'torque': 0.12, 'torque_held': 0.009, 'decay': 0.3, 'decay_held': 0.021, 'swing': None}
     about = {'version': '9', 'machine': 'pendulum', 'joint': 'swing', 'follows': [0.5, -0.9]}
+    about |= {'limits': True}
     rows = [
         {'simulator': 'drake', **about, **near},
         {'simulator': 'pybullet', 'version': '', 'machine': 'pendulum', 'not_run': 'no wheel'},
@@ -64,7 +65,7 @@ def test_the_page_marks_what_is_off_beside_what_a_target_lacks(tmp_path: Path) -
     text = page(rows, told)
     cost = told['targets']['drake']['joints']['swing']
     price = f'coulomb: {cost["cost"]["coulomb"]:.3g} of {cost["effort"]:.3g} N m on swing'
-    assert f'| Drake 9 | `drake.urdf` | yes | yes | no | {price} |' in text
+    assert f'| Drake 9 | `drake.urdf` | yes | yes | no | yes | {price} |' in text
     assert '| Drake | pendulum | 12 % (0.9 %) | swing | **30 % (2.1 %)** |  |' in text
     assert '| PyBullet | pendulum | not run |' in text and 'PyBullet not run' in text
     assert f'| Drake | {TARGETS["drake"].massless} |' in text and '0 of 1 rad off' in text

@@ -50,6 +50,10 @@ class Simulation:
         """Return (D,) positions [rad] some time later, nothing driving the joints."""
         raise NotImplementedError
 
+    def limits(self):
+        """Return (D,) the efforts [N m] that it lets an actuator make, where it limits them."""
+        raise NotImplementedError
+
 
 def answer(package, load):
     """Answer the request.
@@ -78,6 +82,7 @@ def _asked(load, case):
         ]
 
     asked = {
+        'limits': lambda: load(folder, joints, True).limits(),
         'torque': torque,
         'decay': lambda: load(folder, joints, False).motion(still, fast, seconds),
         'swing': lambda: load(folder, joints, True).motion(still, 0.0 * still, seconds),

@@ -42,5 +42,8 @@ class Run(Simulation):
             self.world.step()
         return self.robot.getPositions()[self.at]
 
+    def limits(self):
+        return [self.robot.getDof(n).getForceUpperLimit() for n in self.at]
+
 
 answer('dartpy', Run)

@@ -41,5 +41,8 @@ class Run(Simulation):
             self.scene.step()
         return self.robot.get_dofs_position(self.at).numpy()
 
+    def limits(self):
+        return self.robot.get_dofs_force_range(self.at)[1].numpy()
+
 
 answer('genesis-world', Run)

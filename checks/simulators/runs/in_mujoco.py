@@ -28,5 +28,10 @@ class Run(Simulation):
         mujoco.mj_step(self.model, self.data, round(seconds / self.model.opt.timestep))
         return self.data.qpos[self.q]
 
+    def limits(self):
+        numbers = self.model.dof_jntid[self.v]
+        limited = self.model.jnt_actfrclimited[numbers]
+        return np.where(limited, self.model.jnt_actfrcrange[numbers, 1], np.inf)
+
 
 answer('mujoco', Run)

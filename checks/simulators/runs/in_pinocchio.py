@@ -26,5 +26,8 @@ class Run(Simulation):
         torque = self.loaded.torque(model, self.data, q, v, a)
         return torque[[joint.idx_v for joint in self.joints]]
 
+    def limits(self):
+        return self.model.effortLimit[[joint.idx_v for joint in self.joints]]
+
 
 answer('pin', Run)

@@ -48,3 +48,6 @@ class Run(Simulation):
         for _ in range(round(seconds / STEP)):
             self.step()
         return self.states[0].joint_q.numpy()[self.q]
+
+    def limits(self):
+        return self.model.joint_effort_limit.numpy()[self.v]
