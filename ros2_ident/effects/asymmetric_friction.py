@@ -16,7 +16,7 @@ EFFECT = Effect(
     id='asymmetric_friction',
     group='drive',
     title='asymmetric friction',
-    equation='M_a + V_a |v| added to the friction torque in either direction, nothing at rest',
+    equation='M_a + V_a |v| added to the friction torque in either direction',
     source='Janot, Gautier, Brunot 2019; Elhami and Brookfield, Proc. IMechE C 210, 1996',
     parameters=(
         EffectParameter(
@@ -42,5 +42,7 @@ EFFECT = Effect(
     kernel=_kernel,
     family='direction',
     confusable=('constant_force', 'effort_bias'),
-    separated_by='mirror the motion of {drive}, at several speeds, and dwell at both ends',
+    separated_by='turn {drive} over: a force turns with it; go at several speeds both ways',
+    # Its Coulomb part moves both ends of the friction, at rest too, as a force does.
+    holds=('constant_force',),
 )

@@ -229,6 +229,7 @@ class Effect:
             for COMMAND, else zero.
         needs: Whether a machine has what the effect acts on; see `applies`.
         twins: Ids of effects that no log tells from this one: one answer under several names.
+        holds: Ids of effects that this one is, to any log, where some of its sizes vanish.
         variant_of: Id of an effect that has the same cause and another course.
         shown_by: What of a log shows the effect by itself; `gap` looks for it.
         most: How many of it one place may have, as several orders of a ripple.
@@ -250,6 +251,7 @@ class Effect:
     keeps: Callable[..., Any] | None = None
     needs: Callable[[Context], bool] = anywhere
     twins: tuple[str, ...] = ()
+    holds: tuple[str, ...] = ()
     variant_of: str = ''
     shown_by: Detector | None = None
     most: int = 1

@@ -74,7 +74,7 @@ def of_the_file(
     counting.sort(key=lambda one: -one.closed)
     wrong = tuple(one for one in counting if one.closed > counting[0].closed - rules.alike)
     small = not rules.open(base) and verdict.effect != BOOKKEEPING
-    as_many = verdict.named and (base.numbers + 1 >= final.numbers or own)
+    as_many = verdict.named and (len(base.theta) + 1 >= len(final.theta) or own)
     if small or (as_many and wrong[0].closed < least + rules.alike):
         return found, replace(verdict, facts=replace(verdict.facts, constants=wrong))
     wrong = wrong or tuple(WrongConstant(key, math.nan, x) for key, x in factors.items())

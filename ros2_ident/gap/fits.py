@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Samples
 from ros2_ident.gap.recordings import JointModel, Split
 from ros2_ident.gates.scale import MORE
@@ -219,26 +218,7 @@ class Fits:
             found.residual,
             check,
             found.unit,
-            len(found.theta) - superfluous(joint, found, self.samples.price),
         )
-
-
-def superfluous(joint: JointModel, found: Point, price: float) -> int:
-    """Return how many sizes of effects bring less than their price beside others of their effect.
-
-    One brings, by the fit made linear, the square of its distance from where it vanishes, by its
-    variance.
-    """
-    sizes, end = list[list[int]](), len(found.theta)
-    for effect in (get_effect(at.effect) for at in reversed(joint.effects)):
-        end -= len(effect.parameters)
-        sizes.append([n for n, p in enumerate(effect.parameters, end) if p.role == 'size'])
-    if max(map(len, sizes), default=0) < 2:
-        return 0
-    off = found.theta - joint.without(found.theta, joint.effects)
-    spread = np.linalg.norm(np.linalg.pinv(found.jacobian), axis=1) * (joint.high - joint.low)
-    little = np.square(off) < price * np.square(spread)
-    return sum(min(int(little[own].sum()), len(own) - 1) for own in sizes if own)
 
 
 class Trials:

@@ -27,11 +27,6 @@ class Samples:
     check: Array
     certain: Array
 
-    @property
-    def price(self) -> float:
-        """Loss that a number has to take off to lower `Hypothesis.bic`."""
-        return float(np.log(self.fit.sum() + self.check.sum()))
-
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -47,8 +42,6 @@ class Hypothesis:
         residual: (R,) weighted residual of the fit part: the outputs', then the controllers'.
         check_residual: (R',) weighted residual of the outputs on the part held out.
         unit: (N,) the parameters in shares of their box, as the fit ended.
-        numbers: How many parameters count: of several sizes of one effect those that bring more
-            than their price in `bic`, for a law without the others is a law of its own.
     """
 
     effects: tuple[EffectAt, ...]
@@ -60,7 +53,6 @@ class Hypothesis:
     residual: Array = field(repr=False)
     check_residual: Array = field(repr=False)
     unit: Array = field(repr=False)
-    numbers: int
 
     @property
     def loss(self) -> float:
@@ -97,8 +89,9 @@ class Hypothesis:
 
     @cached_property
     def bic(self) -> float:
-        """Loss on both parts and the price of the numbers (Schwarz 1978, Ann. Statist. 6)."""
-        return self.loss + self.samples.price * self.numbers
+        """Loss on both parts and the price of the parameters (Schwarz 1978, Ann. Statist. 6)."""
+        samples = self.samples.fit.sum() + self.samples.check.sum()
+        return self.loss + float(np.log(samples)) * len(self.theta)
 
     def closes(self, before: 'Hypothesis', held_out: bool = False) -> float:
         """Return the share of the gap of `before` that is closed here; 0 where there is none.

@@ -143,7 +143,7 @@ class Rules:
         best = min(fitted, key=lambda e: e.bic)
         share = best.closes(base) - self.alike
         alike = [e for e in fitted if e.closes(base) >= share and best.reduces(e) < self.step]
-        return min([best, *alike], key=lambda e: (e.numbers, e.bic))
+        return min([best, *alike], key=lambda e: (len(e.theta), e.bic))
 
 
 @dataclass(frozen=True)

@@ -236,7 +236,7 @@ def _weigh(found: Selection, mass: float, rules: Rules, t: Temperatures) -> tupl
     leads = 1.0 - lead.closes(base)
     for at, e in best.items():
         left, more = 1.0 - e.closes(base), 0.0
-        if abs(left - leads) <= alike and e.numbers > lead.numbers and final.effects:
+        if abs(left - leads) <= alike and len(e.theta) > len(lead.theta) and final.effects:
             # Numbers that bring nothing speak against a law by their price in BIC, no more: what
             # such laws leave differs by their forms.
             dearer = e.bic - lead.bic
@@ -251,6 +251,10 @@ def _weigh(found: Selection, mass: float, rules: Rules, t: Temperatures) -> tupl
             if twin in weights:
                 mean = 0.5 * (weights[at] + weights[twin])
                 weights[at] = weights[twin] = mean
+    # What holds another's law is no less likely: numbers that it does not need are its own.
+    for at in list(weights):
+        held = (EffectAt(other, at.where) for other in get_effect(at.effect).holds)
+        weights[at] = max(weights[at], *(weights.get(other, 0.0) for other in held), 0.0)
     total = sum(weights.values())
     rows = [RankedFit(at, mass * weights[at] / total, best[at]) for at in best]
     return tuple(sorted(rows, key=lambda w: -w.probability))

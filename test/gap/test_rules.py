@@ -12,7 +12,6 @@ import pytest
 
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.assemble import _values
-from ros2_ident.gap.fits import superfluous
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Samples, Selection
 from ros2_ident.gap.rules import Rules, Temperatures
 from ros2_ident.gap.suspects.encoder_steps import EncoderSteps
@@ -51,22 +50,7 @@ def made(gap, effects=()):
     theta = np.array([1.0, 2.0] + [0.5] * own)
     empty, count = np.empty(0), np.full(2, float(SAMPLES))
     samples = Samples(count, count, np.ones(2))
-    return Hypothesis(tuple(effects), theta, fit, fit, samples, *([empty] * 4), len(theta))
-
-
-@pytest.mark.parametrize(
-    ('sizes', 'count'), [((9.0, 9.0), 0), ((9.0, 0.5), 1), ((0.5, 9.0), 1), ((0.5, 0.5), 1)]
-)
-def test_a_size_that_brings_nothing_beside_the_others_of_its_effect_is_no_number(sizes, count):
-    """Asymmetric friction without its viscous part lost to a constant force by one number."""
-    effects = tuple(EffectAt(name, 'one') for name in ('asymmetric_friction', 'effort_bias'))
-    theta = np.array([1.0, *sizes, 0.0])
-    found = SimpleNamespace(theta=theta, jacobian=np.eye(4))
-    joint = SimpleNamespace(
-        effects=effects, low=np.zeros(4), high=np.ones(4),
-        without=lambda theta, effects: np.array([1.0, 0.0, 0.0, 0.0]),
-    )  # fmt: skip
-    assert superfluous(joint, found, 2.0) == count
+    return Hypothesis(tuple(effects), theta, fit, fit, samples, *([empty] * 4))
 
 
 def test_the_rules_are_those_that_the_docs_state():
@@ -145,6 +129,16 @@ def test_twins_are_one_answer_under_two_names():
     said = answered([base, one], [one])
     assert [w.at for w in said.confusable] == [force, bias]
     assert said.confusable[1].probability == said.confusable[0].probability
+
+
+def test_what_holds_the_law_of_the_named_one_is_as_likely():
+    """Asymmetric friction, which closed as much with a number more, was told at 0.006."""
+    force, rubs = EffectAt('constant_force', 'one'), EffectAt('asymmetric_friction', 'one')
+    for left, other in ((0.0, 0.0), (0.0, 0.01), (0.3, 0.0)):
+        base, one = made((2.0, 0.0)), made((left, 0.0), effects=[force])
+        said = answered([base, one], [one, made((other, 0.0), effects=[rubs])])
+        weights = {w.at: w.probability for w in said.ranking}
+        assert (weights[rubs] == weights[force]) == (other >= left)
 
 
 def test_numbers_that_bring_nothing_speak_against_a_law():
