@@ -27,7 +27,7 @@ from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make
 from ros2_ident.models.new_file import followed_file, new_machine_file  # noqa: E402
 from ros2_ident.models.registry import kind_of, KINDS, travel_of  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
-from ros2_ident.models.serial.model import Serial  # noqa: E402
+from ros2_ident.models.serial.log import ArmLog  # noqa: E402
 from ros2_ident.recording import Dataset, Recording, Stream  # noqa: E402
 
 TABLE = {
@@ -248,7 +248,7 @@ def test_a_payload_is_a_point_mass_at_the_last_link(tmp_path: Path) -> None:
         hand.parent, hand.turn, hand.place, hand.axis, hand.slides,
         hand.mass + 2.0, hand.moment + 2.0 * place, hand.inertia + 2.0 * square,
     )  # fmt: skip
-    expected = plainly(tuple(bodies), model._motion.reshape(3, 4, -1))
+    expected = plainly(tuple(bodies), model.log.followed)
     simulated = model.simulated_effort(np.array([2.0, 0.1, 0.3]))
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=1e-9)
 
@@ -328,7 +328,7 @@ REMEMBERING = {e.id for e in CATALOGUE.values() if e.keeps is not None}
 @pytest.mark.parametrize('effect', sorted(EFFECTS - OTHERWISE))
 def test_an_effect_at_a_joint_is_what_it_is_at_an_axis(effect: str, monkeypatch) -> None:
     # An axis's controller holds its effort for a cycle.
-    monkeypatch.setattr(Serial, '_ahead', 0.5)
+    monkeypatch.setattr(ArmLog, 'ahead', 0.5)
     there = [EffectAt(effect, 'joint_0')]
     scales = make_model(axis(), moving(axis())).scales._replace(effort=np.array([40.0]))
     models = [make_model(m, moving(m), effects=there, scales=scales) for m in (slide(), axis())]
@@ -354,7 +354,7 @@ def test_friction_at_a_joint_grows_with_what_the_links_ask(tmp_path: Path) -> No
     theta = middle(model)
     plain = make_model(machine, model.data)
     more = model.simulated_effort(theta) - plain.simulated_effort(theta[:-1])
-    place, velocity, acceleration = model._motion.reshape(3, 4, -1)
+    place, velocity, acceleration = model.log.followed
     asked = model.arm.efforts(place, velocity, acceleration)[2]
     expected = theta[-1] * np.abs(asked) * np.tanh(velocity[2] / 0.02)
     # The kernels' tanh ends 2e-8 below 1.

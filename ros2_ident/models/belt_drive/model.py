@@ -8,7 +8,6 @@ integration step, no integration error. The drive starts at rest at its first se
 
 from collections.abc import Mapping
 import math
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from ros2_ident.models.belt_drive import kernels as belt_kernels
 from ros2_ident.models.drives.outputs import MachineModel
 from ros2_ident.models.kinds import BELT_DRIVE as KIND
 from ros2_ident.models.protocol import Output, Stop
-from ros2_ident.recording import Dataset
 
 PAPER = 'Ludwig and Gerstmayr (2011)'
 # Rows of what a `BeltDrive` simulates, by the quantity of a log that they are.
@@ -131,11 +129,8 @@ class RecordedBelt(MachineModel):
 
     No effect can sit here, and no recorded motion drives it: `cutoff` and `efforts` are not read.
 
-    Args:
-        machine: A belt drive.
-        data: The recording: set-point and angle of the driving gear [rad], its moment as the
-            effort [N m].
-        asked: As of `MachineModel`; the weights of the paper are 1.
+    The recording holds set-point and angle of the driving gear [rad], its moment as the effort
+    [N m].
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER or MISSING_STREAM with the remedy.
@@ -143,10 +138,11 @@ class RecordedBelt(MachineModel):
 
     compares = KIND.compares
 
-    def __init__(self, machine: Machine, data: Dataset, **asked: Any) -> None:
-        super().__init__(machine, data, **asked)
+    def __post_init__(self) -> None:
+        """Judge what was asked for."""
+        super().__post_init__()
         self.extended(self.effects)
-        self.noise = machine.effort_noise
+        data, self.noise = self.data, self.machine.effort_noise
         if 'velocity' in self.signals.quantities:
             raise ErrorCode.INVALID_GOAL.error(
                 "a belt drive's velocity is not simulated; compare effort and position"
@@ -155,7 +151,7 @@ class RecordedBelt(MachineModel):
             raise ErrorCode.MISSING_STREAM.error(
                 'the recording holds no set-point, which drives a belt drive; record it too'
             )
-        self.belt = BeltDrive(machine, data.cycle, data.command_position[0], self.fixed)
+        self.belt = BeltDrive(self.machine, data.cycle, data.command_position[0], self.fixed)
         self._measured = self.signals.measured(data)
         complete = bool(np.isfinite(self._measured).all())
         self._fused = complete and self.signals.weights == (1.0, 1.0)

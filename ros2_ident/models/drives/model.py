@@ -3,11 +3,10 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-import copy
-from dataclasses import replace
+from dataclasses import dataclass, field, KW_ONLY, replace
 import functools
 import math
-from typing import Any
+from typing import Any, cast, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,8 +21,8 @@ from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
 from ros2_ident.machine.keys import NEUTRAL
 from ros2_ident.machine.machine import Machine, Parameter
-from ros2_ident.models.drives.band import Band
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
+from ros2_ident.models.drives.log import DriveLog
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel, Outputs
 from ros2_ident.models.protocol import (
     EffectAt,
@@ -32,18 +31,8 @@ from ros2_ident.models.protocol import (
     RecordedMotion,
     scales_of,
 )
-from ros2_ident.recording import Dataset
-from ros2_ident.recording.motion import (
-    low_pass,
-    settling,
-    smooth_motion,
-    speed_error,
-    standing,
-    told_band,
-)
+from ros2_ident.recording.motion import low_pass
 
-# Middle of the time a commanded torque holds, in cycles.
-_HOLD = 0.5
 # Laws of the controllers by their names.
 _LAWS = {
     'cascade_pi': drive_kernel.VELOCITY_FROM_STATE,
@@ -54,14 +43,8 @@ _LAWS = {
 }
 # Order of the filter that smooths an effort, and candidates whose logs are kept whole at a time.
 _SMOOTHING, _WHOLE = 2, 64
-# The motion that drives a model is kept up to so many times the band in which efforts are
-# compared, for friction turns over faster than efforts do; and at least up to so many times. No
-# motion is told above this share of a log's rate.
-_WIDER, _LEAST, _ROOM = 5.0, 2.5, 0.35
 # In place of no mass or width, where one is divided by: rotors weigh 1e-7 kg m^2 and less.
 _NOTHING = 1e-100
-# Of a short log no more than this share is left out at either end.
-_SHORTEST = 0.05
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
 SEEN = 0.3
 
@@ -70,6 +53,7 @@ SEEN = 0.3
 Compiled = tuple[Callable[..., None], tuple[int, int], tuple[Any, ...]]
 
 
+@dataclass(eq=False, repr=False)
 class DriveModel(MachineModel):
     """Drives under their controllers, simulated for many candidates at once.
 
@@ -78,13 +62,12 @@ class DriveModel(MachineModel):
     positions and velocities, those of the motors, are compared only where controllers follow a
     set-point.
 
-    Args:
-        machine: The machine file's content.
-        data: The recording on the controller's grid.
+    Attributes:
         held: (K,) share of a payload that is carried at each cycle; None where it is not known.
-        like: A model of the same machine, recording, drives, fixed values and cutoff, whose
-            preparations are taken over.
-        asked: As of `MachineModel`.
+        compared: (O, K) where outputs are compared; everywhere where None.
+        substeps: Integration steps in a controller cycle; None where each candidate's stiffness
+            chooses them.
+        log: What it reads of its log; None where that is to be done.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, MISSING_STREAM or BAD_MACHINE_FILE with the
@@ -92,38 +75,29 @@ class DriveModel(MachineModel):
     """
 
     # What the structure has that effects may need, see `effects.Context`.
-    features: frozenset[str] = frozenset()
-    # Integration steps in a controller cycle; None where each candidate's stiffness chooses them.
-    substeps: int | None = None
+    features: ClassVar[frozenset[str]] = frozenset()
     # Gains without which no set-point can be followed.
-    gains: tuple[str, ...] = ('position_gain', 'velocity_gain')
+    gains: ClassVar[tuple[str, ...]] = ('position_gain', 'velocity_gain')
+    # What reads its log.
+    reads: ClassVar[type[DriveLog]] = DriveLog
 
-    def __init__(
-        self,
-        machine: Machine,
-        data: Dataset,
-        *,
-        held: Array | None = None,
-        like: 'DriveModel | None' = None,
-        **asked: Any,
-    ) -> None:
-        if like is not None:
-            self._take_over(like)
-        super().__init__(machine, data, **asked)
-        self._compared: npt.NDArray[np.bool_] | None = None
-        self.held = held
-        self.law = self._laws
-        self.scales = self._asked_scales or scales_of(machine, [data])
-        self.candidates = self._candidates()
+    _: KW_ONLY
+    held: Array | None = None
+    compared: npt.NDArray[np.bool_] | None = None
+    substeps: int | None = None
+    log: DriveLog = field(default=cast(DriveLog, None))
+
+    def __post_init__(self) -> None:
+        """Read the log, where no sibling did, and judge what was asked for."""
+        super().__post_init__()
+        if self.log is None:
+            self.log = self.reads(
+                self.machine, self.data, self.drives, self.cutoff, dict(self.fixed)
+            )
         self._check_outputs()
-        self._command, self._motion, self._mode = self._inputs()
-        if self._band is not None:
-            self.noise *= self._band.passes
-
-    # ------------------------------------------------------------------ declaration
-
-    def _candidates(self) -> Candidates:
-        return Candidates(
+        self.law = self._laws
+        self.scales = self.scales or scales_of(self.machine, [self.data])
+        self.candidates = Candidates(
             self._boxed,
             self.drives,
             self.effects,
@@ -134,6 +108,11 @@ class DriveModel(MachineModel):
             self.travels,
             self._own(),
         )
+        self.log.judge()
+        if self.log.band is not None:
+            self.noise *= self.log.band.passes
+
+    # ------------------------------------------------------------------ declaration
 
     @property
     def _laws(self) -> npt.NDArray[np.int64]:
@@ -146,7 +125,7 @@ class DriveModel(MachineModel):
         return self.machine
 
     def _check_outputs(self) -> None:
-        if self.signals.moving and not self._closed:
+        if self.signals.moving and not self.log.closed:
             raise ErrorCode.INVALID_GOAL.error(
                 'without a command the recorded motion drives the model and cannot be compared '
                 'with it; compare the effort alone, or record the command'
@@ -159,17 +138,16 @@ class DriveModel(MachineModel):
 
     def extended(self, effects: Sequence[EffectAt]) -> 'DriveModel':
         """Return the model of the same recording with these effects and no others."""
-        return self._again(effects=effects)
+        return replace(self, effects=tuple(effects), compared=None)
 
     def carrying(self, held: Array) -> 'DriveModel':
         """Return the model with a payload that is carried when `held` (K,) says so."""
-        return self._again(held=held)
+        return replace(self, held=held, compared=None)
 
     def stating(self, name: str, value: float) -> 'DriveModel':
         """Return the model whose machine file states another number, alike for all drives."""
         other = self.machine.with_constants(**{name: value})
-        stated = self._again(other)
-        return stated._without(False if self._band is None else self._band.doubtful)
+        return replace(self, machine=other, log=replace(self.log, machine=other), compared=None)
 
     def decided(self, theta: Array, noise: Array) -> 'DriveModel':
         """Return the model that leaves out where efforts depend on how the motion is smoothed.
@@ -177,44 +155,28 @@ class DriveModel(MachineModel):
         About a start from rest and a change of direction friction turns over faster than readings
         of a position show.
         """
-        if self._band is None:
+        if not self.thinned:
             return self
-        other = self._again()
-        motion = self._motion_below(self._band.motion / math.sqrt(2.0))
-        other._motion = np.concatenate([part.ravel() for part in motion])
+        other = replace(self, log=replace(self.log, plain=self.log))
         apart = other.simulate(theta[None])[0] - self.simulate(theta[None])[0]
         doubtful = np.abs(apart) > noise[:, None]
         if not (doubtful & np.isfinite(self.measured)).any():
             return self
-        other._motion = self._motion
-        return other._without(doubtful)
+        return replace(self, log=replace(self.log, doubtful=doubtful), compared=None)
 
-    def _without(self, doubtful: npt.NDArray[np.bool_] | bool) -> 'DriveModel':
-        """Leave out of what is compared what the motion does not decide (O, K); return itself."""
-        if self._band is not None:
-            self._band = replace(self._band, doubtful=doubtful)
-            self._compare = self._band.measured
-        return self
+    def restricted(self, there: npt.NDArray[np.bool_]) -> 'DriveModel':
+        """Return the same model that compares its outputs only where `there` (O, K) holds."""
+        return replace(self, compared=there)
 
-    def _again(self, machine: Machine | None = None, **changed: Any) -> 'DriveModel':
-        """Return the model with other arguments, or that of another machine."""
-        same = {
-            'drives': self.drives,
-            'effects': self.effects,
-            'fixed': self.fixed,
-            'cutoff': self.cutoff,
-            'scales': self.scales,
-            'quantities': self.signals.quantities,
-            'weights': self.signals.weights,
-            'held': self.held,
-            'like': None if machine else self,
-        }
-        return type(self)(machine or self.machine, self.data, **{**same, **changed})
-
-    def _take_over(self, like: 'DriveModel') -> None:
-        """Share caches that do not depend on effects, step size or payload."""
-        names = '_limit', '_band', '_compare'
-        self.__dict__.update({name: getattr(like, name) for name in names})
+    def free_run(self) -> 'DriveModel | None':
+        """Return the model that compares all that the log holds; None along a recorded motion."""
+        if not self.log.closed:
+            return None
+        # A simulation of its own makes what it always makes.
+        if type(self).simulate is not DriveModel.simulate:
+            return replace(self, compared=None)
+        logged = logged_of(self.data, self.drives)[int(self.log.pushed) :]
+        return replace(self, quantities=logged, weights=None, compared=None)
 
     def effort_limit(self, place: str) -> float:
         """Return the effort that a share of a drive's limit refers to [`unit`]."""
@@ -224,16 +186,6 @@ class DriveModel(MachineModel):
         """Return the motor angle per travel of a drive [rad/m]; 0 where it is not known."""
         turn = float(self.turns[self.machine.drives.index(place)])
         return turn if turn != 1.0 else 0.0
-
-    @property
-    def _closed(self) -> bool:
-        """Whether controllers follow a set-point."""
-        return self.data.command_position is not None and self.data.command_velocity is not None
-
-    @property
-    def pushed(self) -> bool:
-        """Whether logged efforts move it, and no controllers."""
-        return False
 
     @property
     def turns(self) -> Array:
@@ -262,46 +214,21 @@ class DriveModel(MachineModel):
         """Compared outputs: quantity by quantity, drive by drive within."""
         return self.signals.described(self.effort_unit, self.machine.travel_unit)
 
-    @property
-    def measured(self) -> Array:
-        """(O, K) what was measured of `outputs`; NaN at cycles without a sample."""
-        measured = self._compare
-        return measured if self._compared is None else np.where(self._compared, measured, np.nan)
-
     @functools.cached_property
-    def _compare(self) -> Array:
-        """(O, K) what of the log is compared."""
-        return self.signals.measured(self.data) if self._band is None else self._band.measured
+    def measured(self) -> Array:
+        """(O, K) what was measured of `outputs`; NaN where none is compared."""
+        band = self.log.band
+        measured = self.signals.measured(self.data) if band is None else band.measured
+        return measured if self.compared is None else np.where(self.compared, measured, np.nan)
 
     def in_band(self, outputs: Array) -> Array:
         """Return (..., O, K) what is below the band in which efforts are compared."""
-        return outputs if self._band is None else self._band.low(outputs)
+        return outputs if self.log.band is None else self.log.band.low(outputs)
 
     @property
     def thinned(self) -> bool:
         """Whether the recorded motion drives the model: a band is compared, not the log."""
-        return self._band is not None
-
-    def restricted(self, there: npt.NDArray[np.bool_]) -> 'DriveModel':
-        """Return the same model that compares its outputs only where `there` (O, K) holds."""
-        other = copy.copy(self)
-        other.__dict__.pop('_costing', None)
-        other._compared = there
-        return other
-
-    def free_run(self) -> 'DriveModel | None':
-        """Return the model that compares all that the log holds; None along a recorded motion."""
-        if not self._closed:
-            return None
-        other = copy.copy(self)
-        for made in ('_costing', '_compare'):
-            other.__dict__.pop(made, None)
-        other._compared = None
-        # A simulation of its own makes what it always makes.
-        if type(self).simulate is DriveModel.simulate:
-            logged = logged_of(self.data, self.drives)[int(self.pushed) :]
-            other.signals = chosen_outputs(self.machine.drives, self.drives, logged, None)
-        return other
+        return self.log.band is not None
 
     def recorded_motion(self) -> RecordedMotion | None:
         """Return the motion that the controllers saw, None where they cannot be replayed.
@@ -310,7 +237,7 @@ class DriveModel(MachineModel):
         cycles.
         """
         data = self.data
-        if not self._closed or data.position is None or data.effort is None:
+        if not self.log.closed or data.position is None or data.effort is None:
             return None
         if not np.isfinite(self.replayed).any():
             return None
@@ -340,7 +267,7 @@ class DriveModel(MachineModel):
         """Return (R,) rows of what the machine file knows, the rest neutral."""
         machine = self.machine
         for key in self.gains:
-            if self._closed and not self.pushed and not machine.known(key):
+            if self.log.closed and not self.log.pushed and not machine.known(key):
                 raise ErrorCode.BAD_MACHINE_FILE.error(
                     f'the log holds a set-point but the machine file no controller.{key}; add it, '
                     'or let the recorded motion drive the model: `--command-topic none`'
@@ -357,14 +284,9 @@ class DriveModel(MachineModel):
         of('motor_turn')[:] = self.turns
         integral = drive_kernel.VELOCITY_FROM_STATE, drive_kernel.PID
         of('integral_gain')[:, ~np.isin(self.law, integral)] = 0.0
-        if not self._closed and not machine.stated('coulomb_regularisation'):
+        if not self.log.closed and not machine.stated('coulomb_regularisation'):
             # Nothing is integrated here: friction turns over as the speed is known to.
-            width, position = np.zeros(len(machine.drives)), self.data.position
-            if self._limit < math.inf and position is not None:
-                rows_of = [position[self.data.names.index(drive)] for drive in machine.drives]
-                cutoff = self._motion_cutoff(position)
-                width = np.array([speed_error(row, self.cycle, cutoff) for row in rows_of])
-            of('regularisation')[:] = np.maximum(width, _NOTHING)
+            of('regularisation')[:] = np.maximum(self.log.speed_errors, _NOTHING)
         return np.asarray(base[0])
 
     def _derive(self, block: Array) -> None:
@@ -390,7 +312,7 @@ class DriveModel(MachineModel):
         return Context(
             drives=len(self.machine.drives),
             identified=frozenset(SLOTS[n].row for n in self.machine.bounds if n in SLOTS),
-            closed_loop=self._closed and not self.pushed,
+            closed_loop=self.log.closed and not self.log.pushed,
             elastic=not self.rigid,
             lifted=bool(self.candidates.of(base, 'gravity')),
             integral=bool(self.candidates.of(base, 'integral_gain').any()),
@@ -431,7 +353,7 @@ class DriveModel(MachineModel):
         of, stiff = functools.partial(self.candidates.of, block), self.stiff
         motor, rail = np.maximum(of('motor_mass'), _NOTHING), of('rail_mass')
         need = np.ones(motor.shape)
-        if self._closed and not fast:
+        if self.log.closed and not fast:
             eps = of('regularisation')
             # Friction that sticks is not stiff: it is solved for.
             slope = np.where(eps > 0.0, of('gear'), 0.0) * (
@@ -439,7 +361,7 @@ class DriveModel(MachineModel):
                 / (np.maximum(eps, _NOTHING) * (motor + np.where(stiff, rail, 0.0)))
             )
             need = np.maximum(need, self.cycle * slope / 1.5)
-        if self._closed:
+        if self.log.closed:
             # Beside its gear a carriage swings on what it touches, a rigid drive as one mass.
             touched = np.sqrt(self.candidates.contact(block) / np.where(stiff, motor + rail, rail))
             need = np.maximum(need, self.cycle * touched / 0.45)
@@ -467,108 +389,17 @@ class DriveModel(MachineModel):
         """(D,) whether motor and carriage of a drive move as one mass, effects included."""
         return np.asarray(self.rigid & ~self.candidates.flexible)
 
-    # ------------------------------------------------------------------ inputs and simulation
-
-    def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-        data = self.data
-        order = [data.names.index(name) for name in self.machine.drives]
-        count = data.cycles
-        mode = np.full(len(order), drive_kernel.PRESCRIBED, dtype=np.int64)
-        command = np.zeros(2 * len(order) * count)
-        motion = np.zeros(0)
-        if self._closed:
-            command = self._set_points(order)
-            for name in self.drives:
-                mode[self.machine.drives.index(name)] = drive_kernel.CLOSED_LOOP
-        if (mode == drive_kernel.PRESCRIBED).any():
-            if data.position is None:
-                raise ErrorCode.MISSING_STREAM.error(
-                    'there is neither a command nor a measured position to drive the model; '
-                    'record joint_states with positions or joint_command'
-                )
-            smooth = self._motion_below(self._motion_cutoff(data.position[order]))
-            motion = np.concatenate([part.ravel() for part in smooth])
-        return command, motion, mode
-
-    def _set_points(self, order: Sequence[int]) -> Array:
-        """Return (2 * D * K,) set-points of the drives, rows `order` of the log; their rates."""
-        data = self.data
-        assert data.command_position is not None and data.command_velocity is not None
-        both = data.command_position[order], data.command_velocity[order]
-        return np.concatenate([part.ravel() for part in both])
-
-    def _motion_below(self, cutoff: float) -> tuple[Array, Array, Array]:
-        """Return the recorded motion below a frequency, Hz, each (D, K)."""
-        assert self.data.position is not None
-        order = [self.data.names.index(name) for name in self.machine.drives]
-        return smooth_motion(self.data.position[order], self.cycle, cutoff, self._ahead)
-
-    def _motion_cutoff(self, position: Array) -> float:
-        """Return up to which frequency positions (D, K) drive the model, Hz."""
-        return min(_WIDER * self._limit, self._highest(position))
-
-    def _highest(self, position: Array) -> float:
-        """Return up to which frequency positions (D, K) can drive a model, Hz."""
-        # A slow log holds nothing above half its rate, and its smoothing needs some room.
-        rate = np.isfinite(position).mean() / self.cycle
-        return min(self.cutoff, (0.2 if self._closed else _ROOM) * float(rate))
-
-    @functools.cached_property
-    def _band(self) -> Band | None:
-        """Compared part of the efforts; None where controllers follow a set-point."""
-        if self._limit == math.inf:
-            return None
-        data, machine = self.data, self.machine
-        assert data.position is not None
-        position = data.position[[data.names.index(name) for name in machine.drives]]
-        least = machine.numbers('least_speed') if machine.stated('least_speed') else None
-        cutoff = self._motion_cutoff(position)
-        still = standing(position, self.motion[1], self.cycle, cutoff, least)
-        # A log may begin and end on the move: nothing tells the acceleration there.
-        ends = min(settling(self.cycle, cutoff), int(_SHORTEST * data.cycles))
-        still[:, :ends] = still[:, data.cycles - ends :] = True
-        sources = list(self.signals.sources)
-        logged = self.signals.measured(data)
-        return Band(self._limit, cutoff, self.cycle, logged, still[sources])
-
-    @functools.cached_property
-    def _limit(self) -> float:
-        """Frequency below which efforts are compared, Hz; inf where a set-point is followed.
-
-        And for a motion that is planned: there is no log.
-        """
-        position = self.data.position
-        if self._closed or not np.isfinite(self.signals.measured(self.data)).any():
-            return math.inf
-        assert position is not None
-        stated = self.machine.stated('bandwidth')
-        wanted = self.machine.number('bandwidth') if stated else told_band(self.data)
-        return min(wanted, self._highest(position) / _LEAST)
+    # ------------------------------------------------------------------ simulation
 
     @property
     def motion(self) -> Array:
         """(3, D, K) the recorded motion that drives the model."""
-        return self._motion.reshape(3, len(self.machine.drives), -1)
-
-    @property
-    def _ahead(self) -> float:
-        """Cycles of the grid by which the motion that belongs to an effort is later.
-
-        A commanded torque holds until the next cycle: what it caused is, on average, the motion
-        half a cycle later.
-        """
-        hold = _HOLD * float(self.machine.number('cycle'))
-        return 0.0 if self._closed else hold / self.cycle
+        return self.log.motion
 
     @property
     def _delayed(self) -> bool:
         """Whether set-points may be late."""
         return self.candidates.delayed
-
-    @property
-    def _added(self) -> Array | None:
-        """(D * K,) effort that the controllers add to their law's, known along the log."""
-        return None
 
     @property
     @abstractmethod
@@ -601,7 +432,7 @@ class DriveModel(MachineModel):
 
     def simulate(self, theta: Array) -> Array:
         """Return (S, O, K) outputs of candidates (S, N) at every cycle; inf where one diverged."""
-        every = np.ones((len(self.signals), self._cycles), dtype=bool)
+        every = np.ones((len(self.signals), self.data.cycles), dtype=bool)
         return self.simulate_at(theta, every).reshape(-1, *every.shape)
 
     def simulate_at(self, theta: Array, there: npt.NDArray[np.bool_]) -> Array:
@@ -630,19 +461,23 @@ class DriveModel(MachineModel):
         for s, o in np.argwhere((periods > 0.0) & finite & efforts):
             cutoff = 1.0 / periods[s, o]
             out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, _SMOOTHING)[0]
-        if self._band is not None:
+        if self.log.band is not None:
             whole = np.isfinite(out).all(axis=(1, 2))
-            out[whole] = self._band.passed(out[whole])
+            out[whole] = self.log.band.passed(out[whole])
         return out
 
     def simulated_effort(self, theta: Array) -> Array:
         """Return (D, K) the effort that a log of one candidate (N,) would hold."""
-        effort = chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
-        return np.asarray(self._everything(np.atleast_2d(theta), effort)[0])
+        return np.asarray(self._everything(np.atleast_2d(theta), self._efforts)[0])
+
+    @property
+    def _efforts(self) -> Outputs:
+        """Efforts of the drives compared."""
+        return chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
 
     def _everything(self, theta: Array, signals: Outputs) -> Array:
         """Simulate candidates (S, N); return outputs (S, O, K)."""
-        every = np.ones((len(signals), self._cycles), dtype=bool)
+        every = np.ones((len(signals), self.data.cycles), dtype=bool)
         task = signals.task(every, np.empty((len(theta), every.size)))
         return np.asarray(self._simulated(theta, task).reshape(-1, *every.shape))
 
@@ -656,18 +491,18 @@ class DriveModel(MachineModel):
         """
         block = self.rows(theta)
         places, blocks = _in_lanes(np.arange(len(block)), block)
-        effort = chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
+        effort, added = self._efforts, self.log.added
         task = effort.task(there, np.empty((len(block), int(there.sum()))))
         law_kernel.replay(
             blocks,
             places,
             np.empty(law_kernel.room(len(self.machine.drives))),
-            self._command,
+            self.log.command.ravel(),
             seen.values,
             seen.hold,
             self.candidates.on,
             self._delayed,
-            self._added,
+            None if added is None else added.ravel(),
             self.cycle,
             self.law,
             task,
@@ -689,10 +524,6 @@ class DriveModel(MachineModel):
     def _costing(self) -> Task:
         """The task of summing costs, but for what belongs to the candidates."""
         return self.signals.costing(self.measured)
-
-    @property
-    def _cycles(self) -> int:
-        return self._command.size // (2 * len(self.machine.drives))
 
 
 def _in_lanes(order: npt.NDArray[np.intp], *rows: Array) -> tuple[Any, ...]:

@@ -2,7 +2,7 @@
 """Compared quantities of a machine's drives, and their weights."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, KW_ONLY
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -169,10 +169,11 @@ def chosen_outputs(
     )
 
 
+@dataclass(eq=False, repr=False)
 class MachineModel(FullModel):
     """Common part of the models of machine files: machine, recording and outputs.
 
-    Args:
+    Attributes:
         machine: The machine file's content.
         data: The recording on the controller's grid.
         drives: Drives that are compared and whose parameters are free; the others move along. All
@@ -185,47 +186,39 @@ class MachineModel(FullModel):
         quantities: What of the drives is compared: `effort`, `position`, `velocity`; `compares`
             by default.
         weights: Factor on the errors of each quantity; 1 by default.
-
-    Attributes:
-        drives: Drives that are compared.
-        signals: What of them.
-        fixed: As above.
+        signals: What is compared of which drives.
 
     Raises:
         IdentError: INVALID_GOAL with the remedy.
     """
 
     compares: ClassVar[tuple[str, ...]] = ('effort',)
-    machine: Machine
+    machine: Machine = field()
+    data: Dataset = field()
+    _: KW_ONLY
+    drives: tuple[str, ...] = ()
+    effects: tuple[EffectAt, ...] = ()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    cutoff: float = 100.0
+    scales: Scales | None = None
+    quantities: Sequence[str] | None = None
+    weights: Sequence[float] | None = None
 
-    def __init__(
-        self,
-        machine: Machine,
-        data: Dataset,
-        *,
-        drives: Sequence[str] | None = None,
-        effects: Sequence[EffectAt] = (),
-        fixed: Mapping[str, float] | None = None,
-        cutoff: float = 100.0,
-        scales: Scales | None = None,
-        quantities: Sequence[str] | None = None,
-        weights: Sequence[float] | None = None,
-    ) -> None:
-        self.machine, self.data = machine, data
-        self.cutoff, self._asked_scales = cutoff, scales
-        quantities = self.compares if quantities is None else quantities
-        self.effects, self.fixed = tuple(effects), dict(fixed or {})
-        self.name = machine.kind
-        for name in drives or ():
-            if name not in machine.drives:
+    def __post_init__(self) -> None:
+        """Judge what was asked for."""
+        known = self.machine.drives
+        self.name, self.effects = self.machine.kind, tuple(self.effects)
+        self.fixed = dict(self.fixed or {})
+        for name in self.drives or ():
+            if name not in known:
                 raise ErrorCode.INVALID_GOAL.error(
-                    f'drive {name!r} is not in the machine file; choose from '
-                    f'{", ".join(machine.drives)}'
+                    f'drive {name!r} is not in the machine file; choose from {", ".join(known)}'
                 )
-        self.drives = tuple(n for n in machine.drives if n in (drives or machine.drives))
-        self.signals = chosen_outputs(machine.drives, self.drives, quantities, weights)
+        self.drives = tuple(n for n in known if n in (self.drives or known))
+        quantities = self.compares if self.quantities is None else self.quantities
+        self.signals = chosen_outputs(known, self.drives, quantities, self.weights)
         # Stated for the effort only.
-        self.noise = machine.effort_noise if 'effort' in quantities else 0.0
+        self.noise = self.machine.effort_noise if 'effort' in quantities else 0.0
 
     @property
     def cycle(self) -> float:

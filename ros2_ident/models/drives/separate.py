@@ -7,8 +7,6 @@ k_d (k_ff q_ref' - q'), clipped; its arm's inertia is J + (m + m_a / 3) l^2, its
 Extended Friction Models for the Physics Simulation of Servo Actuators, ICRA 2025.
 """
 
-from collections.abc import Sequence
-import copy
 from dataclasses import replace
 import functools
 import math
@@ -21,10 +19,10 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.kernel import simulate, sizes
+from ros2_ident.models.drives.log import DriveLog
 from ros2_ident.models.drives.model import Compiled, DriveModel
 from ros2_ident.models.kinds import CURRENT, DUTY, VOLTAGE
 from ros2_ident.models.protocol import Output
-from ros2_ident.recording import Dataset
 
 # A set-point slower than this share of its fastest at the log's start counts as rest.
 _REST = 0.02
@@ -44,66 +42,70 @@ _PRESSED = 0.5
 _LONGER = 0.4
 
 
+class SeparateLog(DriveLog):
+    """A log of drives that begin at rest or in motion, see `DriveLog`."""
+
+    @functools.cached_property
+    def begin(self) -> Array:
+        """(2, D) where the motors start and how fast."""
+        return self._start()
+
+    def _start(self) -> Array:
+        """Return `begin`.
+
+        An axis starts at rest where its set-point is, unless the log shows that it moves already:
+        its first measured positions then say where it is and how fast.
+        """
+        data, cycle = self.data, self.data.cycle
+        begin = np.zeros((2, len(self.order)))
+        begin[0] = (self.followed if data.command_position is None else self.command)[0, :, 0]
+        speed = data.command_velocity
+        if data.position is None or speed is None:
+            return begin
+        for d, row in enumerate(self.order):
+            if abs(speed[row, 0]) <= _REST * np.abs(speed[row]).max():
+                continue
+            there = np.flatnonzero(np.isfinite(data.position[row]))[:_FIRST]
+            if len(there) < _FIRST:
+                continue
+            _, slope, place = np.polyfit(there * cycle, data.position[row, there], 2)
+            begin[:, d] = place, slope
+        return begin
+
+    @property
+    def supply(self) -> Array | None:
+        """(D, K) share of a servo's supply at every cycle; None where efforts are commanded."""
+        return None
+
+
 class SeparateDrives(DriveModel):
     """Each drive moves one carriage, through a gear that gives or rigid; see `DriveModel`."""
+
+    reads = SeparateLog
+    log: SeparateLog
 
     @property
     def rigid(self) -> bool:
         """Whether motor and carriage are one mass: where no gear stiffness is to be found."""
         return 'gear_stiffness' not in self.machine.bounds
 
-    def _inputs(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-        command, motion, mode = super()._inputs()
-        self._begin = self._start(command, motion)
-        return command, motion, mode
-
-    def _start(self, command: Array, motion: Array) -> Array:
-        """Return (2 * D,) where the motors start and how fast.
-
-        An axis starts at rest where its set-point is, unless the log shows that it moves already:
-        its first measured positions then say where it is and how fast.
-        """
-        drives = len(self.machine.drives)
-        first = (motion if self.data.command_position is None else command).reshape(-1)
-        count = first.size // (drives * (3 if self.data.command_position is None else 2))
-        begin = np.zeros(2 * drives)
-        begin[:drives] = first[: drives * count : count]
-        speed = self.data.command_velocity
-        if self.data.position is None or speed is None:
-            return begin
-        for d, name in enumerate(self.machine.drives):
-            row = self.data.names.index(name)
-            if abs(speed[row, 0]) <= _REST * np.abs(speed[row]).max():
-                continue
-            there = np.flatnonzero(np.isfinite(self.data.position[row]))[:_FIRST]
-            if len(there) < _FIRST:
-                continue
-            seen = self.data.position[row, there]
-            _, slope, place = np.polyfit(there * self.cycle, seen, 2)
-            begin[d], begin[drives + d] = place, slope
-        return begin
-
-    @property
-    def _supply(self) -> Array | None:
-        """(D * K,) share of a servo's supply at every cycle; None where efforts are commanded."""
-        return None
-
     @property
     def _kernel(self) -> Compiled:
-        effects = self.candidates
-        inputs = self._command, self._motion, self._begin, self._mode, effects.on, self._supply
-        given = *inputs, effects.delayed, self.stiff, self.cycle, self.law
+        log, effects = self.log, self.candidates
+        supply = None if log.supply is None else log.supply.ravel()
+        inputs = log.command.ravel(), log.followed.ravel(), log.begin.ravel(), log.mode
+        given = *inputs, effects.on, supply, effects.delayed, self.stiff, self.cycle, self.law
         return simulate, sizes(len(self.machine.drives)), given
 
 
-def first_seen(drives: Sequence[str], data: Dataset, begin: Array) -> Array:
-    """Return starts (2 * D,) as the first measured positions say, where there are some."""
-    for d, name in enumerate(drives if data.position is not None else ()):
+def first_seen(log: DriveLog, begin: Array) -> Array:
+    """Return starts (2, D) as the first measured positions say, where there are some."""
+    data, begin = log.data, begin.copy()
+    for d, row in enumerate(log.order if data.position is not None else ()):
         assert data.position is not None
-        row = data.position[data.names.index(name)]
-        there = np.flatnonzero(np.isfinite(row))[:_BEGINNING]
+        there = np.flatnonzero(np.isfinite(data.position[row]))[:_BEGINNING]
         if len(there) == _BEGINNING:
-            begin[d], begin[len(drives) + d] = _beginning(data.time[there], row[there])
+            begin[:, d] = _beginning(data.time[there], data.position[row, there])
     return begin
 
 
@@ -120,11 +122,10 @@ def _beginning(time: Array, seen: Array) -> tuple[float, float]:
     return float(np.mean(seen[:_STILL])), 0.0
 
 
-class LinearAxis(SeparateDrives):
-    """The tripod's drive without rods, gravity along the axis adjustable; see `DriveModel`.
+class AxisLog(SeparateLog):
+    """A log of axes, see `DriveLog`.
 
-    Under the law `effort` no controller is simulated: the logged effort holds from each sample to
-    the next, and the motion that it causes is compared.
+    Under the law `effort` the logged effort holds from each sample to the next.
     """
 
     @property
@@ -133,44 +134,55 @@ class LinearAxis(SeparateDrives):
         return 'effort' in self.machine.texts('law')
 
     @property
-    def _closed(self) -> bool:
-        return self.pushed or super()._closed
+    def closed(self) -> bool:
+        """Whether it follows what is logged: a set-point, or an effort."""
+        return self.pushed or super().closed
 
-    def _check_outputs(self) -> None:
-        if self.pushed and 'effort' in self.signals.quantities:
-            raise ErrorCode.INVALID_GOAL.error(
-                'under `law: effort` the logged effort moves the axis and is not compared; '
-                'compare the position: `--outputs position`'
-            )
-        if self.pushed and set(self.machine.texts('law')) != {'effort'}:
-            raise ErrorCode.BAD_MACHINE_FILE.error(
-                '`law: effort` holds for all drives or for none'
-            )
-        super()._check_outputs()
-
-    def _set_points(self, order: Sequence[int]) -> Array:
+    def _set_points(self) -> Array:
         if not self.pushed:
-            return super()._set_points(order)
+            return super()._set_points()
         if self.data.effort is None:
             raise ErrorCode.MISSING_STREAM.error(
                 'under `law: effort` the logged effort moves the axis, and none is logged; record '
                 'it, or state the law and the gains of the controllers'
             )
-        held = self.data.effort[order].copy()
+        held = self.data.effort[self.order]
         for row in held:
             there = np.flatnonzero(np.isfinite(row))
             last = np.searchsorted(there, np.arange(row.size), 'right') - 1
             row[:] = row[there[np.maximum(last, 0)]] if there.size else 0.0
-        return np.concatenate([np.zeros(held.size), held.ravel()])
+        return np.stack([np.zeros(held.shape), held])
 
-    def _start(self, command: Array, motion: Array) -> Array:
+    def _start(self) -> Array:
         if not self.pushed:
-            return super()._start(command, motion)
-        return first_seen(self.machine.drives, self.data, np.zeros(2 * len(self.machine.drives)))
+            return super()._start()
+        return first_seen(self, np.zeros((2, len(self.order))))
+
+
+class LinearAxis(SeparateDrives):
+    """The tripod's drive without rods, gravity along the axis adjustable; see `DriveModel`.
+
+    Under the law `effort` no controller is simulated, and the motion that the logged effort causes
+    is compared.
+    """
+
+    reads = AxisLog
+
+    def _check_outputs(self) -> None:
+        if self.log.pushed and 'effort' in self.signals.quantities:
+            raise ErrorCode.INVALID_GOAL.error(
+                'under `law: effort` the logged effort moves the axis and is not compared; '
+                'compare the position: `--outputs position`'
+            )
+        if self.log.pushed and set(self.machine.texts('law')) != {'effort'}:
+            raise ErrorCode.BAD_MACHINE_FILE.error(
+                '`law: effort` holds for all drives or for none'
+            )
+        super()._check_outputs()
 
     def _constants(self) -> Array:
         base = super()._constants()
-        if self.pushed:
+        if self.log.pushed:
             for name, value in (
                 ('position_gain', 0.0), ('velocity_gain', _NO_GAIN), ('feedforward', _THROUGH)
             ):  # fmt: skip
@@ -184,6 +196,25 @@ def stall_torque(machine: Machine) -> Array:
     return np.asarray(per_volt * machine.numbers('supply_voltage') * machine.numbers('duty_limit'))
 
 
+class ServoLog(SeparateLog):
+    """A log of servos, see `DriveLog`."""
+
+    def _start(self) -> Array:
+        """Return `begin`, as the first samples say.
+
+        A law without an integral part never stands where its set-point is.
+        """
+        return first_seen(self, super()._start())
+
+    @functools.cached_property
+    def supply(self) -> Array:
+        """(D, K) share of the supply at every cycle."""
+        on = np.ones((len(self.order), self.data.cycles))
+        if self.data.released is not None:
+            on[:, self.data.released :] = 0.0
+        return on
+
+
 class Servo(SeparateDrives):
     """Servos that do not know of each other; see `DriveModel`.
 
@@ -192,6 +223,7 @@ class Servo(SeparateDrives):
 
     features = frozenset({'motor_torque'})
     gains = ('position_gain',)
+    reads = ServoLog
 
     def effort_limit(self, place: str) -> float:
         """Return the torque that a share of a servo's limit refers to [N m]."""
@@ -206,13 +238,11 @@ class Servo(SeparateDrives):
         """Return (D, K) the torque of the motors [N m], for one candidate (N,)."""
         if self.machine.effort_unit == self.effort_unit:
             return super().simulated_effort(theta)
-        other = copy.copy(self)
-        other.machine = replace(self.machine, effort_unit=self.effort_unit)
-        other.candidates = other._candidates()
-        return other.simulated_effort(theta)
+        machine = replace(self.machine, effort_unit=self.effort_unit)
+        return replace(self, machine=machine).simulated_effort(theta)
 
     def _check_outputs(self) -> None:
-        if not self._closed:
+        if not self.log.closed:
             raise ErrorCode.MISSING_STREAM.error(
                 'a servo is simulated from its set-points, and the recording holds none; record '
                 'the goal positions, or name the topic that carries them'
@@ -253,19 +283,3 @@ class Servo(SeparateDrives):
             return steps
         whole: npt.NDArray[np.int64] = np.ceil(_LONGER * super()._steps(block)).astype(np.int64)
         return np.maximum(steps, whole)
-
-    # ------------------------------------------------------------------ inputs and simulation
-
-    @property
-    def _supply(self) -> Array:
-        on = np.ones((len(self.machine.drives), self._cycles))
-        if self.data.released is not None:
-            on[:, self.data.released :] = 0.0
-        return on.ravel()
-
-    def _start(self, command: Array, motion: Array) -> Array:
-        """Return (2 * D,) where the servos start and how fast, as their first samples say.
-
-        A law without an integral part never stands where its set-point is.
-        """
-        return first_seen(self.machine.drives, self.data, super()._start(command, motion))

@@ -2,8 +2,7 @@
 """A recording beside what MuJoCo makes of an MJCF, by the set-points alone."""
 
 from collections.abc import Mapping, Sequence
-import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import functools
 import math
 from typing import Any
@@ -19,7 +18,7 @@ from ros2_ident.machine.kind import Space
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.machine.units import per_metre
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
-from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel
+from ros2_ident.models.drives.outputs import logged_of, MachineModel
 from ros2_ident.models.kinds import MUJOCO as KIND
 from ros2_ident.models.mujoco.forces import Forces, HOOKS
 from ros2_ident.models.mujoco.plant import Felt, OWN, Plant
@@ -51,11 +50,6 @@ class Mujoco(MachineModel):
     Drives that are not compared move along as described. The cutoff is not read: recorded motion
     does not drive it.
 
-    Args:
-        machine: The machine.
-        data: The recording; its set-point is the actuators' control.
-        asked: As of `MachineModel`.
-
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_MODEL, UNKNOWN_PARAMETER, MISSING_STREAM or
         BAD_MACHINE_FILE with the remedy.
@@ -63,32 +57,33 @@ class Mujoco(MachineModel):
 
     compares = KIND.compares
 
-    def __init__(self, machine: Machine, data: Dataset, **asked: Any) -> None:
+    def __post_init__(self) -> None:
+        """Compile the description, and judge what was asked for."""
+        data, machine = self.data, self.machine
         if data.command_position is None:
             raise ErrorCode.MISSING_STREAM.error(
                 'the recording holds no set-point, which the actuators of the simulator follow; '
                 'record it too'
             )
-        super().__init__(machine, data, **asked)
-        self.plant = _plant(machine)
-        self._scales = self._sizes(self._asked_scales or scales_of(machine, [data]))
+        super().__post_init__()
+        self.scales = self._sizes(self.scales or scales_of(machine, [data]))
         self._parts = self._declared()
         self._candidates = Candidates(
-            machine, self.drives, self.effects, self.fixed, self._base, True, self._scales,
+            machine, self.drives, self.effects, self.fixed, self._base, True, self.scales,
             tuple('m' if at.slides else 'rad' for at in self.plant.places), self._parts,
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]
-        self._command = np.asarray(data.command_position)[order]
+        self._command = data.command_position[order]
         self._begin = np.array([_beginning(data, row) for row in order]).T
+
+    @functools.cached_property
+    def plant(self) -> Plant:
+        """The compiled description."""
+        return _plant(self.machine)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is compiled: another process compiles the description itself."""
         return {name: value for name, value in vars(self).items() if name != 'plant'}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Compile the description again."""
-        vars(self).update(state)
-        self.plant = _plant(self.machine)
 
     def _sizes(self, scales: Scales) -> Scales:
         """Return scales with the actuators' limits for efforts that are not logged."""
@@ -289,19 +284,11 @@ class Mujoco(MachineModel):
                     f'a {self.name} cannot be extended by {at.effect}, which is no force on a '
                     'joint and no attribute of an MJCF'
                 )
-        return type(self)(
-            self.machine, self.data, drives=self.drives, effects=effects, fixed=self.fixed,
-            scales=self._scales, quantities=self.signals.quantities,
-            weights=self.signals.weights,
-        )  # fmt: skip
+        return replace(self, effects=tuple(effects))
 
     def free_run(self) -> 'Mujoco':
         """Return the model that compares all that the log holds."""
-        other = copy.copy(self)
-        other.__dict__.pop('measured', None)
-        logged = logged_of(self.data, self.drives)
-        other.signals = chosen_outputs(self.machine.drives, self.drives, logged, None)
-        return other
+        return replace(self, quantities=logged_of(self.data, self.drives), weights=None)
 
     def effort_limit(self, place: str) -> float:
         """Return the effort that a share of a drive's limit refers to [N m]."""

@@ -27,7 +27,7 @@ class Tripod(DriveModel):
     def _told(self) -> Array:
         """(7 * K,) what the kernel is told: set-points, their rates, and the payload carried."""
         held = np.zeros(self.data.cycles) if self.held is None else self.held
-        return np.concatenate([self._command, held])
+        return np.concatenate([self.log.command.ravel(), held])
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
@@ -49,8 +49,9 @@ class Tripod(DriveModel):
         # Without effects their hooks are not compiled.
         flags = effects.on if effects.on.any() else None
         # The usual case has a kernel of its own, without branches in a step.
-        usual = flags is None and (self._mode == CLOSED_LOOP).all()
-        inputs = self._told, self._motion, None if usual else self._mode, flags
+        mode = self.log.mode
+        usual = flags is None and (mode == CLOSED_LOOP).all()
+        inputs = self._told, self.log.followed.ravel(), None if usual else mode, flags
         given = *inputs, effects.delayed, effects.frame, self.arms, self.cycle, self.law
         return simulate, (STATE, ROOM), given
 
