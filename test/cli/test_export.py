@@ -46,7 +46,7 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
     assert 'masses of the description ± 30 %' in said
     names = {path.name for path in out.iterdir()}
     loaders = {f'load_{x}.py' for x in ('genesis', 'newton', 'pinocchio', 'pybullet', 'sapien')}
-    assert names - {'robot.xml'} == loaders | {
+    assert names - {'robot.usda', 'robot.xml'} == loaders | {
         'drake.urdf', 'export.json', 'gazebo.urdf', 'isaac.yaml', 'robot.urdf',
     }  # fmt: skip
     assert 'Drake has no place for Coulomb friction (' in said
@@ -59,7 +59,7 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
 @pytest.mark.parametrize(
     ('words', 'remedy'),
     [
-        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, drake, gazebo'),
+        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, mujoco, drake'),
         (['--to', 'ros2_control'], 'add position_gain'),
         (['--machine', 'nowhere.yaml'], 'the machine file nowhere.yaml is not there'),
         (['--into', 'nowhere.urdf'], 'nowhere.urdf: cannot be read'),
