@@ -5,6 +5,9 @@ from collections.abc import Iterable, Iterator
 import math
 import xml.etree.ElementTree as ET
 
+import numpy as np
+
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
 from ros2_ident.files import mark
@@ -92,12 +95,7 @@ def in_urdf(text: str, content: Content) -> ET.Element:
     """Return the root of a URDF that has what was identified; raises as `urdf`."""
     root = _parsed(text)
     for name, mass, centre, inertia in content.inertials():
-        new = ET.Element('inertial')
-        ET.SubElement(new, 'origin', xyz=_numbers(centre), rpy='0 0 0')
-        ET.SubElement(new, 'mass', value=_number(mass))
-        values = {x: _number(inertia['xyz'.index(x[1]), 'xyz'.index(x[2])]) for x in _AXES}
-        ET.SubElement(new, 'inertia', values)
-        _put_inertial(_named(root.findall('link'), 'link', name, _OTHER), new)
+        _give(_named(root.findall('link'), 'link', name, _OTHER), mass, centre, inertia)
     for joint, element in _joints(root.findall('joint'), content, _OTHER):
         dynamics = _part(element, 'dynamics')
         dynamics.set('damping', _number(joint.viscous))
@@ -244,11 +242,17 @@ def _massless(root: ET.Element) -> list[ET.Element]:
 def give_mass(root: ET.Element) -> None:
     """Give the links of a URDF without mass, which parsers drop or refuse, next to none."""
     for link in _massless(root):
-        new = ET.Element('inertial')
-        ET.SubElement(new, 'mass', value=_number(_LIGHT))
-        values = {axes: _number(_LIGHT * (axes[1] == axes[2])) for axes in _AXES}
-        ET.SubElement(new, 'inertia', values)
-        _put_inertial(link, new)
+        _give(link, _LIGHT, np.zeros(3), _LIGHT * np.eye(3))
+
+
+def _give(link: ET.Element, mass: float, centre: Array, inertia: Array) -> None:
+    """Give a link of a URDF an inertial: kg, (3,) m, (3, 3) kg m^2 about the centre."""
+    new = ET.Element('inertial')
+    ET.SubElement(new, 'origin', xyz=_numbers(centre), rpy='0 0 0')
+    ET.SubElement(new, 'mass', value=_number(mass))
+    values = {x: _number(inertia['xyz'.index(x[1]), 'xyz'.index(x[2])]) for x in _AXES}
+    ET.SubElement(new, 'inertia', values)
+    _put_inertial(link, new)
 
 
 def followers(text: str) -> tuple[str, ...]:

@@ -203,25 +203,31 @@ TARGETS = {
     ),
 }  # fmt: skip
 SUMMARY = 'export.json'
-# What some need that is not installed with ident.
-_NEEDS = {'mjcf': 'MuJoCo', 'usd': 'urdf-usd-converter'}
 
 
 def fitting(content: Content, description: str) -> tuple[str, ...]:
     """Return the targets that this machine and description can fill, with what is installed."""
-    own = 'urdf' if is_urdf(description) else 'mjcf'
-    gains = any(joint.gains for joint in content.joints)
-    able = {
-        'ros2_control': gains,
-        'mjcf': own == 'mjcf' or can_convert(),
-        'mujoco': bool(content.laws) and (own == 'mjcf' or can_convert()),
-        'usd': can_write(),
-    }
-    return tuple(
-        name
-        for name, target in TARGETS.items()
-        if (own in target.of and description if target.of else True) and able.get(name, True)
-    )
+    return tuple(name for name in TARGETS if not _lack(name, content, description))
+
+
+def _lack(name: str, content: Content, description: str) -> str:
+    """Return why a target cannot be filled, with the remedy; empty where it can."""
+    of, own = TARGETS[name].of, 'urdf' if is_urdf(description) else 'mjcf'
+    if of and not (description and own in of):
+        kinds = ' or '.join(sorted(of)).upper()
+        return (
+            f'there is no {kinds} to write into; give one with --into, or as '
+            'geometry.description of the machine file'
+        )
+    if name == 'ros2_control' and not any(joint.gains for joint in content.joints):
+        return 'the machine file knows no gains; add position_gain and velocity_gain to controller'
+    if name == 'mujoco' and not content.laws:
+        return 'no effect was found that needs it; mjcf has all'
+    if own == 'urdf' and name in ('mjcf', 'mujoco') and not can_convert():
+        return 'it needs MuJoCo; `pip install mujoco`'
+    if name == 'usd' and not can_write():
+        return 'it needs its converter; `pip install urdf-usd-converter`'
+    return ''
 
 
 def write(
@@ -241,18 +247,9 @@ def write(
         IdentError: INVALID_GOAL or BAD_MACHINE_FILE with the remedy; nothing is written then. The
             description is not replaced, wherever it was read from.
     """
-    wrong = next((name for name in names if name not in fitting(content, description)), None)
-    if wrong is not None:
-        why = (
-            f'it needs {_NEEDS[wrong]}; `pip install {_NEEDS[wrong].lower()}`'
-            if wrong in _NEEDS and is_urdf(description)
-            else f'there is no {" or ".join(sorted(of)).upper()} to write into; give '
-            'one with --into, or as geometry.description of the machine file'
-            if (of := TARGETS[wrong].of)
-            else 'the machine file knows no gains; add position_gain and velocity_gain to '
-            'controller'
-        )
-        raise ErrorCode.INVALID_GOAL.error(f'nothing can be written for {wrong}: {why}')
+    for name in names:
+        if why := _lack(name, content, description):
+            raise ErrorCode.INVALID_GOAL.error(f'nothing can be written for {name}: {why}')
     names = tuple(dict.fromkeys(x for n in names for x in (*TARGETS[n].beside, n)))
     texts = {name: TARGETS[name].write(description, content) for name in names}
     paths = {name: Path(directory) / TARGETS[name].file for name in names}
@@ -260,7 +257,10 @@ def write(
     read = [x for x in paths.values() if x.is_file() and x.read_text('utf-8') == description]
     require_ours(read, read)
     folder = make_directory(directory)
-    told = {name: tuple(sentences(content, TARGETS[name], description)) for name in names}
+    missed = {name: content.missed(TARGETS[name].holds) for name in names}
+    told = {
+        name: tuple(sentences(content, TARGETS[name], description, missed[name])) for name in names
+    }
     links = content.links
     whole = {
         'schema': 'ros2_ident.export',
@@ -271,7 +271,7 @@ def write(
             name: {
                 'file': TARGETS[name].file,
                 'left_out': told[name],
-                'joints': content.missed(TARGETS[name].holds),
+                'joints': missed[name],
             }
             for name in names
         },
@@ -281,23 +281,21 @@ def write(
     return {name: (files[name], told[name]) for name in names}
 
 
-def sentences(content: Content, target: Target, description: str) -> Iterator[str]:
-    """Yield what a target cannot say of this machine, and how much that leaves."""
-    rows = content.missed(target.holds) if target.of else {}
+def sentences(
+    content: Content, target: Target, description: str, missed: Mapping[str, Mapping[str, Any]]
+) -> Iterator[str]:
+    """Yield what a target cannot say of this machine, and how much that leaves.
+
+    Args:
+        missed: What `Content.missed` returns for it.
+    """
+    rows = missed if target.of else {}
     lacking = list(_lacking(content, target, rows))
     if lacking:
         yield f'{target.title} has no place for {joined(lacking)}'
     if rows and not target.beside:
-        # of what was identified beyond the description
-        kept = dict.fromkeys(rows, math.nan)
-        for joint, row in rows.items():
-            described, exported, identified = (
-                row[f'missed_as_{x}'] ** 2 for x in ('described', 'exported', 'identified')
-            )
-            if described > identified:
-                share = (described - exported) / (described - identified)
-                kept[joint] = min(max(share, 0.0), 1.0)
-        least = min(kept, key=lambda joint: kept[joint] if np.isfinite(kept[joint]) else 1.0)
+        kept = {joint: _kept(row) for joint, row in rows.items()}
+        least = min(kept, key=lambda joint: kept[joint])
         row = rows[least]
         yield (
             f'it keeps {100 * kept[least]:.1f} % or more of the improvement on each joint; '
@@ -318,6 +316,16 @@ def sentences(content: Content, target: Target, description: str) -> Iterator[st
             yield f'links without mass {target.massless}: {joined(names)}'
         if names := followers(description):
             yield f'joints that follow others {target.follows}: {joined(names)}'
+
+
+def _kept(missed: Mapping[str, Any]) -> float:
+    """Return what share of the improvement over the description a target keeps of a joint."""
+    described, exported, identified = (
+        missed[f'missed_as_{x}'] ** 2 for x in ('described', 'exported', 'identified')
+    )
+    if described <= identified:
+        return 1.0
+    return float(np.clip((described - exported) / (described - identified), 0.0, 1.0))
 
 
 _PARTS = {
