@@ -55,24 +55,20 @@ def loader(text: str, content: Content, name: str) -> str:
     if is_urdf(text):
         filled = filled.replace('MASSLESS = []', f'MASSLESS = {[*massless(text)]}')
     laws = resources.files(__package__).joinpath('loaders/laws.txt').read_text('utf-8')
-    filled = filled.replace('LAWS = {}\n', laws.replace('LAWS = {}', laws_text(content)))
+    filled = filled.replace('LAWS = []\n', laws.replace('LAWS = []', _laws(content)))
     return f'# {mark("export")}\n{filled}'
 
 
-def laws_text(content: Content) -> str:
+def _laws(content: Content) -> str:
     """Return functions of effects, and by joint what each is called with."""
-    each = [law for laws in content.laws.values() for law in laws]
-    functions = {law.effect: f'{law.source}\n\n\n' for law in each}
+    each = [(joint, law) for joint, laws in content.laws.items() for law in laws]
+    functions = dict.fromkeys(f'\n\n{law.source}\n' for _, law in each)
     rows = ''.join(
-        f'    {joint!r}: [\n'
-        + ''.join(
-            f'        ({law.effect}, {law.takes!r}, {law.values!r}, {dict(law.state)!r}),\n'
-            for law in laws
-        )
-        + '    ],\n'
-        for joint, laws in content.laws.items()
+        f'    ({joint!r}, {law.effect}, {law.takes!r}, {law.values!r}, {dict(law.state)!r}),\n'
+        for joint, law in each
     )
-    return f'{"".join(functions.values())}LAWS = {{\n{rows}}}' if rows else 'LAWS = {}'
+    head = '# Joint, effect, its effort at the joint, N m or N, by value; parameters, constants.\n'
+    return f'{"".join(functions)}\n\n{head}LAWS = [\n{rows}]' if each else 'LAWS = []'
 
 
 def isaac(_: str, content: Content) -> str:
