@@ -19,9 +19,9 @@ from ros2_ident.models.protocol import EffectAt, FullModel
 TRIAL = 0.03
 # Share that counts as a large effect.
 LARGE = 0.17
-# Orders looked at, of so many periods over the stroke at least; orders so far apart, in periods
+# Orders looked at are of so many periods over the stroke at least; orders so far apart, in periods
 # over the stroke, still look alike.
-_LOWEST, _HIGHEST, _PERIODS, _DENSE = 0.5, 24.5, 1.5, 0.5
+_PERIODS, _DENSE = 1.5, 0.5
 # So many samples are simulated in all, so many orders at once; so many are returned.
 _MOST, _AT_ONCE, _BEST = 40_000_000, 16, 3
 # How many orders are next to one; how often chance alone may make one stand out of all.
@@ -109,13 +109,14 @@ def orders_shown(
         clear: Only those that stand out of the orders next to them further than chance takes one.
 
     Returns:
-        The best first; none where the effect has no order or the log is long.
+        The best first; none where the effect has no order. Of a long log the lower ones.
     """
     parameters = model.scaled(at)
     order = [i for i, p in enumerate(parameters) if p.role == 'order']
-    grid = _grid(model, at.where) if order else np.empty(0)
     sizes = [i for i, p in enumerate(parameters) if p.role == 'size']
-    if not 0 < grid.size * len(sizes) * free.size <= _MOST:
+    grid = _grid(model, at.where, parameters[order[0]]) if order else np.empty(0)
+    grid = grid[: _MOST // (len(sizes) * free.size)]
+    if not grid.size:
         return ()
     neutral = np.array([p.neutral for p in parameters])
     gains = []
@@ -140,12 +141,12 @@ def orders_shown(
     return tuple(float(grid[i]) for i in best)
 
 
-def _grid(model: FullModel, place: str) -> Array:
+def _grid(model: FullModel, place: str, order: EffectParameter) -> Array:
     """Return orders so dense that none lies unseen between two."""
     turns = _turns(model, place)
     if not turns > 0.0:
         return np.empty(0)
-    return np.arange(max(_LOWEST, _PERIODS / turns), _HIGHEST, _DENSE / turns)
+    return np.arange(max(order.low, _PERIODS / turns), order.high, _DENSE / turns)
 
 
 def _turns(model: FullModel, place: str) -> float:

@@ -63,7 +63,7 @@ def diagnosed(name: str, values: dict[str, float]) -> Diagnosis:
 def test_all_orders_of_a_motor_that_does_nothing_but_cog_are_found() -> None:
     time = np.arange(9000) * 2e-3
     position = 2.0 * np.arcsin(0.99 * np.sin(time))
-    cogging = 0.5 * np.sin(9.0 * position + 0.4) + 0.3 * np.sin(15.0 * position + 2.0)
+    cogging = 0.5 * np.sin(9.0 * position + 0.4) + 0.3 * np.sin(30.0 * position + 2.0)
     speed = np.gradient(position, 2e-3)
     effort = cogging + 0.05 * np.tanh(speed / 0.02) + 0.02 * np.gradient(speed, 2e-3)
     effort += NOISE * np.random.default_rng(1).standard_normal(time.size)
@@ -74,7 +74,7 @@ def test_all_orders_of_a_motor_that_does_nothing_but_cog_are_found() -> None:
     names = [f'torque_ripple{n}' for n in ('', '_2')]
     assert [found.effect, *(at.effect for at in found.also)] == names, sentence(found)
     orders = [found.parameters[f'joint.{name}.order'].value for name in names]
-    assert orders == pytest.approx([9.0, 15.0], abs=0.02)
+    assert orders == pytest.approx([9.0, 30.0], abs=0.02)
     assert 'bound' not in ' '.join([sentence(found), *advice(found)])
 
 

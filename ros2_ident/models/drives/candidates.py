@@ -254,6 +254,9 @@ class Candidates:
         # that leave out more than a tenth of the speeds.
         still = self.of(self.base[None], 'regularisation')[0, places]
         slow = min(float(still.max()), 0.1 * speed)
+        # Where no gear is stated orders are of the joint's turn: those of two samples a period.
+        geared = self.of(self.base[None], 'motor_turn')[0, places].min() != 1.0
+        dense = 0.0 if geared else math.pi / (self.machine.number('cycle') * speed)
         out = []
         for p in get_effect(at.effect).parameters:
             # What belongs to the machine is no angle, however its drives turn.
@@ -267,7 +270,7 @@ class Candidates:
                     p,
                     unit=angular(p.unit) if turns and not own else p.unit,
                     low=max(first + p.low * factor, least),
-                    high=first + p.high * factor,
+                    high=max(first + p.high * factor, dense if p.role == 'order' else -math.inf),
                     neutral=max(first + p.neutral * factor, least),
                     starts=tuple(dict.fromkeys(starts)),
                 )
