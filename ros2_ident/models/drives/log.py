@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What drives follow and are compared with, read of a log once."""
+"""Set-points, recorded motion and its band, read of a log once."""
 
 from dataclasses import dataclass
 import functools

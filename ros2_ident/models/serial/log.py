@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an arm reads of its log: recorded motion and what the described links ask along it."""
+"""An arm along its log: recorded motion, and what the described links ask along it."""
 
 import functools
 
