@@ -182,11 +182,13 @@ TARGETS = {
         'pinocchio', 'pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'
     ),
     'pybullet': _loaded('PyBullet', 'pybullet', 'weigh 0 kg', 'move by themselves'),
-    'sapien': _loaded('SAPIEN', 'sapien', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature'),
+    'sapien': _loaded(
+        'SAPIEN', 'sapien', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature', 'laws'
+    ),
     'genesis': _loaded(
         'Genesis', 'genesis', 'weigh almost nothing', 'are coupled', 'armature'
     ),
-    'newton': _loaded('Newton', 'newton', 'weigh 1e-6 kg', 'are coupled', 'armature'),
+    'newton': _loaded('Newton', 'newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws'),
     'usd': Target(
         'USD', 'robot.usda', usd, _URDF, frozenset({*PARTS, 'p', 'd'}),
         'weigh 1e-5 kg', 'are coupled',

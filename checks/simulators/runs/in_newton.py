@@ -9,7 +9,9 @@ from with_newton import Run
 
 def add(builder, folder):
     """Add the URDF, and what its loader keeps."""
-    exported(folder, 'newton').add(builder)
+    loaded = exported(folder, 'newton')
+    loaded.add(builder)
+    return loaded.effort
 
 
 answer('newton', partial(Run, add))

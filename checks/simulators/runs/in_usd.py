@@ -10,6 +10,7 @@ from with_newton import Run
 def add(builder, folder):
     """Add the USD alone."""
     builder.add_usd(str(folder / 'robot.usda'))
+    return lambda model, state: 0.0
 
 
 answer('newton', partial(Run, add))

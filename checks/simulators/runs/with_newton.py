@@ -9,11 +9,11 @@ STEP = 1e-3
 
 
 class Run(Simulation):
-    """What `add(builder, folder)` adds to a builder."""
+    """What `add(builder, folder)` adds to a builder; it returns what gives further efforts."""
 
     def __init__(self, add, folder, joints, gravity):
         builder = newton.ModelBuilder(gravity=(0.0, 0.0, -9.81 if gravity else 0.0))
-        add(builder, folder)
+        self.effort = add(builder, folder)
         names = [name.rpartition('/')[2] for name in builder.joint_label]
         found = [names.index(name) for name in joints]
         self.q = [builder.joint_q_start[n] for n in found]
@@ -24,10 +24,11 @@ class Run(Simulation):
         self.control = self.model.control()
 
     def put(self, position, velocity, torque):
+        self.asked = np.zeros(self.control.joint_f.shape[0], dtype=np.float32)
+        self.asked[self.v] = torque
         for array, at, values in (
             (self.states[0].joint_q, self.q, position),
             (self.states[0].joint_qd, self.v, velocity),
-            (self.control.joint_f, self.v, torque),
         ):
             whole = np.zeros(array.shape[0], dtype=np.float32)
             whole[at] = values
@@ -35,6 +36,7 @@ class Run(Simulation):
 
     def step(self):
         self.states[0].clear_forces()
+        self.control.joint_f.assign(self.asked + self.effort(self.model, self.states[0]))
         self.solver.step(*self.states, self.control, None, STEP)
         self.states.reverse()
 
