@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machines with known values, what is exported of them, and how they move by our own model."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 import functools
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 import xml.etree.ElementTree as ET
 
@@ -14,10 +15,11 @@ import yaml
 
 from ros2_ident.arrays import Array
 from ros2_ident.export.content import Content, content_of
+from ros2_ident.export.laws import Law
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import problem_of
-from ros2_ident.models import machine_from_mapping, make_model
-from ros2_ident.models.drives.joints import PARTS
+from ros2_ident.models import EffectAt, machine_from_mapping, make_model
+from ros2_ident.models.drives.joints import Joint, PARTS
 from ros2_ident.models.new_file import new_machine_file
 from ros2_ident.models.registry import KINDS
 from ros2_ident.models.serial.model import Serial
@@ -66,6 +68,14 @@ FOLLOWER = """<robot name="follower">
     <mimic joint="lead" multiplier="-2" offset="0.1"/></joint>
 </robot>
 """
+# Friction that is larger near rest and to one side, and the motor's ripple: of its 0.4 N m.
+EFFECTS = {
+    'stribeck': {'torque': 0.3, 'velocity': 0.4},
+    'asymmetric_friction': {'coulomb': 0.1, 'viscous': 0.05},
+    'torque_ripple': {'sine': 0.3, 'cosine': 0.2, 'order': 5.0},
+}
+# What a joint has; speed at which friction has turned over, rad/s.
+WHOLE, TURN = (*PARTS, 'laws'), 1e-12
 # How far all links are heavier than described.
 HEAVIER = 0.1
 # Length of the log along which an export is judged, s.
@@ -134,40 +144,52 @@ class Case:
         position: Array,
         velocity: Array,
         acceleration: Array,
-        of: Collection[str] = PARTS,
+        of: Collection[str] = WHOLE,
     ) -> Array:
         """Return (D,) what a state asks of the joints: links, and `of` the parts of joints."""
         columns = [x[:, None] for x in (position, velocity, acceleration)]
         links = _arm(self.content).terms(*columns)[:, 0] @ self._links.ravel()
-        joints = [
-            joint.effort(velocity[d], acceleration[d], of)
-            for d, joint in enumerate(self.content.joints)
-        ]
-        return np.asarray(links + np.array(joints))
+        joints, laws = self._parts(of)
+        each = [joint.effort(velocity[d], acceleration[d], of) for d, joint in enumerate(joints)]
+        return np.asarray(links + np.array(each) + _taken(laws, position, velocity))
+
+    def _parts(self, of: Collection[str]) -> tuple[tuple[Joint, ...], list[tuple[Law, ...]]]:
+        """Return the joints and their effects; friction stands for these where `of` has none."""
+        found = self.content
+        if 'laws' not in of:
+            return found.joints, [()] * len(found.joints)
+        return found.beside, [found.laws.get(joint.name, ()) for joint in found.beside]
 
     def motion(
-        self, start: Array, speed: Array, gravity: bool, of: Collection[str] = PARTS
+        self, start: Array, speed: Array, gravity: bool, of: Collection[str] = WHOLE
     ) -> Array:
         """Return (D,) where the joints are after `MOTION`, nothing driving them.
 
-        Of the joints' own parts those of `of` count. Friction holds with what it has at most,
+        Of the joints' own parts those of `of` count; of effects what they take at once where the
+        motion turns over counts as Coulomb friction. Friction holds with what it has at most,
         each step's impulses found by projected Gauss-Seidel: Moreau's time-stepping.
         """
         model, arm = self._model.copy(), _arm(self.content)
         if not gravity:
             model.gravity.linear = np.zeros(3)
         data = model.createData()
-        order, joints = np.argsort(arm.joints), self.content.joints
+        order, (joints, laws) = np.argsort(arm.joints), self._parts(of)
+        laws = [laws[d] for d in order]
         rows = {
             n: np.array([getattr(j, n) if n in of else 0.0 for j in joints])[order] for n in PARTS
         }
         place, rate, impulse = start[order].copy(), speed[order].copy(), np.zeros(len(joints))
-        most = STEP * rows['coulomb']
         for _ in range(round(MOTION / STEP)):
             at = arm._places(place[np.argsort(order)][:, None])[0]
             mass = pinocchio.crba(model, data, at)
             mass = np.triu(mass) + np.triu(mass, 1).T + np.diag(rows['armature'])
+            ahead, back = (
+                _taken(laws, place, sign * TURN * np.ones_like(rate)) for sign in (1, -1)
+            )
+            dry, way = 0.5 * (ahead - back), np.where(rate < 0.0, -1.0, 1.0)
+            most = STEP * np.maximum(rows['coulomb'] + dry, 0.0)
             against = pinocchio.nonLinearEffects(model, data, at, rate)
+            against = against + _taken(laws, place, np.where(rate == 0.0, TURN, rate)) - dry * way
             inverse = np.linalg.inv(mass + STEP * np.diag(rows['viscous']))
             free = inverse @ (mass @ rate - STEP * against)
             for _ in range(200):
@@ -180,6 +202,12 @@ class Case:
             rate = free + inverse @ impulse
             place += STEP * rate
         return np.asarray(place[np.argsort(order)])
+
+
+def _taken(laws: Sequence[tuple[Law, ...]], place: Array, rate: Array) -> Array:
+    """Return (D,) what effects take, N m."""
+    each = [[law.effort(place[d], rate[d]) for law in own] for d, own in enumerate(laws)]
+    return np.array([float(sum(own)) for own in each])
 
 
 def _arm(content: Content) -> Any:
@@ -200,6 +228,8 @@ def cases(folder: Path, robots: Path) -> list[Case]:
     kr300 = (root / 'config/kr300.urdf').read_text('utf-8')
     return [
         pendulum(folder),
+        case(folder, 'pendulum with effects', PENDULUM, ['swing'], Values(0.7, 0.4, 0.05),
+             np.zeros(1), EFFECTS),
         case(folder, 'gimbal', GIMBAL, ['roll', 'pitch'], Values(0.7, 0.4, 0.05), np.zeros(2)),
         case(folder, 'KR 300', kr300, [f'axis_{n}' for n in range(1, 7)],
              Values(25.0, 12.5, 1.25), np.zeros(6)),
@@ -222,7 +252,13 @@ def follower(folder: Path) -> Case:
 
 
 def case(
-    folder: Path, name: str, text: str, drives: Sequence[str], values: Values, centre: Array
+    folder: Path,
+    name: str,
+    text: str,
+    drives: Sequence[str],
+    values: Values,
+    centre: Array,
+    effects: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
 ) -> Case:
     """Return one machine, moved about a posture.
 
@@ -233,6 +269,7 @@ def case(
         drives: Its joints.
         values: Of each joint.
         centre: (D,) the posture, rad.
+        effects: Of each drive, with the values of their parameters.
     """
     text = _without_shapes(text, drives)
     path = folder / f'{name.replace(" ", "_").lower()}.urdf'
@@ -249,7 +286,8 @@ def case(
     place = centre[:, None] + waves.sum(axis=1)
     none = np.zeros_like(place)
     data = Dataset(machine.drives, cycle, 0, None, None, place, None, none)
-    model = make_model(machine, data)
+    there = tuple(EffectAt(name, drive) for drive in drives for name in effects)
+    model = make_model(machine, data, effects=there)
     assert isinstance(model, Serial)
     # Heavier about every axis but those of the joints, along which rotors count as well.
     told, held = model.inertials.changes
@@ -262,11 +300,14 @@ def case(
         'drive_inertia': values.armature,
     }
     truth |= {f'{d}.{name}': value for d in drives for name, value in own.items()}
+    truth |= {
+        f'{at.prefix}{name}': value for at in there for name, value in effects[at.effect].items()
+    }
     theta = np.array([truth[p.name] for p in model.parameters])
     data = Dataset(
         machine.drives, cycle, 0, None, None, place, None, np.asarray(model.simulate(theta)[0])
     )
-    problem = problem_of(machine, Data((data,), labels=('log',)))
+    problem = problem_of(machine, Data((data,), labels=('log',)), effects=there)
     names = [p.name for p in problem.parameters]
     sure = {p.name: SURE * (p.high - p.low) for p in problem.parameters}
     estimate = Estimate({n: truth[n] for n in names}, sure, {}, problem.drives, {}, '')

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from checks.share import table
-from checks.simulators.cases import Case, cases, follower, MOTION
+from checks.simulators.cases import Case, cases, follower, MOTION, WHOLE
 from checks.simulators.peers import asked, PEERS, robots
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
@@ -44,12 +44,11 @@ def run(out: str | Path, names: Sequence[str], python: str) -> Path:
         told[case.name] = json.loads((folders[case.name] / SUMMARY).read_text('utf-8'))
     answers, ours = {}, {}
     for name in names:
-        holds = frozenset(TARGETS[PEERS[name].target].holds) & {*PARTS}
         for case in machines:
-            for of in (holds, frozenset(PARTS)):
+            for of in (_holds(name, case), frozenset(WHOLE)):
                 if (case.name, of) not in ours:
                     ours[case.name, of] = _ours(case, of)
-        request = [_request(c, folders[c.name], ours[c.name, holds]) for c in machines]
+        request = [_request(c, folders[c.name], ours[c.name, _holds(name, c)]) for c in machines]
         request.append(_following(folders[pair.name]))
         try:
             answers[name] = asked(name, folder / 'env' / name, python, request)
@@ -59,6 +58,13 @@ def run(out: str | Path, names: Sequence[str], python: str) -> Path:
     figures = {'schema': 'ros2_ident.simulators', 'rows': rows, 'exports': told}
     write_text(folder / 'figures.json', json.dumps(figures, indent=1) + '\n')
     return write_text(folder / 'simulators.md', page(rows, told['KR 300']))
+
+
+def _holds(name: str, case: Case) -> frozenset[str]:
+    """Return what of a machine a simulator has a place for."""
+    target = PEERS[name].target
+    beside = 'mujoco' if target == 'mjcf' and case.content.laws else target
+    return frozenset(TARGETS[beside].holds) & {*WHOLE}
 
 
 def _ours(case: Case, holds: frozenset[str]) -> dict[str, Array]:
@@ -106,8 +112,8 @@ def _rows(
     Of torques and motions two shares of ours: how far off they are, and how far off they would be
     were there nothing but what the target has a place for.
     """
-    holds = frozenset(TARGETS[PEERS[name].target].holds) & {*PARTS}
     for case in machines:
+        holds = _holds(name, case)
         row = {'simulator': name, 'version': answer['version'], 'machine': case.name}
         if 'not_run' in answer:
             yield row | {'not_run': answer['not_run']}
@@ -120,7 +126,7 @@ def _rows(
             if not isinstance(there, list):
                 row |= {what: there}
                 continue
-            whole, held = (ours[case.name, frozenset(of)][what] for of in (PARTS, holds))
+            whole, held = (ours[case.name, frozenset(of)][what] for of in (WHOLE, holds))
             start = 0.0 if what == 'torque' else case.still
             of = _sizes(whole - start, what)
             off, beside = (_sizes(np.array(there) - x, what) / of for x in (whole, held))
@@ -147,8 +153,9 @@ PyPI: run on {date}, with the newest releases. Again:
 make bench ARGS=simulators # into build/simulators/
 ```
 
-Five machines: a pendulum, a gimbal whose frame has no mass, the bundled KR 300, and Panda and Z1
-of `example-robot-data`. Their links are a tenth heavier than described; each joint has viscous and
+Six machines: a pendulum, also with Stribeck friction, friction that differs by direction and
+torque ripple, a gimbal whose frame has no mass, the bundled KR 300, and Panda and Z1 of
+`example-robot-data`. Their links are a tenth heavier than described; each joint has viscous and
 Coulomb friction, and an armature, the inertia of its motor and gear.
 
 ## What each has a place for

@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """MuJoCo: inverse dynamics, and motion in steps."""
 
-from common import answer, Simulation
+from common import answer, exported, Simulation
 import mujoco
 import numpy as np
 
 
 class Run(Simulation):
-    """The MJCF."""
+    """The MJCF, with effects where there are any."""
 
     def __init__(self, folder, joints, gravity):
-        self.model = mujoco.MjModel.from_xml_path(str(folder / 'robot.xml'))
+        mujoco.set_mjcb_passive(None)
+        if (folder / 'load_mujoco.py').is_file():
+            loaded = exported(folder, 'mujoco')
+            self.model = loaded.load()
+            mujoco.set_mjcb_passive(loaded.act)
+        else:
+            self.model = mujoco.MjModel.from_xml_path(str(folder / 'robot.xml'))
         self.data = mujoco.MjData(self.model)
         if not gravity:
             self.model.opt.gravity[:] = 0.0
