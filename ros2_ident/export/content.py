@@ -84,24 +84,18 @@ class Content:
             at_joints(self.model, self.theta, effort)
             for effort in (self.measured, self.fitted, self.model.simulate(self.theta)[0])
         )
+        rows = _rows(self.model, self.joints)
         asked = effort_of(self.model, self.links)
-        described = self.model.links_effort(np.zeros((len(asked), 10)))
-        _, speed, accel = self.model.motion
-        rows = [self.machine.drives.index(joint.name) for joint in self.joints]
-
+        described = self.model.links_effort(np.zeros((len(asked), 10)))[rows]
+        place, speed, accel = self.model.motion[:, rows]
         joints, laws = (self.beside, self.laws) if 'laws' in holds else (self.joints, {})
 
         def effort(of: Collection[str]) -> Array:
-            each = [j.effort(speed[d], accel[d], of) for j, d in zip(joints, rows, strict=True)]
-            return np.array(each)
+            each = zip(joints, speed, accel, strict=True)
+            return np.array([joint.effort(v, a, of) for joint, v, a in each])
 
-        exported, described = (
-            self.model.in_band(x)
-            for x in (
-                asked[rows] + effort(holds) + laws_effort(self.model, joints, laws),
-                described[rows],
-            )
-        )
+        exported = asked[rows] + effort(holds) + _taken(laws, joints, place, speed)
+        exported, described = map(self.model.in_band, (exported, described))
         lost = {name: self.model.in_band(effort([name])) for name in PARTS if name not in holds}
         return {
             joint.name: {
@@ -158,14 +152,25 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     joints = beside = tuple(replace(j, armature=max(j.armature, 0.0)) for j in identified)
     laws = laws_of(plain, own, effects)
     if links is not None and effects and isinstance(plain, Serial):
-        # friction and armature closest to all that acts on joints with effects
-        whole = at_joints(plain, own, plain.simulated_effort(own))
-        whole -= effort_of(plain, links)[[plain.machine.drives.index(j.name) for j in joints]]
+        rows = _rows(plain, joints)
+        whole = at_joints(plain, own, plain.simulated_effort(own)) - effort_of(plain, links)[rows]
+        place, speed, accel = plain.motion[:, rows]
+
+        def closest(effort: Array, to: Sequence[EffectAt]) -> tuple[Joint, ...]:
+            """Return friction and armature closest to all that acts on joints with effects."""
+            return tuple(
+                joint.closest(effort[o], speed[o], accel[o])
+                if any(at.where in (joint.name, 'all') for at in to)
+                else joint
+                for o, joint in enumerate(beside)
+            )
+
         lawless = [at for at in effects if not is_law(get_effect(at.effect))]
-        joints = _closest(plain, joints, whole, effects)
-        beside = _closest(plain, beside, whole - laws_effort(plain, beside, laws), lawless)
-    block = plain.rows(own[None])
-    late = plain.candidates.of(block, 'set_point_delay')[0]
+        joints, beside = (
+            closest(whole, effects),
+            closest(whole - _taken(laws, joints, place, speed), lawless),
+        )
+    late = plain.candidates.of(plain.rows(own[None]), 'set_point_delay')[0]
     drives = zip(plain.machine.drives, late, strict=True)
     return Content(
         problem.machine,
@@ -185,31 +190,20 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     )
 
 
-def _closest(
-    model: Serial, joints: tuple[Joint, ...], effort: Array, effects: Sequence[EffectAt]
-) -> tuple[Joint, ...]:
-    """Return joints, those with effects by what comes closest to their effort (D, K)."""
-    _, speed, accel = model.motion
-    return tuple(
-        joint.closest(own, speed[d], accel[d])
-        if any(at.where in (joint.name, 'all') for at in effects)
-        else joint
-        for joint, own in zip(joints, effort, strict=True)
-        for d in (model.machine.drives.index(joint.name),)
-    )
+def _rows(model: DriveModel, joints: Sequence[Joint]) -> list[int]:
+    """Return where joints are among a machine's drives."""
+    return [model.machine.drives.index(joint.name) for joint in joints]
 
 
-def laws_effort(
-    model: Serial, joints: tuple[Joint, ...], laws: Mapping[str, tuple[Law, ...]]
+def _taken(
+    laws: Mapping[str, Sequence[Law]], joints: Sequence[Joint], place: Array, speed: Array
 ) -> Array:
-    """Return (D, K) what laws take of joints along the motion."""
-    place, speed, _ = model.motion
-    out = np.zeros((len(joints), place.shape[1]))
-    for own, joint in zip(out, joints, strict=True):
-        d = model.machine.drives.index(joint.name)
-        for law in laws.get(joint.name, ()):
-            own += law.effort(place[d], speed[d])
-    return out
+    """Return (D, K) what effects take of joints at positions and speeds (D, K)."""
+    each = zip(joints, place, speed, strict=True)
+    efforts = [[law.effort(q, v) for law in laws.get(joint.name, ())] for joint, q, v in each]
+    return np.array(
+        [np.sum([0.0 * v, *own], axis=0) for own, v in zip(efforts, speed, strict=True)]
+    )
 
 
 def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:

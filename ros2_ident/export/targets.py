@@ -373,3 +373,6 @@ def _lacking(
     ahead = [j for j in controlled if j.gains and j.gains.share * j.gains.d]
     if 'f' not in target.holds and ahead:
         yield "the set-point's speed in the controllers' law"
+    known = {'command_delay'} & {*target.holds, *(at.effect for at in content.effects)}
+    if content.delays and not known:
+        yield 'how late controllers take their set-points up'

@@ -589,6 +589,9 @@ def test_isaac_and_ros2_control(tmp_path: Path) -> None:
     assert fitting(found, '') == ('isaac', 'ros2_control')
     write(tmp_path, ('isaac', 'ros2_control'), found, '')
     joint = found.joints[0]
+    late = replace(found, delays={joint.name: 0.01})
+    _, words = write(tmp_path / 'late', ('isaac',), late, '')['isaac']
+    assert 'how late controllers take their set-points up' in words[0]
     actuators = yaml.safe_load((tmp_path / 'isaac.yaml').read_text())
     assert actuators['dynamic_friction'] == {joint.name: pytest.approx(joint.coulomb)}
     limit = {} if math.isinf(joint.limit) else {joint.name: joint.limit}
