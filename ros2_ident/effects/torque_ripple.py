@@ -32,8 +32,8 @@ EFFECT = Effect(
             starts=tuple(float(n) for n in (*range(1, 9), *range(10, 21, 2), 24)),
             role='order',
             symbol='n',
-            meaning='periods per motor turn; per turn of a joint whose gear is not stated, as many as '
-            'the log resolves',
+            meaning='periods per motor turn; where no gear is stated, per turn of the joint, as '
+            'many as the log resolves',
         ),
     ),
     hook=Hook.TORQUE,
