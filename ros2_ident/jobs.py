@@ -15,6 +15,7 @@ import numpy as np
 
 from ros2_ident.change.find import apart, find_change
 from ros2_ident.change.result import Comparison
+from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import remove_file
 from ros2_ident.gap.diagnose import diagnose as find_gap
@@ -50,13 +51,14 @@ class Request:
         bounds: (low, high) instead of the machine file's [their units]; of an identification.
         outputs: What is compared, with weights; what the kind of machine compares where None. A
             diagnosis takes one.
-        effects: Effects beside the nominal physics; of an identification.
+        effects: Effects beside the nominal physics.
         without: Ids of effects to leave out of the catalogue; of a diagnosis.
         settings: Search, budgets, threads.
         seed: Of the random generator.
         samples: Effort samples to fit on, all drives together; of an identification.
         workers: Who simulates; `settings.threads` threads of this process where None.
         machine_file: Path of the machine file, for the record; empty where there is none.
+        earlier: An earlier result that is taken as known, for the record; see `knowing`.
     """
 
     machine: Machine
@@ -75,6 +77,7 @@ class Request:
     samples: int = SAMPLES
     workers: Workers | None = field(default=None, compare=False)
     machine_file: str = ''
+    earlier: str = ''
 
     def problem(self, data: Data) -> Problem:
         """Return the nominal model on some data."""
@@ -97,6 +100,7 @@ class Request:
             'bounds': {name: list(pair) for name, pair in self.bounds.items()},
             **({'outputs': dict(self.outputs)} if self.outputs else {}),
             **({'without_effects': list(self.without)} if self.without else {}),
+            **({'from': self.earlier} if self.earlier else {}),
             'time_budget': self.seconds,
             'seed': self.seed,
             **self.conditions.plain(),
@@ -174,6 +178,38 @@ class Diagnosed(Ended[Diagnosis]):
         return self.result.complete
 
 
+def knowing(request: Request, path: str | Path) -> Request:
+    """Return a request that takes what an earlier result found as known.
+
+    Its parameters have a normal distribution beforehand, of their values and intervals; its
+    effects are in the model, but for loads, which are carried in one log; what was held is held.
+
+    Args:
+        path: What `ident identify` or `ident diagnose` wrote: a directory or a JSON file.
+
+    Raises:
+        IdentError: As `report.files.read_estimate`; INVALID_GOAL where nothing follows from it.
+    """
+    from ros2_ident.report.files import read_estimate
+
+    found = read_estimate(path)
+    if found.doubt:
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{path} cannot be taken as known ({found.doubt}); give another result, or leave out '
+            '--from'
+        )
+    loads = [at for at in found.catalogued if get_effect(at.effect).shown_by == 'load']
+    effects = [at for at in found.catalogued if at not in loads]
+    prior = found.prior.without(tuple(at.prefix for at in loads))
+    return replace(
+        request,
+        machine=replace(request.machine, prior=prior),
+        effects=(*request.effects, *effects),
+        fixed={**found.fixed, **request.fixed},
+        earlier=str(path),
+    )
+
+
 def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     """Read the logs of a request.
 
@@ -193,6 +229,12 @@ def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     if request.check:
         check = _gathered(request, read_bags(request.check, request.topics, travel, drives))
     # the same live data are recognised as the same
+    prior = request.machine.prior
+    if prior is not None and prior.sha256 and prior.sha256 == fit.sha256:
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{prior.source} was found from this log, which would count twice; give another log, '
+            'or leave out --from'
+        )
     sha256 = fit.sha256 or hashlib.sha256(b''.join(x.digest for x in fit.datasets)).hexdigest()
     return Logs(fit, check, sha256, since)
 
@@ -245,6 +287,7 @@ def diagnose(
         drives=request.drives,
         without=request.without,
         fixed=request.fixed,
+        effects=request.effects,
         output=next(iter(request.outputs)) if request.outputs else None,
         seed=request.seed,
         seconds=request.seconds,
@@ -315,6 +358,7 @@ def compare(
     fitted = fit(
         problem, replace(request.settings, genetic=SEARCH.genetic), request.seed, cancel=cancel,
         workers=request.workers or Threads(request.settings.threads), first=problem.suggested,
+        known=problem.box.known,
     )  # fmt: skip
     if not np.isfinite(fitted.theta).all():
         raise ErrorCode.DIVERGED.error(
@@ -377,7 +421,8 @@ def save(
         if overlay:
             values = done.result.parameters
             effects = effects_in(values, done.result.nominal)
-            problem = replace(request, outputs=None, effects=effects).problem(logs.fit)
+            more = replace(request, outputs=None, effects=(*request.effects, *effects))
+            problem = more.problem(logs.fit)
             theta = np.array([values[p.name].value for p in problem.parameters])
     if overlay:
         files += bags.write_overlay(folder / bags.OVERLAY, problem, theta, topics=request.topics)
@@ -387,7 +432,7 @@ def save(
 
 
 # What a result says of its logs beside its own settings: the commands that a page proposes next.
-_ASKED = 'bags', 'check_bags', 'machine_file'
+_ASKED = 'bags', 'check_bags', 'machine_file', 'from'
 
 
 def _gathered(request: Request, recordings: Sequence[Recording]) -> Data:

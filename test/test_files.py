@@ -188,7 +188,7 @@ def test_a_pipe_is_told_from_nothing_and_not_waited_for(tmp_path, monkeypatch, c
         (['check', '--machine', 'pipe'], 'pipe: cannot be read (it is no regular file)'),
         (['identify', str(BAG), *machine, '--out', 'pipe'], 'pipe: is no folder; give another'),
         (['report', '.'], 'result.json: cannot be read (it is no regular file)'),
-        (['predict', 'pipe', str(BAG)], 'pipe: cannot be read (it is no regular file)'),
+        (['predict', str(BAG), '--from', 'pipe'], 'pipe: cannot be read (it is no regular file)'),
     ):
         assert main(words) == 2
         assert said in capsys.readouterr().err

@@ -174,8 +174,8 @@ def test_the_command_says_what_the_result_says(tmp_path: Path, capsys) -> None:
     assert 'free run of the log fitted on, position RMSE, identified: emps_axis ' in said
     result = load_result(tmp_path / '$$')
     out = tmp_path / 'out'
-    words = ['predict', str(tmp_path / '$$'), 'bags/axis_reversals', '--out', str(out)]
-    assert main([*words, '--beside', str(tmp_path / '$$' / 'result.json')]) == 0
+    words = ['predict', 'bags/axis_reversals', '--from', str(tmp_path / '$$'), '--out', str(out)]
+    assert main([*words, '--from', str(tmp_path / '$$' / 'result.json')]) == 0
     assert (out / 'prediction.png').read_bytes().startswith(b'\x89PNG')
     found = read(Prediction, json.loads((out / 'prediction.json').read_text(encoding='utf-8')))
     first, second = found.stages

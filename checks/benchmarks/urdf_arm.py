@@ -8,7 +8,7 @@ an identification finds in the bags with it:
     ident new-machine --description arm.urdf --bag bags/fit --out arm.yaml
     ident check --machine arm.yaml bags/fit
     ident identify bags/fit --machine arm.yaml --outputs position,effort --out out
-    ident predict out bags/judge
+    ident predict bags/judge --from out
 """
 
 import argparse

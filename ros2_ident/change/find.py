@@ -256,7 +256,7 @@ def _round(
     threads: int | None,
 ) -> _Round:
     theta, first = sides.inside(theta), sides.models[0]
-    taken = {at for at, _ in sides.effects}
+    taken = {*first.effects, *(at for at, _ in sides.effects)}
     candidates = [at for at in first.extensions() if at not in taken and at.effect not in without]
     # Twice: what is common, and what changed.
     seen = missing_beside(sides, theta, candidates, stopped, threads, times=2)
@@ -281,7 +281,7 @@ def _round(
     logs = _logs(sides, rows, log, paired)
     weighed = weigh_changes(
         residual, nominal, seen.columns, np.array(changed).T, rows.runs, rows.blocks, logs,
-        most=seen.most, usual=usual, alone=alone, side=side, kept=kept,
+        most=seen.most, usual=usual, alone=alone, side=side, kept=kept, known=seen.known,
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
     marginal = Marginal.of(weighed, rows, logs, apart)
@@ -418,8 +418,7 @@ def _step(
 
 def _fitted(now: _Round, sides: Sides, start: Array, stopped: Callable[[], bool]) -> _Best:
     """Return the best fit of sides under the noise, with what the model lacks left open."""
-    box = Box.of(sides.low, sides.high)
-    return _best(now, residuals_at(sides, now.rows), box, start, stopped)
+    return _best(now, residuals_at(sides, now.rows), sides.box, start, stopped)
 
 
 def _best(
@@ -437,7 +436,7 @@ def _best(
         if diverged(residual):
             break
         marginal = marginal.sized(residual)
-        loss = marginal.loss(residual)
+        loss = marginal.loss(residual) + box.aside(box.inside(theta))
     return _Best(theta, loss)
 
 
@@ -497,7 +496,6 @@ def _restated(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sid
     Its logarithm is a parameter more.
     """
     most = math.log(STATED_WITHIN)
-    low, high = np.append(now.sides.low, -most), np.append(now.sides.high, most)
 
     @lru_cache(maxsize=2)
     def stated(power: float) -> tuple[Sides, Residuals]:
@@ -512,7 +510,7 @@ def _restated(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sid
         return out
 
     start = np.append(now.theta, now.weighed.of(c.columns)[0])
-    found = _best(now, evaluate, Box.of(low, high), start, stopped)
+    found = _best(now, evaluate, now.sides.box.wider(-most, most), start, stopped)
     return stated(float(found.theta[-1]))[0], _Best(found.theta[:-1], found.loss)
 
 
@@ -527,8 +525,8 @@ def _explained(begun: _Round, now: _Round, stopped: Callable[[], bool]) -> float
     """
     left = []
     for x in (begun, now):
-        evaluate, box = residuals_at(x.sides, now.rows), Box.of(x.sides.low, x.sides.high)
-        theta = _descended(evaluate, box, x.theta, now.marginal, stopped)
+        evaluate = residuals_at(x.sides, now.rows)
+        theta = _descended(evaluate, x.sides.box, x.theta, now.marginal, stopped)
         left.append(evaluate(theta[None])[0])
     before, after = left
     some = now.weighed.unseen(now.weighed.kept)
@@ -577,6 +575,7 @@ def _still(now: _Round, c: _Column, price: float, stopped: Callable[[], bool]) -
         return True
     _, without = _less(now, c, stopped)
     whole = now.marginal.loss(residuals_at(now.sides, now.rows)(now.theta[None])[0])
+    whole += now.sides.box.aside(now.sides.box.inside(now.theta))
     gain = max(0.0, without.loss - whole)
     kept = [now.weighed.kept[i - now.sides.nominal] for i in own]
     return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price

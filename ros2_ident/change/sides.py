@@ -47,7 +47,8 @@ class Sides(Layout):
         moved: Sequence[str] = (),
     ) -> None:
         on = {side: tuple(at for at, s in effects if s == side) for side in (False, True)}
-        super().__init__([m.extended(on[bool(s)]) for m, s in zip(models, after, strict=True)])
+        pairs = zip(models, after, strict=True)
+        super().__init__([m.extended((*m.effects, *on[bool(s)])) for m, s in pairs])
         self.bare, self.after, self.effects = tuple(models), after, tuple(effects)
         self.nominal, self.moved = len(models[0].parameters), tuple(moved)
         self._fitted = len(self.parameters)

@@ -7,11 +7,14 @@ from dataclasses import fields, replace
 from importlib import import_module
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import yaml
 
 from ros2_ident.errors import ErrorCode
+
+if TYPE_CHECKING:
+    from ros2_ident.jobs import Request
 
 _TABLE = yaml.load(
     Path(__file__).with_name('commands.yaml').read_text(encoding='utf-8'),
@@ -124,6 +127,13 @@ def add_arguments(parser: argparse.ArgumentParser, own: Mapping[str, Any]) -> No
 
 
 # ---------------------------------------------------------------------- what commands share
+
+
+def from_earlier(request: 'Request', args: argparse.Namespace) -> 'Request':
+    """Return a request that takes the earlier result of parsed arguments, if any, as known."""
+    from ros2_ident.jobs import knowing
+
+    return knowing(request, args.earlier) if args.earlier else request
 
 
 def topics_of(args: argparse.Namespace) -> Any:

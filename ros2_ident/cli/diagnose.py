@@ -4,7 +4,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import asked
+from ros2_ident.cli.arguments import asked, from_earlier
 from ros2_ident.cli.runs import carry_out
 from ros2_ident.errors import ErrorCode
 
@@ -19,7 +19,7 @@ def request_of(args: argparse.Namespace) -> 'Request':
     from ros2_ident.jobs import Request
     from ros2_ident.search import Budget
 
-    return Request(
+    request = Request(
         **asked(args),
         outputs={args.output: None} if args.output else None,
         without=args.without,
@@ -27,6 +27,7 @@ def request_of(args: argparse.Namespace) -> 'Request':
             budget=Budget(seconds=args.seconds or None), threads=args.threads
         ),
     )
+    return from_earlier(request, args)
 
 
 def run(args: argparse.Namespace) -> int:

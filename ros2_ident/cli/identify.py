@@ -4,7 +4,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import asked, searched
+from ros2_ident.cli.arguments import asked, from_earlier, searched
 from ros2_ident.cli.runs import carry_out
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ def request_of(args: argparse.Namespace) -> 'Request':
     """Return what parsed arguments ask for."""
     from ros2_ident.jobs import Request
 
-    return Request(**asked(args), **searched(args))
+    return from_earlier(Request(**asked(args), **searched(args)), args)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -36,8 +36,8 @@ def run(args: argparse.Namespace) -> int:
     add_effect_files(args.effect)
     folder = make_directory(args.out) if args.out else None
     require_ours([folder / name for name in (JSON, PICTURE)] if folder else [])
-    runs = {path: _runs(args, read_estimate(path)) for path in (args.results, *args.beside)}
-    stages = [*of_description(runs[args.results]), *runs.items()]
+    runs = {path: _runs(args, read_estimate(path)) for path in args.earlier}
+    stages = [*of_description(runs[args.earlier[0]]), *runs.items()]
     found = predicted(', '.join(args.bag), stages, args.warm_up)
     if found.hindered:
         print(f'no free run: {found.hindered}')

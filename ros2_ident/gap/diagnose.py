@@ -35,7 +35,7 @@ from ros2_ident.gates.examine import examine_models
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.problem import at_rest, sources
 from ros2_ident.machine.machine import Machine
-from ros2_ident.models import Model
+from ros2_ident.models import EffectAt, Model
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSettings, Workers
 from ros2_ident.search.fit import FitSettings
@@ -156,6 +156,7 @@ def diagnose(
     drives: Sequence[str] | None = None,
     without: Sequence[str] = (),
     fixed: Mapping[str, float] | None = None,
+    effects: Sequence[EffectAt] = (),
     output: str | None = None,
     labels: Sequence[str] = (),
     check_labels: Sequence[str] = (),
@@ -180,6 +181,7 @@ def diagnose(
         drives: Drives to look at; all by default.
         without: Ids of effects to leave out of the catalogue.
         fixed: Parameters not to be identified.
+        effects: Effects that are known to be there: part of the nominal model.
         output: Quantity whose gap is looked at: `effort`, `position` or `velocity`; what the
             machine's kind compares where None.
         labels: For each recording in `fit`, the bag it came from.
@@ -218,6 +220,7 @@ def diagnose(
                 data,
                 drives=drives,
                 fixed=fixed,
+                effects=effects,
                 output=output,
                 labels=names,
                 beside=beside,
@@ -234,7 +237,7 @@ def diagnose(
             )
     key = ''
     if checkpoint is not None:
-        asked = machine, drives, tuple(without), fixed, conditions, seed, SEARCH
+        asked = machine, drives, tuple(without), fixed, effects, conditions, seed, SEARCH
         key = _key(asked, first, second)
     with Journal(checkpoint, key) as journal:
         passes = _Passes(conditions, without, seed, clock, workers, journal)
@@ -383,8 +386,9 @@ class _Passes:
             return whole.residual(np.atleast_2d(theta)) * weight
 
         found = least_squares(
-            weighted, begun.base.theta, whole.low, whole.high, stopped=self.clock.stopped
-        )
+            weighted, begun.base.theta, whole.low, whole.high, stopped=self.clock.stopped,
+            known=whole.box.known,
+        )  # fmt: skip
         return fits.ended_at((), found.unit)
 
     def _selected(self, begun: _Pass) -> tuple[Selection, Verdict]:

@@ -15,7 +15,7 @@ from ros2_ident.gap.recordings import JointModel, Split
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
-from ros2_ident.search.jacobian import Box, mean_squares
+from ros2_ident.search.jacobian import mean_squares
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.least_squares import least_squares, Point, within_box
 
@@ -140,7 +140,7 @@ class Fits:
                 before, self.missed = self.missed, watched(base.theta)
                 if (self.missed > _SETTLED * before).all():
                     break
-        box = Box.of(joint.low, joint.high)
+        box = joint.box
         at = Point.at(self.evaluate(joint), box, box.inside(base.theta))
         return replace(base, residual=at.residual, jacobian=at.jacobian)
 
@@ -179,15 +179,14 @@ class Fits:
         joint = self.split.fit.with_effects(effects)
         found = least_squares(
             self.evaluate(joint), theta, joint.low, joint.high,
-            iterations=iterations, stopped=self.stopped,
+            iterations=iterations, stopped=self.stopped, known=joint.box.known,
         )  # fmt: skip
         return self.hypothesis(joint, found)
 
     def ended_at(self, effects: Sequence[EffectAt], unit: Array) -> Hypothesis:
         """Return the fit that ended at (N,) shares of the box."""
         joint = self.split.fit.with_effects(effects)
-        box = Box.of(joint.low, joint.high)
-        return self.hypothesis(joint, Point.at(self.evaluate(joint), box, unit))
+        return self.hypothesis(joint, Point.at(self.evaluate(joint), joint.box, unit))
 
     def key(self, base: Hypothesis | None = None) -> bytes:
         """Return a digest of a fit's inputs beside its effects and start.

@@ -200,6 +200,7 @@ class Fitter:
             workers=self.workers,
             journal=self.journal,
             first=problem.suggested,
+            known=problem.box.known,
         )
         theta = np.concatenate([found.theta, own])
         if not np.isfinite(theta).all():

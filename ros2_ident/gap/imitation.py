@@ -18,7 +18,6 @@ from ros2_ident.gap.fits import Fits
 from ros2_ident.gap.hypothesis import Hypothesis
 from ros2_ident.gap.result import PARAMETERS
 from ros2_ident.models import EffectAt
-from ros2_ident.search.jacobian import Box
 from ros2_ident.search.least_squares import Point
 
 # What rows do not tell from other columns but for this share is rounding of derivatives.
@@ -56,7 +55,7 @@ def in_place_of(
     """
     split, columns, count = fits.split, e.columns(e.effects.index(at)), len(fits.weight)
     fitted, held_out = (part.with_effects(e.effects) for part in (split.fit, split.check))
-    box = Box.of(fitted.low, fitted.high)
+    box = fitted.box
     unit = box.inside(fitted.without(e.theta, [at]))
     points = (
         Point.at(fits.evaluate(fitted), box, unit),

@@ -37,6 +37,7 @@ def recordings_of(
     *,
     drives: Sequence[str] | None = None,
     fixed: Mapping[str, float] | None = None,
+    effects: Sequence[EffectAt] = (),
     output: str | None = None,
     labels: Sequence[str] = (),
     beside: Sequence[Dataset] = (),
@@ -48,6 +49,7 @@ def recordings_of(
         data: The recordings, on the controller's grid.
         drives: The drives compared; all by default.
         fixed: Parameters that are held; `gear_stiffness` means that of every drive.
+        effects: Effects that belong to the nominal model.
         output: Quantity that is compared: `effort`, `position` or `velocity`; what the machine's
             kind compares where None.
         labels: For each recording, the bag it came from.
@@ -60,9 +62,12 @@ def recordings_of(
     # Of two the effort: what controllers do, and when, hardly shows in a position.
     compared = compared_of(machine)
     quantities = (output or ('effort' if 'effort' in compared else compared[0]),)
-    make = partial(make_model, machine, drives=drives, scales=scales, quantities=quantities)
-    if fixed and data:
-        fixed = held_of(machine, make(data[0]), chosen_drives(machine, drives), fixed)
+    make = partial(
+        make_model, machine, drives=drives, effects=effects, scales=scales, quantities=quantities
+    )
+    if data and (fixed or machine.prior):
+        free = make(data[0])
+        fixed = held_of(machine, free, chosen_drives(machine, drives), fixed or {})
     models = [make(d, fixed=fixed) for d in data]
     _one_output_a_drive(models)
     return Part(tuple(models), tuple(labels))
@@ -103,7 +108,7 @@ class JointModel(Layout):
 
     def __init__(self, part: 'Part', effects: Sequence[EffectAt]) -> None:
         self.effects = tuple(effects)
-        models = [m.extended(self.effects) for m in part.models]
+        models = [m.extended((*m.effects, *self.effects)) for m in part.models]
         super().__init__(models, part.labels, part.conditions)
         self._part = part
 
@@ -335,5 +340,9 @@ class Split:
         )
 
     def candidates(self, without: Sequence[str] = ()) -> list[EffectAt]:
-        """Return every effect, but for those left out, at every place it can sit."""
-        return [at for at in self.fit.models[0].extensions() if at.effect not in without]
+        """Return every effect, but for those left out or known, at every place it can sit."""
+        model = self.fit.models[0]
+        return [
+            at for at in model.extensions()
+            if at.effect not in without and at not in model.effects
+        ]  # fmt: skip

@@ -87,6 +87,7 @@ class Selector(Fitter):
             joint.low,
             joint.high,
             series=[int(s) for mask in masks for s in mask.sum(axis=1)],
+            known=joint.box.known,
         )
         noise = found.low, found.high
         if evidence is None:

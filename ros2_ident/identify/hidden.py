@@ -16,7 +16,6 @@ from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.search.evidence import Evidence, weigh
-from ros2_ident.search.jacobian import Box
 from ros2_ident.search.least_squares import Point
 from ros2_ident.search.noise import Run
 from ros2_ident.threads import processors
@@ -118,7 +117,7 @@ def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
         theta: (N,) their parameters.
         rows: The R samples that are looked at.
     """
-    box = Box.of(fitted.low, fitted.high)
+    box = fitted.box
     point = Point.at(residuals_at(fitted, rows), box, box.inside(theta))
     return point.residual, point.jacobian
 
@@ -159,6 +158,7 @@ class Missing:
         alternatives: For each effect what it would change.
         columns: (R, C) the changes by all of them, and how drives stray from an even motion.
         most: (C,) how many times each may be there.
+        known: Rows (L, N) of what is known beforehand, and by how much (L,) the fit is off it.
     """
 
     rows: Rows
@@ -167,6 +167,7 @@ class Missing:
     alternatives: tuple[Alternative, ...]
     columns: Array
     most: Array
+    known: tuple[Array, Array] | None = None
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -175,10 +176,11 @@ class Missing:
         In the unit of the weighted residual.
         """
         rows = self.rows
-        return weigh(
+        found = weigh(
             self.residual, self.slopes, self.columns, rows.runs, rows.blocks,
             most=self.most, share=rows.share,
         )  # fmt: skip
+        return found if self.known is None else found.with_rows(*self.known)
 
 
 def missing_beside(
@@ -233,7 +235,9 @@ def missing_beside(
     answers = _answers(models, rows)
     columns = np.concatenate([answers, *(one.changes for one in found)]).T
     most = np.concatenate([np.full(len(answers), np.inf), *(one.most for one in found)])
-    return Missing(rows, residual, slopes, found, columns, most)
+    known, unit = fitted.known(), fitted.box.inside(theta)
+    beforehand = None if known is None else (known.rows, known.residual(unit))
+    return Missing(rows, residual, slopes, found, columns, most, beforehand)
 
 
 def _answers(models: Sequence[FullModel], rows: Rows) -> Array:

@@ -15,6 +15,7 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_yaml
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.protocol import FullModel, Model
+from ros2_ident.search.jacobian import Box, Known
 
 T = TypeVar('T')
 
@@ -176,7 +177,39 @@ class Layout:
         return [(model, self.own(k, theta)[0]) for k, model in enumerate(self.models)]
 
     @functools.cached_property
+    def box(self) -> Box:
+        """The box, with what an earlier result knows of the parameters, by its noise alone."""
+        return Box.of(self.low, self.high, self.known(noise=True))
+
+    def known(self, *, noise: bool = False) -> Known | None:
+        """Return what an earlier result knows of the parameters; None for nothing.
+
+        Args:
+            noise: Whether for noise alone; else with what its model may have lacked.
+        """
+        machine = self.models[0].machine
+        if machine is None or machine.prior is None:
+            return None
+        rows, mean = machine.prior.rows(self.names, noise=noise)
+        width = self.high - self.low
+        unit = (mean - self.low) / width
+        return Known(rows * width, np.where(np.isnan(unit), 0.5, unit))
+
+    @functools.cached_property
     def suggested(self) -> Array | None:
+        """(N,) parameters to begin with; None for none.
+
+        Those that an earlier result knows, else the mean of what the recordings suggest.
+        """
+        told, known = self._told, self.box.known
+        if known is None:
+            return told
+        seen = known.rows.any(axis=0)
+        start = self.box.physical(np.clip(known.mean, 0.0, 1.0))
+        return start if told is None else np.where(seen, start, told)
+
+    @property
+    def _told(self) -> Array | None:
         """(N,) parameters that the recordings suggest, the mean of all; None for none."""
         total, count = np.zeros(len(self.names)), np.zeros(len(self.names))
         for number, model in enumerate(self.models):
@@ -243,7 +276,8 @@ def held_of(
         given: Values by name; `gear_stiffness` means that of every drive.
 
     Raises:
-        IdentError: UNKNOWN_PARAMETER where nothing is called so.
+        IdentError: UNKNOWN_PARAMETER where nothing is called so; INVALID_GOAL where the machine's
+            prior is another one's.
     """
     from ros2_ident.models.drives.candidates import SLOTS
 
@@ -254,6 +288,9 @@ def held_of(
         for name in machine.bounds
         if drive not in drives and name in SLOTS and not SLOTS[name].shared
     ]
+    if machine.prior is not None:
+        others = [drive for drive in machine.drives if drive not in drives]
+        machine.prior.check({p.name: (p.low, p.high, p.unit) for p in free.parameters}, others)
     known = [*(p.name for p in free.parameters), *followers]
     return expanded(known, given, 'be fixed')
 

@@ -162,7 +162,9 @@ def solve(
     watch = _Watch(on_progress) if on_progress and settings.budget.seconds is None else None
     if settings.method == 'algebraic':
         thinned = any(model.thinned for model in problem.models)
-        found = algebraic.solve(problem, 1 if thinned else settings.decimation, settings.level)
+        found = algebraic.solve(
+            problem, 1 if thinned else settings.decimation, settings.level, problem.box.known
+        )
     else:
         with Journal(checkpoint, f'{problem.key} {seed} {settings.genetic}') as journal:
             found = fit(
@@ -174,6 +176,7 @@ def solve(
                 workers=workers or Threads(settings.threads),
                 journal=journal,
                 first=problem.suggested,
+                known=problem.box.known,
             )
     weighed = None
     if found.intervals is not None and not cut_short(found):
@@ -371,6 +374,8 @@ def quarters(problem: Problem, weighed: Missing, theta: Array) -> Array:
     size = float(np.sqrt(np.mean(residual**2)))
     box = np.column_stack([np.eye(theta.size) * size / BOX_DEVIATION, np.zeros(theta.size)])
     unit = (theta - problem.low) / (problem.high - problem.low)
+    if (known := problem.box.known) is not None:
+        box = np.vstack([box, size * np.column_stack([known.rows, known.residual(unit)])])
     left = residual.copy()
     for k, rows in enumerate(parts):
         others = np.vstack([*factors[:k], *factors[k + 1 :], box])

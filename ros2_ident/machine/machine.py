@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.description import judged_tree
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, NEUTRAL, Value
+from ros2_ident.machine.prior import Prior
 from ros2_ident.machine.units import angular, plain_unit
 
 Box = tuple[float, float, str]
@@ -77,6 +78,7 @@ class Machine:
             in memory.
         travel: Unit of the drives' positions where the kind says it, else empty.
         stands: Drives that stand in all of the data, and where (rad or m).
+        prior: What an earlier result knows of its parameters; None for nothing.
     """
 
     kind: str
@@ -91,6 +93,7 @@ class Machine:
     digest: str = ''
     travel: str = ''
     stands: Mapping[str, float] = field(default_factory=dict)
+    prior: Prior | None = None
 
     # ------------------------------------------------------------------ constants
 

@@ -7,7 +7,7 @@ An estimate is read back from either.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 import json
 import math
 from pathlib import Path
@@ -20,12 +20,13 @@ from ros2_ident.change.result import Between, Comparison
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_text
-from ros2_ident.gap.result import Diagnosis, Value
+from ros2_ident.gap.result import Cause, Diagnosis, Value
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of
 from ros2_ident.identify.problem import Problem
-from ros2_ident.identify.result import History, Identification, ParameterEstimate
+from ros2_ident.identify.result import History, Identification, Outcome, ParameterEstimate
 from ros2_ident.machine.keys import digits
+from ros2_ident.machine.prior import Prior
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.models.drives.candidates import SLOTS
 from ros2_ident.models.registry import KINDS
@@ -39,7 +40,7 @@ from ros2_ident.report.signals import (
     signals_of_problem,
     write_signals,
 )
-from ros2_ident.words.verdict import named
+from ros2_ident.words.verdict import named, sentence
 
 JSON, HISTORY, SIGNALS = 'result.json', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
@@ -54,6 +55,8 @@ CHECKPOINT, DIAGNOSIS_CHECKPOINT = 'identify.checkpoint', 'diagnose.checkpoint'
 # What the two commands write, beside the overlay bag.
 OF_RESULT = (JSON, HISTORY, SIGNALS, PAGE, CHECKPOINT)
 OF_DIAGNOSIS = (DIAGNOSIS, DIAGNOSIS_SIGNALS, PAGE, DIAGNOSIS_CHECKPOINT)
+# Causes after which no parameter of a diagnosis counts as known.
+_UNSOUND = {Cause.CUT_SHORT, Cause.LOG, Cause.CONSTANT, Cause.MODEL, Cause.EVENTS}
 
 
 def write_diagnosis(
@@ -205,7 +208,7 @@ def load_result(path: str | Path) -> Identification:
         return result
     arrays = read_arrays(history, 'the result stays readable')
     with intact(history):
-        held = History(**{field.name: arrays[field.name] for field in fields(History)})
+        held = History(**{f.name: arrays[f.name] for f in fields(History)})
     return replace(result, history=held)
 
 
@@ -295,6 +298,8 @@ class Estimate:
         drives: Drives compared; all where empty.
         settings: What was asked for.
         source: Where the log was.
+        prior: What a later run may take as known.
+        doubt: Why it may not; empty where it may.
     """
 
     values: Mapping[str, float]
@@ -303,10 +308,18 @@ class Estimate:
     drives: tuple[str, ...]
     settings: Mapping[str, Any]
     source: str
+    prior: Prior = field(default_factory=Prior)
+    doubt: str = ''
 
     def effects(self, nominal: Iterable[str]) -> tuple[EffectAt, ...]:
         """Return the effects whose parameters are here beside the nominal ones."""
         return effects_in(self.values, set(nominal))
+
+    @property
+    def catalogued(self) -> tuple[EffectAt, ...]:
+        """Effects of the catalogue whose parameters are here."""
+        found = self.effects(name for name in self.values if '.' not in name)
+        return tuple(at for at in found if at.effect in CATALOGUE)
 
 
 def read_estimate(path: str | Path) -> Estimate:
@@ -324,12 +337,23 @@ def read_estimate(path: str | Path) -> Estimate:
     if diagnosis == folder and (whole or not (folder / DIAGNOSIS).exists()):
         of = load_result(folder)
         known, fixed, drives = {p.name: p for p in of.parameters}, of.fixed, of.drives
+        correlation = of.correlation
+        doubt = 'several minima fit almost alike' if of.rival else ''
+        if of.outcome not in (Outcome.IDENTIFIED, Outcome.NOT_IDENTIFIABLE):
+            doubt = of.outcome.value
     else:
         of = load_diagnosis(diagnosis)
-        known, fixed = of.found.parameters, of.settings.get('fixed', {})
+        # Numbers of the machine file are none of its parameters.
+        stated = {c.key for c in of.found.facts.constants}
+        known = {n: v for n, v in of.found.parameters.items() if n not in stated}
+        fixed = of.settings.get('fixed', {})
         drives = tuple(of.settings.get('drives', ()))
-    halves = {name: 0.5 * (v.high - v.low) for name, v in known.items()}
-    deviations = {x: math.inf if math.isnan(half) else half / NORMAL for x, half in halves.items()}
+        correlation = np.full((len(known), len(known)), np.nan)
+        doubt = sentence(of.found) if of.found.facts.cause in _UNSOUND else ''
+    deviations = {name: _deviation(v.low, v.high) for name, v in known.items()}
+    noise = {name: _deviation(v.noise_low, v.noise_high) for name, v in known.items()}
+    # Not every number of a diagnosis has an interval by noise.
+    noise = {name: min(noise[name], x) for name, x in deviations.items()}
     found = Estimate(
         {name: v.value for name, v in known.items()},
         deviations,
@@ -337,7 +361,13 @@ def read_estimate(path: str | Path) -> Estimate:
         drives,
         of.settings,
         of.provenance.source,
-    )
+        Prior(
+            str(path), of.provenance.sha256, {name: v.value for name, v in known.items()},
+            deviations, noise, {name: v.unit for name, v in known.items()},
+            tuple(map(tuple, correlation.tolist())),
+        ),
+        doubt,
+    )  # fmt: skip
     # Without --each an @ belongs to a joint's name.
     several = [name for name in found.values if of.settings.get('each') and '@' in name]
     if several:
@@ -349,3 +379,8 @@ def read_estimate(path: str | Path) -> Estimate:
     if broken:
         raise ErrorCode.INVALID_GOAL.error(f'{path} holds no value of {broken[0]}; identify again')
     return found
+
+
+def _deviation(low: float, high: float) -> float:
+    """Return the standard deviation behind a 95 % interval; inf where it is not known."""
+    return math.inf if math.isnan(high - low) else 0.5 * (high - low) / NORMAL

@@ -17,6 +17,7 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.search.driver import SearchResult
 from ros2_ident.search.fit import Fitted, Solvable
 from ros2_ident.search.genetic import StopReason
+from ros2_ident.search.jacobian import Known
 from ros2_ident.search.uncertainty import intervals
 
 # Step to either side, in box widths, and what of it may be curved.
@@ -31,7 +32,9 @@ _STAYS = 1e-9
 _SHORT = 40
 
 
-def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitted:
+def solve(
+    problem: Solvable, decimation: int = 10, level: float = 0.95, known: Known | None = None
+) -> Fitted:
     """Fit a problem that is linear in its parameters.
 
     Of its box only this counts: what cannot be below zero there does not get there.
@@ -40,6 +43,7 @@ def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitte
         problem: What to fit.
         decimation: Samples of which one is kept, behind a low-pass without phase.
         level: Probability that an interval covers the truth.
+        known: What is known of shares of the box beforehand.
 
     Returns:
         The estimate, `ga` holding it without a generation, with intervals.
@@ -54,14 +58,19 @@ def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitte
     rows, series = _decimated(np.column_stack([left, slopes]), problem.series, decimation)
     kept, columns = rows[:, 0], rows[:, 1:]
     lowest = np.where(problem.low >= 0.0, 0.0, -np.inf)
-    change, weights = _solved(kept, columns, series, lowest - middle)
+    width = problem.high - problem.low
+    beforehand = np.empty((0, len(middle) + 1))
+    if known is not None:
+        off = known.residual(np.full(len(middle), 0.5))
+        beforehand = np.column_stack([known.rows / width, -off])
+    change, weights = _solved(kept, columns, series, lowest - middle, beforehand)
     theta = np.maximum(middle + change, lowest)
     residual = left + slopes @ change
     cost = problem.cost_of(residual)
     found = SearchResult(
         theta, cost, theta[None], np.array([cost]), 0, 0, (), StopReason.SOLVED, 0.0
     )
-    known = intervals(
+    certain = intervals(
         columns * weights[:, None],
         (kept + columns @ change) * weights,
         theta,
@@ -69,13 +78,14 @@ def solve(problem: Solvable, decimation: int = 10, level: float = 0.95) -> Fitte
         problem.high,
         series=series,
         level=level,
+        known=known,
     )
     return Fitted(
         ga=found,
         refined=None,
         theta=theta,
         residual=residual,
-        intervals=known,
+        intervals=certain,
         cancelled=False,
         left_out=False,
         evaluations=2 * len(theta) + 1,
@@ -124,12 +134,15 @@ def _decimated(rows: Array, series: tuple[int, ...], factor: int) -> tuple[Array
 
 
 def _solved(
-    residual: Array, slopes: Array, series: tuple[int, ...], lowest: Array
+    residual: Array, slopes: Array, series: tuple[int, ...], lowest: Array, beforehand: Array
 ) -> tuple[Array, Array]:
-    """Return the (N,) step from the middle, at least `lowest`, and the (R,) weights behind it."""
+    """Return the (N,) step from the middle, at least `lowest`, and the (R,) weights behind it.
+
+    What is known beforehand are rows (L, N + 1) of steps and what they give, of noise 1.
+    """
     lengths = np.array([n for n in series if n])
     weights = np.ones(len(residual))
-    change = np.zeros(slopes.shape[1])
+    change, noise = np.zeros(slopes.shape[1]), 0.0
     for _ in range(_ROUNDS):
         weighted = slopes * weights[:, None]
         scale = np.linalg.norm(weighted, axis=0)
@@ -137,12 +150,15 @@ def _solved(
         # The triangular factor has the minimum of the whole.
         both = np.column_stack([weighted / scale, -residual * weights])
         triangle = np.asarray(np.linalg.qr(both, mode='r'))
-        columns = np.concatenate([triangle[:, :-1], _STAYS * np.eye(len(scale))])
-        wanted = np.concatenate([triangle[:, -1], np.zeros(len(scale))])
+        known = noise * beforehand
+        columns = [triangle[:, :-1], known[:, :-1] / scale, _STAYS * np.eye(len(scale))]
+        wanted = np.concatenate([triangle[:, -1], known[:, -1], np.zeros(len(scale))])
         bounds = lowest * scale, np.inf
-        change = scipy.optimize.lsq_linear(columns, wanted, bounds, method='bvls').x / scale
+        found = scipy.optimize.lsq_linear(np.vstack(columns), wanted, bounds, method='bvls')
+        change = found.x / scale
         left = residual + slopes @ change
         parts = np.split(left, np.cumsum(lengths)[:-1])
         sizes = np.array([max(float(np.std(part)), 1e-300) for part in parts])
-        weights = np.repeat(sizes.max() / sizes, lengths)
+        noise = float(sizes.max())
+        weights = np.repeat(noise / sizes, lengths)
     return change, weights

@@ -184,6 +184,7 @@ def weigh_changes(
     alone: Mask,
     side: Mask,
     kept: Sequence[int] = (),
+    known: tuple[Array, Array] | None = None,
 ) -> Changes:
     """Weigh what may have changed from one side to the other.
 
@@ -201,6 +202,8 @@ def weigh_changes(
         alone: (Q,) which each log has of its own: no change of the machine.
         side: (Q,) whether a change is on the side after; else on the side before.
         kept: Columns of `changed` that did change.
+        known: Rows (L, N') of what is known of the first parameters beforehand, and by how much
+            (L,) the fit is off it.
 
     Reference:
         Scatter from log to log: random effects of DerSimonian and Laird (1986), Controlled
@@ -223,23 +226,30 @@ def weigh_changes(
             sums = np.column_stack([rows @ rows.T, rows @ right[there]])
             cells.append(_Cell(int(log.start), int(pair), int(fold), side == after, sums))
     first = nuisance.shape[1]
-    whole = np.sum([cell.sums for cell in cells], axis=0)
-    sizes = Sums(whole[:first, :first], whole[:first, -1], limit).sizes(scale)[0]
-    prior = np.concatenate([np.ones(jacobian.shape[1]), sizes**-2.0])
-    known = np.where(rms > 0.0, np.minimum(usual * np.maximum(rms, 1e-300), SIZES[-1] * scale), 0)
+    whole = np.sum([cell.sums for cell in cells], axis=0)[:first]
+    prior = np.zeros((first, first + 1))
+    if known is not None:
+        rows = np.pad(known[0][:, : jacobian.shape[1]], ((0, 0), (0, len(common))))
+        prior = rows.T @ np.column_stack([rows, known[1]])
+    told = whole[:, :first] + prior[:, :-1], whole[:, -1] + prior[:, -1]
+    sizes = Sums(*told, limit).sizes(scale)[0]
+    prior[:, :-1] += np.diag(np.concatenate([np.ones(jacobian.shape[1]), sizes**-2.0]))
+    usually = np.where(
+        rms > 0.0, np.minimum(usual * np.maximum(rms, 1e-300), SIZES[-1] * scale), 0
+    )
 
     parts: list[tuple[Array, ...]] = []
     for fold in sorted({cell.fold for cell in cells}):
         both = [[c for c in cells if (c.fold == fold) is own] for own in (True, False)]
-        parts.append(tuple(x for own in both for x in _reduced(own, prior, known)))
+        parts.append(tuple(x for own in both for x in _reduced(own, prior, usually)))
     inflation, freedom = np.ones(len(rms)), np.full(len(rms), np.inf)
     if logs.whole and len(parts) > 1:
         inflation, freedom = _scatter(
             np.array([np.diag(part[0]) for part in parts]), np.array([part[1] for part in parts])
         )
-    of_all = [_reduced(cells, prior, deviation) for deviation in (known, 0.0 * known)]
+    of_all = [_reduced(cells, prior, deviation) for deviation in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
-    apart = (changed * unit * known)[:, alone & (known > 0.0)]
+    apart = (changed * unit * usually)[:, alone & (usually > 0.0)]
     return Changes(
         own, score, tuple(kept), alike, inflation, freedom, noise, common.T, sizes, limit, apart,
         parts, scale,
@@ -283,14 +293,14 @@ def _reduced(cells: Sequence[_Cell], prior: Array, deviation: Array) -> tuple[Ar
 
     Args:
         cells: Parts of logs.
-        prior: (N + C,) precision of what is common.
+        prior: (N + C, N + C + 1) precision of what is common, and its push.
         deviation: (Q,) standard deviation of a change from log to log.
     """
     first, count = len(prior), len(deviation)
     found: Array = np.zeros((count, count + 1))
     own = np.flatnonzero(deviation > 0.0)
     for pair in dict.fromkeys(cell.pair for cell in cells):
-        normal = np.column_stack([np.diag(prior), np.zeros((first, count + 1))])
+        normal = np.hstack([prior[:, :-1], np.zeros((first, count)), prior[:, -1:]])
         alike = [cell for cell in cells if cell.pair == pair]
         for log in dict.fromkeys(cell.log for cell in alike):
             of_log = [cell for cell in alike if cell.log == log]

@@ -87,12 +87,18 @@ class Evidence:
         """(P,) root mean square of what is predicted."""
         return np.sqrt(np.maximum(self.rms**2 - self.floor**2, 0.0))
 
-    def with_rows(self, jacobian: Array) -> 'Evidence':
-        """Return it with further rows (L, N) that what is missing does not change, of noise 1."""
+    def with_rows(self, jacobian: Array, residual: Array | float = 0.0) -> 'Evidence':
+        """Return it with further rows that what is missing does not change, of noise 1.
+
+        Args:
+            jacobian: (L, N) their derivative by the parameters' shares of their box.
+            residual: (L,) their residual; 0 where the parameters are the best of these rows, too.
+        """
         before = np.linalg.pinv(self.covariance, hermitian=True)
         known = before + jacobian.T @ jacobian
         covariance = np.asarray(np.linalg.pinv(known, hermitian=True), dtype=np.float64)
-        return replace(self, shift=covariance @ before @ self.shift, covariance=covariance)
+        push = before @ self.shift - np.broadcast_to(residual, len(jacobian)) @ jacobian
+        return replace(self, shift=covariance @ push, covariance=covariance)
 
     def ends(
         self, theta: Array, low: Array, high: Array, least: Array, most: Array

@@ -23,7 +23,7 @@ from ros2_ident.search.evaluators import (
     Workers,
 )
 from ros2_ident.search.genetic import GeneticSearch, GeneticSettings, StopReason
-from ros2_ident.search.jacobian import Box, finite_differences
+from ros2_ident.search.jacobian import Box, finite_differences, Known
 from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.operators import Flags
 from ros2_ident.search.refine import refine, Refinement
@@ -170,6 +170,7 @@ def fit(
     workers: Workers | None = None,
     journal: Journal | None = None,
     first: Array | None = None,
+    known: Known | None = None,
 ) -> Fitted:
     """Fit a problem.
 
@@ -186,6 +187,7 @@ def fit(
         journal: Gets every generation and the end of every start of the refinement; a fit of the
             same problem, settings and seed goes on from it, with the same result to the bit.
         first: (N,) a candidate of the first generation, physical units.
+        known: What is known of the parameters beside their box; the refinement counts it.
 
     Returns:
         The estimate with what is known of it.
@@ -203,7 +205,7 @@ def fit(
     ):
         return _Fit(
             problem, settings, seed, costs, residuals, cancel, on_progress, journal or Journal(),
-            first,
+            first, known,
         ).solve()  # fmt: skip
 
 
@@ -240,6 +242,7 @@ class _Fit:
     on_progress: OnProgress | None
     journal: Journal
     first: Array | None
+    known: Known | None
 
     def __post_init__(self) -> None:
         problem, settings = self.problem, self.settings
@@ -423,6 +426,7 @@ class _Fit:
             good_enough=DOWN_TO_NOISE * self.problem.noise,
             journal=self.journal,
             key=self.problem.key,
+            known=self.known,
         )
 
     def _watched(self, ga: SearchResult, starts: int) -> Evaluate:
@@ -469,5 +473,6 @@ class _Fit:
             return None
         p = self.problem
         return intervals(
-            jacobian, residual, theta, p.low, p.high, series=p.series, level=self.settings.level
-        )
+            jacobian, residual, theta, p.low, p.high, series=p.series, level=self.settings.level,
+            known=self.known,
+        )  # fmt: skip

@@ -39,19 +39,38 @@ def mean_squares(rows: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class Known:
+    """Normal distribution that is known of shares of a box beforehand.
+
+    Attributes:
+        rows: (L, N) of which the products with a deviation from the mean are of size 1.
+        mean: (N,) mean.
+    """
+
+    rows: Array
+    mean: Array
+
+    def residual(self, unit: Array) -> Array:
+        """Return (L,) by how many standard deviations shares (N,) of the box are off."""
+        return np.asarray(self.rows @ (unit - self.mean))
+
+
+@dataclass(frozen=True)
 class Box:
     """The box of the search.
 
     Attributes:
         low: (N,) lower bounds, physical units.
         width: (N,) upper less lower bounds.
+        known: What is known of the parameters beside it; None for nothing.
     """
 
     low: Array
     width: Array
+    known: Known | None = None
 
     @classmethod
-    def of(cls, low: Any, high: Any) -> 'Box':
+    def of(cls, low: Any, high: Any, known: Known | None = None) -> 'Box':
         """Return the box between two corners, or refuse them."""
         bottom = np.atleast_1d(np.array(low, dtype=np.float64))
         top = np.atleast_1d(np.array(high, dtype=np.float64))
@@ -62,7 +81,24 @@ class Box:
                 'every lower bound has to be finite and below its finite upper bound; correct the '
                 'box'
             )
-        return cls(bottom, top - bottom)
+        return cls(bottom, top - bottom, known)
+
+    def aside(self, unit: Array) -> float:
+        """Return minus twice the logarithm of what else is known of a point, but for a constant.
+
+        Args:
+            unit: (N,) shares of the box.
+        """
+        off = np.empty(0) if self.known is None else self.known.residual(unit)
+        return float(off @ off)
+
+    def wider(self, low: float, high: float) -> 'Box':
+        """Return it with a parameter more, of which nothing else is known."""
+        known = self.known
+        if known is not None:
+            known = Known(np.pad(known.rows, ((0, 0), (0, 1))), np.append(known.mean, 0.5))
+        ends = np.append(self.low, low), np.append(self.low + self.width, high)
+        return Box.of(*ends, known)
 
     def physical(self, unit: Array) -> Array:
         """Return points (..., N) of the unit cube in physical units."""

@@ -20,6 +20,7 @@ from ros2_ident.search.jacobian import (
     COARSE_STEP,
     diverged,
     finite_differences,
+    Known,
     mean_squares,
     Residuals,
 )
@@ -103,7 +104,8 @@ class _Objective:
 
     With a prior it is minus twice the logarithm of the posterior, but for a constant: each
     parameter has the mean and the variance of its box. What the data determine hardly feels it;
-    what they leave open stays in the middle. The residual is taken as white noise.
+    what they leave open stays in the middle. What else is known of the parameters counts in any
+    case. The residual is taken as white noise.
 
     Reference:
         Maximum a posteriori: Gelman et al. (2013), Bayesian Data Analysis, section 13.1.
@@ -114,13 +116,14 @@ class _Objective:
         # A square of the residual counts one over its unit squared.
         self.certainty = 1.0 / point.loss
         self.box = np.eye(unit.size if prior else 0, unit.size) / BOX_DEVIATION
+        self.known = point.box.known or Known(np.empty((0, unit.size)), unit)
         rows = np.column_stack([point.jacobian, -point.residual])
         # The triangular factor has the minimum of the whole.
         self.triangle = np.asarray(np.linalg.qr(math.sqrt(self.certainty) * rows, mode='r'))
 
     def __call__(self, point: Point) -> float:
         """Return its value at a point."""
-        aside = self.box @ (point.unit - 0.5)
+        aside = np.append(self.box @ (point.unit - 0.5), self.known.residual(point.unit))
         return self.certainty * point.loss * point.residual.size + float(aside @ aside)
 
     def least(self, damping: float = 0.0) -> tuple[Array, float]:
@@ -149,8 +152,12 @@ class _Objective:
         """Return the rows (M, N) of a step's linear model, and what they are to give (M,)."""
         unit, slopes = self.point.unit, self.triangle[:, :-1]
         held = math.sqrt(damping) * np.diag(np.linalg.norm(slopes, axis=0))
-        wanted = [self.triangle[:, -1], self.box @ (0.5 - unit), np.zeros(unit.size)]
-        return np.vstack([slopes, self.box, held]), np.concatenate(wanted)
+        known = self.known
+        wanted = [
+            self.triangle[:, -1], self.box @ (0.5 - unit), -known.residual(unit),
+            np.zeros(unit.size),
+        ]  # fmt: skip
+        return np.vstack([slopes, self.box, known.rows, held]), np.concatenate(wanted)
 
 
 def descent(start: Point, tolerance: float, *, prior: bool = False) -> Iterator[Point]:
@@ -205,6 +212,7 @@ def least_squares(
     iterations: int = 12,
     tolerance: float = 1e-6,
     stopped: Callable[[], bool] = lambda: False,
+    known: Known | None = None,
 ) -> Point:
     """Minimise the mean square of a residual vector within a box.
 
@@ -216,11 +224,12 @@ def least_squares(
         iterations: Most iterations.
         tolerance: As of `descent`.
         stopped: Asked once an iteration; ends the fit with the best so far.
+        known: As of `Box`.
 
     Returns:
         The best point found, never worse than the start.
     """
-    box = Box.of(low, high)
+    box = Box.of(low, high, known)
     best = Point.at(residuals, box, box.inside(start))
     better = islice(descent(best, tolerance), iterations)
     while not stopped() and (point := next(better, None)):

@@ -15,7 +15,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.search.evaluators import Cancel
-from ros2_ident.search.jacobian import Box, finite_differences, Residuals
+from ros2_ident.search.jacobian import Box, finite_differences, Known, Residuals
 from ros2_ident.search.journal import digest_of, Journal, Within
 from ros2_ident.search.least_squares import descent, Point
 
@@ -102,6 +102,12 @@ class _Start:
         """RMS of the residual at the best point, inf for none."""
         return math.sqrt(self.best.loss)
 
+    @property
+    def improbability(self) -> float:
+        """Minus twice the logarithm of the posterior there, but for a constant; inf for none."""
+        best = self.best
+        return best.residual.size * math.log(max(best.loss, 1e-300)) + self.box.aside(best.unit)
+
     def evaluate(self, theta: Array) -> Array:
         """Return (S, R) residuals of (S, N) physical candidates."""
         if self.cancel is not None and self.cancel.is_set():
@@ -175,8 +181,9 @@ def refine(
     good_enough: float = 0.0,
     journal: Journal | None = None,
     key: str = '',
+    known: Known | None = None,
 ) -> Refinement:
-    """Refine several candidates and keep the best.
+    """Refine several candidates and keep the most probable.
 
     Args:
         residuals: (S, N) in physical units -> (S, R); a diverged candidate's row is inf.
@@ -191,6 +198,7 @@ def refine(
         journal: Gets the end of every start; what an earlier run has put there is not worked out
             again.
         key: Of the residuals, to tell them apart from others in the journal.
+        known: As of `Box`.
 
     Returns:
         The best of all starts.
@@ -198,7 +206,7 @@ def refine(
     Raises:
         IdentError: BAD_VALUES where starts, bounds or residuals are unusable.
     """
-    box = Box.of(low, high)
+    box = Box.of(low, high, known)
     first = np.atleast_2d(np.array(starts, dtype=np.float64))
     if first.size == 0 or first.shape[1] != len(box.low) or not np.isfinite(first).all():
         raise ErrorCode.BAD_VALUES.error(
@@ -218,7 +226,7 @@ def refine(
         )
         ended = start.solve(tolerance)
         outcomes.append(StartOutcome(row, start.best.theta, start.cost, start.evaluations, ended))
-        if best is None or start.cost < best.cost:
+        if best is None or start.improbability < best.improbability:
             best, status = start, ended
         if ended is RefineStatus.CANCELLED:
             status = ended

@@ -10,6 +10,7 @@ import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
+from ros2_ident.search.jacobian import Known
 from ros2_ident.search.noise import fit_noise, NoiseModel, weighted_normal_matrix
 from ros2_ident.search.operators import Flags
 
@@ -55,6 +56,7 @@ def intervals(
     *,
     series: Sequence[int] | None = None,
     level: float = 0.95,
+    known: Known | None = None,
 ) -> Intervals:
     """Return confidence intervals that allow for autocorrelated residuals.
 
@@ -73,6 +75,8 @@ def intervals(
         series: Lengths of the time series that follow one another in the residual vector, one for
             each output and segment; None for a single one.
         level: Probability that an interval covers the truth.
+        known: What is known of shares of the box beforehand, as the fit counted it: rows more,
+            with the mean square of the residual as their variance.
 
     Returns:
         The intervals.
@@ -92,11 +96,13 @@ def intervals(
         )
     width = np.asarray(high, dtype=np.float64) - np.asarray(low, dtype=np.float64)
     scaled = jacobian * width
-    inverse, loose, rank = _inverse(scaled)
+    beforehand = np.empty((0, dimension)) if known is None else known.rows
+    beforehand = beforehand * np.sqrt(np.mean(residual**2))
+    inverse, loose, rank = _inverse(np.concatenate([scaled, beforehand]))
     # J'RJ over all series; the factor makes up for the degrees of freedom that the fit took.
     freedom = count / (count - rank)
     models: list[NoiseModel] = []
-    middle = np.zeros((dimension, dimension))
+    middle = np.mean(residual**2) * beforehand.T @ beforehand
     start = 0
     for length in (count,) if series is None else filter(None, series):
         part = slice(start, start + length)

@@ -14,7 +14,7 @@ from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.result import WrongConstant
 from ros2_ident.gap.selection import Selector
 from ros2_ident.models.registry import stated_numbers, STATED_WITHIN
-from ros2_ident.search.jacobian import Box, COARSE_STEP
+from ros2_ident.search.jacobian import COARSE_STEP
 from ros2_ident.search.least_squares import least_squares
 from ros2_ident.search.uncertainty import intervals
 
@@ -48,7 +48,7 @@ class _WithConstant:
     def __init__(self, fits: Fits, base: Hypothesis, name: str, stated: float) -> None:
         self.fits, self.base, self.name, self.stated = fits, base, name, stated
         joint, ends = fits.split.fit.with_effects(()), math.log(STATED_WITHIN)
-        self.box = Box.of(np.append(joint.low, -ends), np.append(joint.high, ends))
+        self.box = joint.box.wider(-ends, ends)
 
     def promise(self) -> float:
         """Return how much of the sum of squares goes, to first order."""
@@ -66,8 +66,9 @@ class _WithConstant:
         low, high = self.box.low, self.box.low + self.box.width
         start = np.append(self.base.theta, 0.0)
         best = least_squares(
-            self._residuals, start, low, high, iterations=ITERATIONS, stopped=self.fits.stopped
-        )
+            self._residuals, start, low, high, iterations=ITERATIONS, stopped=self.fits.stopped,
+            known=self.box.known,
+        )  # fmt: skip
         there = self._at(best.theta[-1])
         value, rows = self.stated * math.exp(best.theta[-1]), len(self.fits.weight)
         scale = np.append(np.ones(len(low) - 1), value)
@@ -79,6 +80,7 @@ class _WithConstant:
             np.append(low[:-1], bounds[0]),
             np.append(high[:-1], bounds[1]),
             series=[int(s) for mask in self.fits.split.fit.masks for s in mask.sum(axis=1)],
+            known=self.box.known,
         )
         ends = float(found.low[-1]), float(found.high[-1])
         constant = WrongConstant(self.name, self.stated, value, *ends, unit)
