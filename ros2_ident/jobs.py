@@ -124,7 +124,8 @@ class Logs:
     since: float
 
 
-Result = TypeVar('Result', Identification, Diagnosis)
+Result = TypeVar('Result', Identification, Diagnosis, Comparison)
+Asking = TypeVar('Asking', bound=Request)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +179,7 @@ class Diagnosed(Ended[Diagnosis]):
         return self.result.complete
 
 
-def knowing(request: Request, path: str | Path) -> Request:
+def knowing(request: Asking, path: str | Path) -> Asking:
     """Return a request that takes what an earlier result found as known.
 
     Its parameters have a normal distribution beforehand, of their values and intervals; its
@@ -208,6 +209,22 @@ def knowing(request: Request, path: str | Path) -> Request:
         fixed={**found.fixed, **request.fixed},
         earlier=str(path),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Compared(Ended[Comparison]):
+    """A comparison of two sides that has ended; request and logs are those before.
+
+    Attributes:
+        later: Paths of the bags after; none for what was received.
+    """
+
+    later: tuple[str, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether no cancel cut it short."""
+        return self.result.complete
 
 
 def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
@@ -300,33 +317,13 @@ def diagnose(
     return Diagnosed(request, logs, result, time.monotonic() - logs.since, checkpoint, cut)
 
 
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """A comparison of two sides that has ended.
-
-    Attributes:
-        request: What was asked for; its bags are those before.
-        later: Paths of the bags after.
-        before: Logs before.
-        after: Logs after.
-        result: What was found.
-        seconds: From reading to the result, s.
-    """
-
-    request: Request
-    later: tuple[str, ...]
-    before: Logs
-    after: Logs
-    result: Comparison
-    seconds: float
-
-
 def compare(
     request: Request,
     later: Sequence[str],
     *,
     paired: bool = False,
     among: int = 1,
+    received: RecordingBuilder | None = None,
     cancel: Cancel | None = None,
     on_step: Callable[[float, str], None] = lambda share, text: None,
 ) -> Compared:
@@ -334,22 +331,23 @@ def compare(
 
     Args:
         request: The bags before, and all else that is asked.
-        later: Paths of the bags after.
+        later: Paths of the bags after; none for what was received.
         paired: As of `change.find_change`.
         among: Likewise.
+        received: What was received.
         cancel: Ends it with the best so far.
         on_step: Told the share that is done, and a sentence.
 
     Raises:
         IdentError: As `read`; INVALID_GOAL where pairs are asked for and the sides have not as
-            many bags, DIVERGED where nothing can be simulated.
+            many bags, DIVERGED where nothing can be simulated, CANCELLED where that came first.
     """
     if paired and len(request.bags) != len(later):
         raise ErrorCode.INVALID_GOAL.error(
             f'{len(request.bags)} bags before and {len(later)} after are no pairs; give as many '
             'of each, in the same order, or leave out --pairs'
         )
-    logs = read(request), read(replace(request, bags=tuple(later)))
+    logs = read(request), read(replace(request, bags=tuple(later)), received)
     sides = [x.fit for x in logs]
     data = replace(sides[0], datasets=tuple(d for x in sides for d in x.datasets), labels=(),
                    recordings=tuple(r for x in sides for r in x.recordings))  # fmt: skip
@@ -361,6 +359,8 @@ def compare(
         known=problem.box.known,
     )  # fmt: skip
     if not np.isfinite(fitted.theta).all():
+        if fitted.cancelled:
+            raise ErrorCode.CANCELLED.error('cancelled before anything was compared; run it again')
         raise ErrorCode.DIVERGED.error(
             'every candidate diverges on these logs; check units, gains and geometry in the '
             'machine file with `ident check`'
@@ -382,11 +382,16 @@ def compare(
     )
     told = apart(request.machine, sides[0].datasets, sides[1].datasets, request.drives)
     result = replace(result, apart=(*told, *result.apart))
-    return Compared(request, tuple(later), *logs, result, time.monotonic() - logs[0].since)
+    seconds = time.monotonic() - logs[0].since
+    return Compared(request, logs[0], result, seconds, later=tuple(later))
 
 
 def save(
-    done: Identified | Diagnosed, folder: Path, *, overlay: bool = True, live: bool = False
+    done: Identified | Diagnosed | Compared,
+    folder: Path,
+    *,
+    overlay: bool = True,
+    live: bool = False,
 ) -> list[Path]:
     """Write what a run found, and forget its checkpoint where it came to its end.
 
@@ -404,6 +409,9 @@ def save(
     from ros2_ident.report.diagnosis import effects_in
 
     request, logs = done.request, done.logs
+    if isinstance(done, Compared):
+        asked = {**request.plain(), 'after_bags': list(done.later), 'seconds': done.seconds}
+        return [results.write_change(folder, done.result, asked)]
     # What is new does not lie beside what is old.
     bags.withdraw_overlay(folder / bags.OVERLAY)
     if not live:

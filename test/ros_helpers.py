@@ -168,8 +168,8 @@ class Listener(Station):
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.action import ActionClient
         from rclpy.node import Node
-        from ros2_ident_msgs.action import Diagnose, Identify
-        from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress, Status
+        from ros2_ident_msgs.action import Diagnose, Diff, Identify
+        from ros2_ident_msgs.msg import Comparison, Gap, IdentificationResult, Progress, Status
         from sensor_msgs.msg import JointState
 
         from ros2_ident.ros.outlet import LATCHED
@@ -177,6 +177,7 @@ class Listener(Station):
         self.progress: list[Any] = []
         self.results: list[Any] = []
         self.gaps: list[Any] = []
+        self.comparisons: list[Any] = []
         self.statuses: list[Any] = []
         self.simulated: list[Any] = []
         self.residual: list[Any] = []
@@ -188,6 +189,7 @@ class Listener(Station):
                 (Progress, f'{name}/progress', self.progress, 100),
                 (IdentificationResult, f'{name}/result', self.results, LATCHED),
                 (Gap, f'{name}/gap', self.gaps, LATCHED),
+                (Comparison, f'{name}/comparison', self.comparisons, LATCHED),
                 (Status, f'{name}/status', self.statuses, LATCHED),
                 (JointState, f'{name}/simulated', self.simulated, QUEUE),
                 (JointState, f'{name}/residual', self.residual, QUEUE),
@@ -196,7 +198,7 @@ class Listener(Station):
                 node.create_subscription(kind, topic, kept.append, qos)
             self.actions = {
                 kind.Goal: ActionClient(node, kind, f'{name}/{kind.__name__.lower()}')
-                for kind in (Identify, Diagnose)
+                for kind in (Identify, Diagnose, Diff)
             }
             return node
 
@@ -226,8 +228,8 @@ class Listener(Station):
     def answer(self, handle: Any, seconds: float = PATIENCE) -> tuple[int, Any]:
         """Return a goal's status at its end, and the result's message."""
         answer = self.request(handle.get_result_async, 'the result', seconds)
-        result = answer.result
-        return answer.status, result.gap if hasattr(result, 'gap') else result.identification
+        (field,) = answer.result.get_fields_and_field_types()
+        return answer.status, getattr(answer.result, field)
 
     def cancel(self, handle: Any) -> tuple[int, Any]:
         """Cancel a goal; return its status and the result's message."""

@@ -17,7 +17,6 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.files import make_directory
     from ros2_ident.identify.settings import IdentifySettings
     from ros2_ident.models import load_machine
-    from ros2_ident.report.files import write_change
     from ros2_ident.words.change import sentences
 
     request = jobs.Request(
@@ -37,8 +36,7 @@ def run(args: argparse.Namespace) -> int:
     for text in sentences(done.result):
         print(text)
     if args.out:
-        asked = {**request.plain(), 'after_bags': list(done.later), 'seconds': done.seconds}
         out = make_directory(args.out)
-        print(f'written: {write_change(out, done.result, asked)}')
+        print('written: ' + ', '.join(map(str, jobs.save(done, out))))
         print(page_line(out, wanted=not args.no_report), end='')
-    return 0 if done.result.complete else 1
+    return 0 if done.complete else 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The actions ~/identify and ~/diagnose: from a goal to a run, from its end to messages and files.
+"""The actions ~/identify, ~/diagnose and ~/diff: from a goal to a run, then to messages and files.
 
 Long goals on one thread: the callback awaits a future while the worker does the work. A callback
 that blocked would keep the executor from answering a cancel. This one is a coroutine: it gives the
@@ -13,7 +13,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.qos import qos_profile_parameters
 from rclpy.task import Future
-from ros2_ident_msgs.action import Diagnose, Identify
+from ros2_ident_msgs.action import Diagnose, Diff, Identify
 from ros2_ident_msgs.msg import Status
 
 from ros2_ident.errors import ErrorCode, IdentError
@@ -46,7 +46,7 @@ class GoalServer:
 
     # The action, its name and what `run.carry_out` does.
     action: Any
-    what: Literal['identify', 'diagnose']
+    what: Literal['identify', 'diagnose', 'diff']
     # What the node does meanwhile, and its state.
     doing: str
     state: int
@@ -177,7 +177,7 @@ class GoalServer:
         now = parameters.snapshot(node)
         heard, states = node.description, node.states
         wanted = wanted_of(goal, now, receiving=node.receiving, heard=heard, states=states)
-        received = None if wanted.bags else node.received()
+        received = node.received() if wanted.live else None
 
         def preview(*streams: Any) -> None:
             series = [run.messages(x) for x in streams]
@@ -214,7 +214,8 @@ class GoalServer:
         if error is not None:
             fault = node.board.fault(error)
             message = self._message(None, fault)
-            node.board.change(Status.STATE_FAILED, fault.message, fault)
+            state = _STATES.get(fault.code, Status.STATE_FAILED)
+            node.board.change(state, fault.message, fault)
         else:
             found, moved, path, unwritten = value
             path = path or ''
@@ -278,3 +279,17 @@ class DiagnoseServer(GoalServer):
     feedback = staticmethod(conversion.diagnose_feedback)
     message = staticmethod(conversion.gap_message)
     sentence = staticmethod(conversion.gap_sentence)
+
+
+class DiffServer(GoalServer):
+    """The action ~/diff."""
+
+    action, what, doing, state = Diff, 'diff', 'comparing', Status.STATE_COMPARING
+    field, topic = 'comparison', 'comparison'
+    feedback = staticmethod(conversion.diff_feedback)
+    message = staticmethod(conversion.comparison_message)
+
+    @staticmethod
+    def sentence(message: Any) -> str:
+        """Return what was found."""
+        return str(message.sentence or message.error_message)

@@ -10,8 +10,10 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import numpy as np
 import numpy.typing as npt
-from ros2_ident_msgs.action import Diagnose, Identify
+from ros2_ident_msgs.action import Diagnose, Diff, Identify
 from ros2_ident_msgs.msg import (
+    Change,
+    Comparison,
     Gap,
     GapCandidate,
     IdentificationResult,
@@ -20,6 +22,8 @@ from ros2_ident_msgs.msg import (
 )
 
 from ros2_ident import package_version
+from ros2_ident.change.result import Change as Changed
+from ros2_ident.change.result import Suspect, Visible
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.bootstrap import Interval
 from ros2_ident.gap.diagnose import DiagnoseProgress
@@ -27,9 +31,10 @@ from ros2_ident.gap.result import AT_BOUND, Diagnosis, Ranked, Step, Value
 from ros2_ident.identify.outcome import NOT_IDENTIFIABLE, state_of
 from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress
-from ros2_ident.jobs import Diagnosed, Identified
+from ros2_ident.jobs import Compared, Diagnosed, Identified
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.ros import run
+from ros2_ident.words.change import changed, differing, limits, title_of
 from ros2_ident.words.finding import where
 from ros2_ident.words.identification import message as outcome_sentence
 from ros2_ident.words.verdict import advice, sentence
@@ -311,4 +316,76 @@ def _of_gap(name: str, value: Value) -> ParameterEstimate:
         identifiable=not loose,
         kind=_KINDS[value.kind],
         note='; '.join(notes),
+    )
+
+
+# ---------------------------------------------------------------------- ~/diff
+
+
+def diff_feedback(progress: run.Step, machine: Machine, stamp: Time) -> tuple[Diff.Feedback, str]:
+    """Return a progress as the action's feedback and in words; arguments as of the others."""
+    feedback = _filled(Diff.Feedback, progress)
+    return feedback, f'comparing, {100 * feedback.fraction:.0f} %: {feedback.stage}'
+
+
+def comparison_message(
+    done: Compared | None, error: IdentError | None, stamp: Time, result_file: str
+) -> Comparison:
+    """Return a comparison's end as a message; arguments as of `result_message`."""
+    message = Comparison(explained=math.nan) if done is None else _compared(done)
+    message.package_version = package_version()
+    if done is not None and not done.complete:
+        error = ErrorCode.CANCELLED.error(
+            f'cancelled after {done.seconds:.1f} s; what was found by then is kept, more may have '
+            'changed'
+        )
+    return _close(message, error, stamp, result_file)
+
+
+def _compared(done: Compared) -> Comparison:
+    found = done.result
+    return _filled(
+        Comparison,
+        found,
+        sentence=' '.join(changed(found)),
+        warnings=list(differing(found)),
+        limits=list(limits(found)),
+        changes=[_change(c) for c in found.changes],
+        smallest=[_smallest(v) for v in found.smallest],
+        logs_before=found.logs[0],
+        logs_after=found.logs[1],
+        seconds=done.seconds,
+        seed=done.request.seed,
+    )
+
+
+def _change(found: Changed) -> Change:
+    columns = {
+        f'{name}s' if name in ('unit', 'value') else name: [getattr(x, name) for x in found.sizes]
+        for name in ('unit', 'value', 'low', 'high', 'before')
+    }
+    return _filled(
+        Change,
+        found.suspect,
+        title=title_of(found.suspect),
+        numbers=[x.name for x in found.sizes],
+        evidence=found.evidence,
+        ties=[title_of(x) for x in found.ties],
+        **columns,
+    )
+
+
+def _smallest(found: Visible) -> Change:
+    suspect: Suspect = found.suspect
+    return _filled(
+        Change,
+        suspect,
+        title=title_of(suspect),
+        numbers=[found.name],
+        units=[found.unit],
+        values=[found.size],
+        low=[math.nan],
+        high=[math.nan],
+        before=[found.value],
+        evidence=math.nan,
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""/diagnostics for the usual monitors: how data, excitation, search, fit and gap are."""
+"""/diagnostics for the usual monitors: how data, excitation, search, fit, gap and changes are."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -7,7 +7,7 @@ import math
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
-from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress
+from ros2_ident_msgs.msg import Comparison, Gap, IdentificationResult, Progress
 
 from ros2_ident.identify.data import Data
 from ros2_ident.recording.motion import count_reversals
@@ -42,6 +42,7 @@ class Diagnostics:
         self.progress: Progress | None = None
         self.result: IdentificationResult | None = None
         self.gap: Gap | None = None
+        self.comparison: Comparison | None = None
         self.state = ''
 
     def message(self, stamp: Time, capture: Capture, silence: str) -> DiagnosticArray:
@@ -59,6 +60,7 @@ class Diagnostics:
             'search': (_OK, self.state, self._search()),
             'fit': self._fit(),
             'gap': self._gap(),
+            'comparison': self._comparison(),
         }.items():
             array.status.append(
                 DiagnosticStatus(
@@ -165,6 +167,15 @@ class Diagnostics:
         level = _WARN if g.warnings or g.effect != g.EFFECT_NONE else _OK
         contradicted = g.effect in (g.EFFECT_BOOKKEEPING, g.EFFECT_MODEL)
         return _ERROR if contradicted else level, gap_sentence(g), values
+
+    def _comparison(self) -> _Judged:
+        c = self.comparison
+        if c is None:
+            return _OK, 'nothing compared yet', {}
+        if not c.sentence:
+            return _ERROR, c.error_message, {}
+        values = {'explained': c.explained, **_numbered(c.warnings)}
+        return _WARN if c.changes or c.warnings else _OK, c.sentence, values
 
 
 def _numbered(warnings: Sequence[str]) -> dict[str, object]:

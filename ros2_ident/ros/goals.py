@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import math
 from typing import Any
 
-from ros2_ident_msgs.action import Identify
+from ros2_ident_msgs.action import Diagnose, Diff, Identify
 import yaml
 
 from ros2_ident.effects import get_effect
@@ -16,6 +16,7 @@ from ros2_ident.identify.data import chosen_drives
 from ros2_ident.identify.layout import read_conditions
 from ros2_ident.identify.outputs import QUANTITIES, read_outputs
 from ros2_ident.identify.settings import IdentifySettings
+from ros2_ident.jobs import knowing
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.new_file import arm_kind, new_machine_file
 from ros2_ident.models.registry import machine_from_mapping
@@ -26,6 +27,11 @@ from ros2_ident.search import Budget, GeneticSettings
 from ros2_ident.threads import processors
 
 _SEARCH = 'initial_population', 'survivors', 'children', 'generations', 'range_reduction'
+# Fields that not every goal has, and what stands for nothing.
+_NOT_OF_ALL: dict[str, Any] = {
+    'check_bag_path': '', 'more_check_bag_paths': (), 'each': (), 'differences_file': '',
+    'time_budget': 0.0, 'from_result': '',
+}  # fmt: skip
 _refuse = ErrorCode.INVALID_GOAL.error
 
 
@@ -40,7 +46,7 @@ def wanted_of(
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
     Args:
-        goal: An `Identify.Goal` or a `Diagnose.Goal`.
+        goal: An `Identify.Goal`, a `Diagnose.Goal` or a `Diff.Goal`.
         receiving: Whether messages arrive that must not wait for the simulation.
         heard: URDF or MJCF that was heard, for where no file says what the robot is.
 
@@ -55,15 +61,17 @@ def wanted_of(
     drives = tuple(goal.drives) or tuple(parameters['drives']) or None
     fixed, bounds = _overrides(goal, machine)
     bag_topics = (parameters[f'bag_topics.{role}'] for role in ('state', 'effort', 'command'))
-    differences = _paths(goal.differences_file, (), 'differences_file', parameters)
+    asked = {name: getattr(goal, name, nothing) for name, nothing in _NOT_OF_ALL.items()}
+    differences = _paths(asked['differences_file'], (), 'differences_file', parameters)
+    check = asked['check_bag_path'], asked['more_check_bag_paths']
     wanted = Wanted(
         machine=machine,
         machine_file=goal.machine_file or parameters['machine_file'],
-        bags=_bag_paths(goal, parameters),
-        check=_paths(goal.check_bag_path, goal.more_check_bag_paths, 'check_bag_path', parameters),
+        bags=() if isinstance(goal, Diff.Goal) else _bag_paths(goal, parameters),
+        check=_paths(*check, 'check_bag_path', parameters),
         drives=chosen_drives(machine, drives),
         topics=Topics(*bag_topics, names=parameters['joint_names']),
-        conditions=read_conditions(tuple(goal.each), *(differences or (None,))),
+        conditions=read_conditions(tuple(asked['each']), *(differences or (None,))),
         fixed=fixed,
         bounds=bounds,
         seed=goal.seed or parameters['seed'],
@@ -72,11 +80,13 @@ def wanted_of(
         description=None if machine is own else heard,
         preview_rate=parameters['preview_rate'],
     )
-    budget = Budget(seconds=goal.time_budget or parameters['time_budget'] or None)
+    budget = Budget(seconds=asked['time_budget'] or parameters['time_budget'] or None)
     threads = parameters['workers'] or max(1, processors() - receiving)
     settings = IdentifySettings(budget=budget, threads=threads)
-    more = _of_identify if isinstance(goal, Identify.Goal) else _of_diagnose
-    return replace(wanted, **more(goal, parameters, machine, settings))
+    more = {Identify.Goal: _of_identify, Diagnose.Goal: _of_diagnose, Diff.Goal: _of_diff}
+    wanted = replace(wanted, **more[type(goal)](goal, parameters, machine, settings))
+    earlier = _paths(asked['from_result'], (), 'from_result', parameters)
+    return knowing(wanted, *earlier) if earlier else wanted
 
 
 def _of_identify(
@@ -103,6 +113,24 @@ def _of_identify(
     except IdentError as error:
         raise _refuse(error.message) from None
     return {'settings': settings, 'outputs': read_outputs(tuple(goal.outputs))}
+
+
+def _of_diff(
+    goal: Any, parameters: Snapshot, machine: Machine, settings: IdentifySettings
+) -> dict[str, Any]:
+    """Return what a comparison has for itself; arguments as of an identification."""
+    for name in goal.without_effects:
+        get_effect(name)
+    bags = _paths(goal.bag_path, goal.more_bag_paths, 'bag_path', parameters)
+    if not bags:
+        raise _refuse('bag_path is empty; give the path of a bag from before')
+    return {
+        'settings': settings,
+        'bags': bags,
+        'later': _bag_paths(goal, parameters, 'after_bag_path'),
+        'paired': goal.pairs,
+        'without': tuple(goal.without_effects),
+    }
 
 
 def _of_diagnose(
@@ -157,17 +185,17 @@ def _machine(
     return machine, text
 
 
-def _bag_paths(goal: Any, parameters: Snapshot) -> tuple[str, ...]:
-    """Return the paths of the bags to fit; none if live."""
-    path = goal.bag_path
+def _bag_paths(goal: Any, parameters: Snapshot, field: str = 'bag_path') -> tuple[str, ...]:
+    """Return the paths of the bags in a field and the next; none if live."""
+    path = getattr(goal, field)
     if goal.data_source not in (goal.DATA_SOURCE_LIVE, goal.DATA_SOURCE_BAG):
         raise _refuse(f'data_source is {goal.data_source}; give 0 (live) or 1 (bag)')
     from_bag = goal.data_source == goal.DATA_SOURCE_BAG
     if from_bag and not path:
-        raise _refuse('data_source is 1 (bag) and bag_path is empty; give the path of a bag')
+        raise _refuse(f'data_source is 1 (bag) and {field} is empty; give the path of a bag')
     if path and not from_bag:
-        raise _refuse('bag_path is given and data_source is 0 (live); set it to 1 to read the bag')
-    return _paths(path, goal.more_bag_paths, 'bag_path', parameters)
+        raise _refuse(f'{field} is given and data_source is 0 (live); set it to 1 to read the bag')
+    return _paths(path, getattr(goal, f'more_{field}s'), field, parameters)
 
 
 def _paths(first: str, more: Sequence[str], field: str, parameters: Snapshot) -> tuple[str, ...]:

@@ -16,11 +16,11 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.jobs import Diagnosed, Identified
+from ros2_ident.jobs import Compared, Diagnosed, Identified
 from ros2_ident.recording import read_bag, RecordingBuilder, Stream, Topics
 from ros2_ident.recording.write import Spool
 from ros2_ident.ros import parameters
-from ros2_ident.ros.actions import DiagnoseServer, IdentifyServer, REQUESTS
+from ros2_ident.ros.actions import DiagnoseServer, DiffServer, IdentifyServer, REQUESTS
 from ros2_ident.ros.capture import Capture
 from ros2_ident.ros.diagnostics import Diagnostics
 from ros2_ident.ros.outlet import Board, LATCHED, Outlet, PageWriter, unwritten_pages
@@ -53,14 +53,14 @@ class Identifier(Node):
         self.pages = PageWriter()
         self.outlet = Outlet(self, steady)
         self.diagnostics = Diagnostics(self.get_name(), now['missing_warning'])
-        self.last: Identified | Diagnosed | None = None
+        self.last: Identified | Diagnosed | Compared | None = None
         self.description: str | None = None
         self.stopping = False
         self._due = False  # a stream has ended while a run was going on
         self._ticks = 0
         self._explained = time.monotonic()
         self.identifying = IdentifyServer(self)
-        self._servers = self.identifying, DiagnoseServer(self)
+        self._servers = self.identifying, DiagnoseServer(self), DiffServer(self)
         self.create_service(Trigger, '~/clear_data', self._clear_data, qos_profile=REQUESTS)
         # it awaits what other callbacks bring, and would shut them out in the node's own group
         self.create_service(

@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros2_ident_msgs.msg import Gap, IdentificationResult, Progress, Status
+from ros2_ident_msgs.msg import Comparison, Gap, IdentificationResult, Progress, Status
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -44,6 +44,7 @@ class Outlet:
         self.progress = node.create_publisher(Progress, '~/progress', EVENTS)
         self.result = node.create_publisher(IdentificationResult, '~/result', LATCHED)
         self.gap = node.create_publisher(Gap, '~/gap', LATCHED)
+        self.comparison = node.create_publisher(Comparison, '~/comparison', LATCHED)
         self.status = node.create_publisher(Status, '~/status', LATCHED)
         self.scene = node.create_publisher(MarkerArray, '~/scene', LATCHED)
         self.diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)

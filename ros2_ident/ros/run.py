@@ -21,7 +21,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import Growing, remove_file, unreadable, write_text
 from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.identify.problem import sources
-from ros2_ident.jobs import Diagnosed, Identified, Request
+from ros2_ident.jobs import Compared, Diagnosed, Identified, Request
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC
 from ros2_ident.recording import cdr, RecordingBuilder
 from ros2_ident.report.overlay import OVERLAY, overlay_streams, preview, Series, write_overlay
@@ -45,12 +45,21 @@ class Wanted(Request):
         output_directory: Where to make the run's folder; empty to write nothing.
         description: What was heard of the robot in the place of a file; None where it has one.
         preview_rate: Most previews of an identification per second, Hz; 0 for none.
+        later: Paths of the bags after, of a comparison: none for what was received; else None.
+        paired: Whether they belong to those before one by one.
     """
 
     machine_text: str = ''
     output_directory: str = ''
     description: str | None = None
     preview_rate: float = 1.0
+    later: tuple[str, ...] | None = None
+    paired: bool = False
+
+    @property
+    def live(self) -> bool:
+        """Whether what was received is looked at."""
+        return not (self.bags if self.later is None else self.later)
 
     @property
     def configuration(self) -> str:
@@ -58,6 +67,7 @@ class Wanted(Request):
         machine = yaml.safe_load(self.machine_text) if self.machine_text else {}
         asked = {
             **self.plain(),
+            **({} if self.later is None else {'after_bags': [*self.later], 'pairs': self.paired}),
             'genetic': dict(vars(self.settings.genetic)),
             'refine': self.settings.refine,
             'budget': dict(vars(self.settings.budget)),
@@ -65,24 +75,37 @@ class Wanted(Request):
         return yaml.safe_dump({'machine': machine, 'settings': asked}, sort_keys=False)
 
 
-def asked_of(done: Identified | Diagnosed) -> Wanted:
+@dataclass(frozen=True)
+class Step:
+    """How far a comparison is.
+
+    Attributes:
+        stage: What is being done.
+        fraction: Share of the work that is done.
+    """
+
+    stage: str
+    fraction: float
+
+
+def asked_of(done: Identified | Diagnosed | Compared) -> Wanted:
     """Return what the goal of a run asked for."""
     assert isinstance(done.request, Wanted)
     return done.request
 
 
 def carry_out(
-    what: Literal['identify', 'diagnose'],
+    what: Literal['identify', 'diagnose', 'diff'],
     wanted: Wanted,
     received: RecordingBuilder | None,
     cancel: Cancel | None = None,
     on_progress: Callable[[Any], None] = lambda progress: None,
     on_preview: Callable[[Series, Series], None] | None = None,
 ) -> Any:
-    """Identify or diagnose.
+    """Identify, diagnose or compare.
 
     Args:
-        received: What the node has received; needed where the request names no bag.
+        received: What the node has received; needed where the request is live.
         cancel: The best so far is kept.
         on_progress: Called from this thread.
         on_preview: Gets simulated and residual effort of better and better candidates of an
@@ -94,6 +117,11 @@ def carry_out(
     Raises:
         IdentError: With the remedy.
     """
+    if what == 'diff':
+        return jobs.compare(
+            wanted, wanted.later or (), paired=wanted.paired, received=received, cancel=cancel,
+            on_step=lambda share, text: on_progress(Step(text, share)),
+        )  # fmt: skip
     identifying = what == 'identify'
     if not identifying:
         on_progress(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
@@ -216,7 +244,7 @@ def checkpoint_of(directory: str, *what: str) -> Path | None:
 # ---------------------------------------------------------------------- files and series
 
 
-def save(done: Identified | Diagnosed, directory: str | None = None) -> str:
+def save(done: Identified | Diagnosed | Compared, directory: str | None = None) -> str:
     """Write a result and the configuration it was found with, in a new folder.
 
     Args:

@@ -14,9 +14,19 @@ _LISTED = 12
 
 def sentences(c: Comparison) -> Iterator[str]:
     """Yield the answer, how the sides differ otherwise first."""
+    yield from differing(c)
+    yield from changed(c)
+    yield from limits(c)
+
+
+def differing(c: Comparison) -> Iterator[str]:
+    """Yield how the sides differ beside what changed in the machine."""
     for x in c.apart:
         yield capital(_apart(x))
-    yield from changed(c)
+
+
+def limits(c: Comparison) -> Iterator[str]:
+    """Yield what would have shown, and what these logs cannot tell."""
     yield _smallest(c.smallest, beside=bool(c.changes))
     if sum(c.logs) == 2:
         yield (

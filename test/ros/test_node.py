@@ -107,7 +107,8 @@ def test_a_replayed_bag_is_identified_and_a_late_subscriber_gets_the_result(
             }
             names = {x.name for x in early.diagnostics[-1].status}
             assert names == {
-                f'identifier: {x}' for x in ('data', 'excitation', 'search', 'fit', 'gap')
+                f'identifier: {x}'
+                for x in ('data', 'excitation', 'search', 'fit', 'gap', 'comparison')
             }
         finally:
             early.close()
