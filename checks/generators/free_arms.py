@@ -42,8 +42,8 @@ from ros2_ident.recording.write import write_bag
 
 Array = npt.NDArray[np.float64]
 
-# A set-point acts half a step early in MuJoCo, so steps are short; an effect changes every few.
-FINE, FEW = 2e-5, 5
+# Of MuJoCo's integrators RK4 alone lets a set-point act at its own instant, not half a step early.
+FINE = 1e-4
 CYCLE = STEP * STRIDE
 # Of a log, s, at rest before it begins.
 SETTLED = 2.0
@@ -87,7 +87,7 @@ def simulate(
         (K, D) places and efforts, and (K,) what the effect added to the friction or torque.
     """
     spec = plant_of(robot, gains, rotors=True)
-    spec.option.timestep = FINE
+    spec.option.timestep, spec.option.integrator = FINE, mujoco.mjtIntegrator.mjINT_RK4
     plant = spec.compile()
     plant.dof_frictionloss[:], plant.dof_damping[:] = robot.dry, robot.viscous
     # Friction as firm as steps allow.
@@ -102,7 +102,7 @@ def simulate(
         data.ctrl[:] = now
         mujoco.mj_forward(plant, data)
         places[k], efforts[k] = data.qpos, data.qfrc_actuator
-        for part in range(round(CYCLE / FINE) // FEW):
+        for part in range(round(CYCLE / FINE)):
             at = float(data.qvel[joint]), float(data.qpos[joint]), size, shape
             if rub:
                 plant.dof_frictionloss[joint] = robot.dry[joint] + rub(*at)
@@ -110,7 +110,7 @@ def simulate(
                 data.qfrc_applied[joint] = push(*at)
             if not part:
                 added[k] = rub(*at) * np.sign(at[0]) if rub else -push(*at) if push else 0.0
-            mujoco.mj_step(plant, data, nstep=FEW)
+            mujoco.mj_step(plant, data)
     return places, efforts, added
 
 
