@@ -22,8 +22,10 @@ _AXES = 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'
 _DRAKE = 'http://drake.mit.edu'
 # Friction of MuJoCo's joints gives way by load / inertia x time; the closer these are to 1, the
 # less. Its documentation allows up to 0.9999; width, middle and power are its own.
-_STEP = 0.002  # s, MuJoCo's default
 _STIFF = '0.9999 0.9999 0.001 0.5 2'
+# A delay is shorter where its history has too few steps: enough for steps of so much, s, a
+# twentieth of MuJoCo's default.
+_FINEST = 1e-4
 
 
 def is_urdf(text: str) -> bool:
@@ -157,7 +159,7 @@ def _actuator(root: ET.Element, joint: Joint, gains: Gains, delay: float) -> Non
         new.set('forcerange', _numbers((-joint.limit, joint.limit)))
     option = _part(root, 'option')
     if delay > 0.0:
-        step = float(option.get('timestep', _STEP))
+        step = min(float(option.get('timestep', _FINEST)), _FINEST)
         new.set('delay', _number(delay))
         new.set('interp', 'linear')
         new.set('nsample', str(math.ceil(delay / step) + 1))

@@ -494,6 +494,8 @@ def test_effects_act_in_mujoco_as_in_our_own_simulation(tmp_path: Path, mujoco) 
         mujoco.set_mjcb_passive(None)
         return float(np.sqrt(np.mean((np.array(out) - ours) ** 2)) / np.ptp(ours))
 
+    model = loaded.load()
+    assert model.actuator_history[0, 0] * 1e-4 >= 0.0253
     assert run(True, True) < 0.005
     assert run(False, True) > 0.02 and run(True, False) > 0.05
     assert files['mujoco'][1] == ()
