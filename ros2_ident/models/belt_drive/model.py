@@ -17,7 +17,7 @@ from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.belt_drive import kernels as belt_kernels
 from ros2_ident.models.drives.outputs import MachineModel
 from ros2_ident.models.kinds import BELT_DRIVE as KIND
-from ros2_ident.models.protocol import Output, Stop
+from ros2_ident.models.protocol import Stop
 
 PAPER = 'Ludwig and Gerstmayr (2011)'
 # Rows of what a `BeltDrive` simulates, by the quantity of a log that they are.
@@ -160,11 +160,6 @@ class RecordedBelt(MachineModel):
     def parameters(self) -> tuple[Parameter, ...]:
         """The free parameters, in the order of theta's columns."""
         return self.belt.parameters
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Moment and angle of the driving gear, what of them is compared."""
-        return self.signals.described('N m', 'rad')
 
     @property
     def measured(self) -> Array:

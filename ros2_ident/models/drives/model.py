@@ -26,7 +26,6 @@ from ros2_ident.models.drives.log import DriveLog
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel, Outputs
 from ros2_ident.models.protocol import (
     EffectAt,
-    Output,
     recorded_motion,
     RecordedMotion,
     scales_of,
@@ -200,19 +199,9 @@ class DriveModel(MachineModel):
         """Unit of the effort that a log would hold."""
         return self.machine.model_unit
 
-    @property
-    def travels(self) -> tuple[str, ...]:
-        """(D,) unit of the drives' positions, `m` or `rad`."""
-        return (self.machine.travel_unit,) * len(self.machine.drives)
-
     def _own(self) -> Mapping[str, Sequence[Parameter]]:
         """Return the parameters that only this kind has, by machine-file key."""
         return {}
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Compared outputs: quantity by quantity, drive by drive within."""
-        return self.signals.described(self.effort_unit, self.machine.travel_unit)
 
     @functools.cached_property
     def measured(self) -> Array:

@@ -43,24 +43,24 @@ class Outputs:
     def __len__(self) -> int:
         return len(self.quantities) * len(self.drives)
 
-    def described(self, effort: str, travel: str) -> tuple[Output, ...]:
+    def described(self, efforts: Sequence[str], travels: Sequence[str]) -> tuple[Output, ...]:
         """Return the O outputs: `drive_1` for its effort, `drive_1.position` for its position.
 
         Args:
-            effort: Unit of efforts.
-            travel: Unit of positions.
+            efforts: (D,) unit of the effort of each drive of the machine.
+            travels: (D,) unit of its position.
         """
-        units = {'effort': effort, 'position': travel, 'velocity': f'{travel}/s'}
+        units = {'effort': efforts, 'position': travels, 'velocity': [f'{x}/s' for x in travels]}
         return tuple(
             Output(
                 drive if quantity == 'effort' else f'{drive}.{quantity}',
-                units[quantity],
+                units[quantity][place],
                 weight,
                 drive,
                 quantity,
             )
             for quantity, weight in zip(self.quantities, self.weights, strict=True)
-            for drive in self.drives
+            for drive, place in zip(self.drives, self.places, strict=True)
         )
 
     @property
@@ -224,3 +224,34 @@ class MachineModel(FullModel):
     def cycle(self) -> float:
         """Seconds from one instant to the next."""
         return self.data.cycle
+
+    @property
+    def travels(self) -> tuple[str, ...]:
+        """(D,) unit of the drives' positions, `m` or `rad`."""
+        return (self.machine.travel_unit,) * len(self.machine.drives)
+
+    @property
+    def effort_units(self) -> tuple[str, ...]:
+        """(D,) unit of the drives' efforts."""
+        return (self.machine.model_unit,) * len(self.machine.drives)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """Compared outputs: quantity by quantity, drive by drive within."""
+        return self.signals.described(self.effort_units, self.travels)
+
+    def _begun(self, found: Mapping[str, Array]) -> Array:
+        """Return (N,) parameters for a search to begin with.
+
+        Args:
+            found: (D,) estimates by the name in the machine file. Others are as described, absent,
+                or in the middle of their box.
+        """
+        told, drives, theta = self.as_described({}), self.machine.drives, []
+        for p in self.parameters:
+            drive, _, name = p.name.rpartition('.')
+            value = told.get(p.name, 0.5 * (p.low + p.high) if p.absent is None else p.absent)
+            if name in found and drive in drives:
+                value = float(found[name][drives.index(drive)])
+            theta.append(min(max(value, p.low), p.high))
+        return np.array(theta)

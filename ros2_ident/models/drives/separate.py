@@ -7,6 +7,7 @@ k_d (k_ff q_ref' - q'), clipped; its arm's inertia is J + (m + m_a / 3) l^2, its
 Extended Friction Models for the Physics Simulation of Servo Actuators, ICRA 2025.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 import functools
 import math
@@ -22,7 +23,7 @@ from ros2_ident.models.drives.kernel import simulate, sizes
 from ros2_ident.models.drives.log import DriveLog
 from ros2_ident.models.drives.model import Compiled, DriveModel
 from ros2_ident.models.kinds import CURRENT, DUTY, VOLTAGE
-from ros2_ident.models.protocol import Output
+from ros2_ident.recording import Dataset
 
 # A set-point slower than this share of its fastest at the log's start counts as rest.
 _REST = 0.02
@@ -98,10 +99,10 @@ class SeparateDrives(DriveModel):
         return simulate, sizes(len(self.machine.drives)), given
 
 
-def first_seen(log: DriveLog, begin: Array) -> Array:
-    """Return starts (2, D) as the first measured positions say, where there are some."""
-    data, begin = log.data, begin.copy()
-    for d, row in enumerate(log.order if data.position is not None else ()):
+def first_seen(data: Dataset, order: Sequence[int], begin: Array) -> Array:
+    """Return starts (2, D) of some rows, as the first measured positions say if there are some."""
+    begin = begin.copy()
+    for d, row in enumerate(order if data.position is not None else ()):
         assert data.position is not None
         there = np.flatnonzero(np.isfinite(data.position[row]))[:_BEGINNING]
         if len(there) == _BEGINNING:
@@ -156,7 +157,7 @@ class AxisLog(SeparateLog):
     def _start(self) -> Array:
         if not self.pushed:
             return super()._start()
-        return first_seen(self, np.zeros((2, len(self.order))))
+        return first_seen(self.data, self.order, np.zeros((2, len(self.order))))
 
 
 class LinearAxis(SeparateDrives):
@@ -204,7 +205,7 @@ class ServoLog(SeparateLog):
 
         A law without an integral part never stands where its set-point is.
         """
-        return first_seen(self, super()._start())
+        return first_seen(self.data, self.order, super()._start())
 
     @functools.cached_property
     def supply(self) -> Array:
@@ -230,9 +231,9 @@ class Servo(SeparateDrives):
         return float(stall_torque(self.machine)[self.machine.drives.index(place)])
 
     @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Compared outputs: quantity by quantity, drive by drive within."""
-        return self.signals.described(self.machine.effort_unit, self.machine.travel_unit)
+    def effort_units(self) -> tuple[str, ...]:
+        """(D,) unit of the drives' efforts."""
+        return (self.machine.effort_unit,) * len(self.machine.drives)
 
     def simulated_effort(self, theta: Array) -> Array:
         """Return (D, K) the torque of the motors [N m], for one candidate (N,)."""

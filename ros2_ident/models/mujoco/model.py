@@ -19,12 +19,12 @@ from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.machine.units import per_metre
 from ros2_ident.models.drives.candidates import Candidates, MAY_BE_ZERO
 from ros2_ident.models.drives.outputs import logged_of, MachineModel
+from ros2_ident.models.drives.separate import first_seen
 from ros2_ident.models.kinds import MUJOCO as KIND
 from ros2_ident.models.mujoco.forces import Forces, HOOKS
 from ros2_ident.models.mujoco.plant import Felt, OWN, Plant
-from ros2_ident.models.protocol import EffectAt, Output, Scales, scales_of
+from ros2_ident.models.protocol import EffectAt, Scales, scales_of
 from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
-from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, fill_gaps, low_pass, smooth_motion
 
 # Rows of the kernels' whose change MuJoCo can express, and what they are at their neutral value.
@@ -40,8 +40,6 @@ _OUTSIDE = frozenset(('measurement_delay', 'joint_zero', 'set_point_delay'))
 # How far a joint moves to either side by default, rad or m; speed and
 # acceleration of a way through all of them together.
 _TURN, _SLIDE, _SPEED, _ACCELERATION = 0.5, 0.1, 1.0, 4.0
-# Samples of the position that show how fast a joint starts.
-_FIRST = 10
 
 
 class Mujoco(MachineModel):
@@ -70,11 +68,12 @@ class Mujoco(MachineModel):
         self._parts = self._declared()
         self._candidates = Candidates(
             machine, self.drives, self.effects, self.fixed, self._base, True, self.scales,
-            tuple('m' if at.slides else 'rad' for at in self.plant.places), self._parts,
+            self.travels, self._parts,
         )  # fmt: skip
         order = [data.names.index(name) for name in machine.drives]
         self._command = data.command_position[order]
-        self._begin = np.array([_beginning(data, row) for row in order]).T
+        still = np.stack([self._command[:, 0], np.zeros(len(order))])
+        self._begin = first_seen(data, order, still)
 
     @functools.cached_property
     def plant(self) -> Plant:
@@ -148,20 +147,8 @@ class Mujoco(MachineModel):
             found = self._regressed(self._candidates.own_values(middle))
         except IdentError:  # a joint has hardly a position
             return None
-        drives = self.machine.drives
-        for n, p in enumerate(self.parameters):
-            drive, _, name = p.name.rpartition('.')
-            if name in found and drive in drives:
-                middle[n] = found[name][drives.index(drive)]
-        told = self.as_described({})
-        stated = [
-            told.get(p.name, x if p.absent is None else p.absent)
-            for p, x in zip(self.parameters, middle.tolist(), strict=True)
-        ]
-        low, high = np.array([(p.low, p.high) for p in self.parameters]).T
-        both = np.clip([middle, stated], low, high)
-        left = np.square(self.residuals(both)).mean(axis=1)
-        return np.asarray(both[int(np.argmin(left))])
+        both = np.stack([self._begun(found), self._begun({})])
+        return np.asarray(both[np.argmin(np.square(self.residuals(both)).mean(axis=1))])
 
     def _regressed(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """Return (D,) estimates of gains, delay and what a joint has, see `law.by_regression`.
@@ -215,15 +202,15 @@ class Mujoco(MachineModel):
         """The free parameters, in the order of theta's columns."""
         return self._candidates.free
 
+    @functools.cached_property
+    def travels(self) -> tuple[str, ...]:
+        """(D,) `m` where a joint slides, else `rad`."""
+        return tuple('m' if at.slides else 'rad' for at in self.plant.places)
+
     @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Compared outputs: quantity by quantity, drive by drive within."""
-        turning = self.signals.described('N m', 'rad')
-        sliding = self.signals.described('N', 'm')
-        places = [self.plant.places[d] for d in self.signals.sources]
-        return tuple(
-            s if at.slides else t for at, s, t in zip(places, sliding, turning, strict=True)
-        )
+    def effort_units(self) -> tuple[str, ...]:
+        """(D,) unit of the joints' efforts."""
+        return tuple('N' if x == 'm' else 'N m' for x in self.travels)
 
     @functools.cached_property
     def measured(self) -> Array:
@@ -244,7 +231,7 @@ class Mujoco(MachineModel):
     @property
     def _sliding(self) -> bool:
         """Whether all drives compared slide."""
-        return all(self.plant.places[d].slides for d in self.signals.places)
+        return all(self.travels[d] == 'm' for d in self.signals.places)
 
     # ------------------------------------------------------------------ effects
 
@@ -442,18 +429,6 @@ def ends(machine: Machine) -> tuple[Array, Array]:
     ways = np.sort(np.array([at.sense for at in plant.places]) * np.array(plant.ends), axis=0)
     ways[:, [at.slides for at in plant.places]] = [[-np.inf], [np.inf]]
     return ways[0], ways[1]
-
-
-def _beginning(data: Dataset, row: int) -> tuple[float, float]:
-    """Return where a joint is at the log's start, and how fast: by its first samples."""
-    assert data.command_position is not None
-    if data.position is None:
-        return float(data.command_position[row, 0]), 0.0
-    there = np.flatnonzero(np.isfinite(data.position[row]))[:_FIRST]
-    if len(there) < _FIRST:
-        return float(data.command_position[row, 0]), 0.0
-    slope, place = np.polyfit(there * data.cycle, data.position[row, there], 1)
-    return float(place), float(slope)
 
 
 def _late(signal: Array, cycles: Array) -> Array:

@@ -121,7 +121,7 @@ class ArmLog(DriveLog):
         """(2, D) where the motors start and how fast, by their first measured positions."""
         begin = np.zeros((2, len(self.order)))
         begin[0] = self.joints(self.command)[0, :, 0]
-        begin = first_seen(self, begin)
+        begin = first_seen(self.data, self.order, begin)
         return np.ascontiguousarray((self.transmission.motors @ begin[:, :, None])[:, :, 0])
 
     @functools.cached_property

@@ -16,7 +16,7 @@ from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.model import Compiled, DriveModel
-from ros2_ident.models.protocol import Output, RecordedMotion
+from ros2_ident.models.protocol import RecordedMotion
 from ros2_ident.models.serial import kernel, kernel_free
 from ros2_ident.models.serial.arm import Arm, INERTIALS
 from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
@@ -138,15 +138,7 @@ class Serial(DriveModel):
             found, _ = self.regressed()
         except IdentError:  # a joint has hardly a position
             return None
-        told = self.as_described({})
-        theta = []
-        for p in self.parameters:
-            drive, _, name = p.name.rpartition('.')
-            value = told.get(p.name, 0.5 * (p.low + p.high) if p.absent is None else p.absent)
-            if name in found and drive in self.machine.drives:
-                value = float(found[name][self.machine.drives.index(drive)])
-            theta.append(min(max(value, p.low), p.high))
-        return np.array(theta)
+        return self._begun(found)
 
     def effort_delay(self, theta: Array) -> Array:
         """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""
@@ -171,13 +163,9 @@ class Serial(DriveModel):
         return tuple('m' if slides else 'rad' for slides in self.arm.prismatic)
 
     @property
-    def outputs(self) -> tuple[Output, ...]:
-        """Compared outputs: quantity by quantity, drive by drive within."""
-        turning, sliding = self.signals.described('N m', 'rad'), self.signals.described('N', 'm')
-        return tuple(
-            s if self.travels[place] == 'm' else t
-            for place, s, t in zip(self.signals.sources, sliding, turning, strict=True)
-        )
+    def effort_units(self) -> tuple[str, ...]:
+        """(D,) unit of the joints' efforts."""
+        return tuple('N' if x == 'm' else 'N m' for x in self.travels)
 
     @property
     def context(self) -> Context:
