@@ -152,19 +152,13 @@ class RecordedBelt(MachineModel):
                 'the recording holds no set-point, which drives a belt drive; record it too'
             )
         self.belt = BeltDrive(self.machine, data.cycle, data.command_position[0], self.fixed)
-        self._measured = self.signals.measured(data)
-        complete = bool(np.isfinite(self._measured).all())
+        complete = bool(np.isfinite(self.measured).all())
         self._fused = complete and self.signals.weights == (1.0, 1.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The free parameters, in the order of theta's columns."""
         return self.belt.parameters
-
-    @property
-    def measured(self) -> Array:
-        """(O, K) measured outputs, NaN where there is no sample."""
-        return self._measured
 
     def free_run(self) -> 'RecordedBelt':
         """Return the model itself: it runs by its set-point alone."""
@@ -182,4 +176,4 @@ class RecordedBelt(MachineModel):
         if not self._fused or (stop is not None and stop()):
             return super().costs(theta, limit, stop)
         rows = [self.signals.quantities.index('position'), self.signals.quantities.index('effort')]
-        return self.belt.cost(theta, self._measured[rows])
+        return self.belt.cost(theta, self.measured[rows])

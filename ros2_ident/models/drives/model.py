@@ -94,7 +94,6 @@ class DriveModel(MachineModel):
                 self.machine, self.data, self.drives, self.cutoff, dict(self.fixed)
             )
         self._check_outputs()
-        self.law = self._laws
         self.scales = self.scales or scales_of(self.machine, [self.data])
         self.candidates = Candidates(
             self._boxed,
@@ -113,8 +112,8 @@ class DriveModel(MachineModel):
 
     # ------------------------------------------------------------------ declaration
 
-    @property
-    def _laws(self) -> npt.NDArray[np.int64]:
+    @functools.cached_property
+    def law(self) -> npt.NDArray[np.int64]:
         """(D,) the controllers' laws, as the kernels number them."""
         return np.array([_LAWS[law] for law in self.machine.texts('law')], dtype=np.int64)
 

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, KW_ONLY
+import functools
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -239,6 +240,11 @@ class MachineModel(FullModel):
     def outputs(self) -> tuple[Output, ...]:
         """Compared outputs: quantity by quantity, drive by drive within."""
         return self.signals.described(self.effort_units, self.travels)
+
+    @functools.cached_property
+    def measured(self) -> Array:
+        """(O, K) measured outputs, NaN where there is no sample."""
+        return self.signals.measured(self.data)
 
     def _begun(self, found: Mapping[str, Array]) -> Array:
         """Return (N,) parameters for a search to begin with.

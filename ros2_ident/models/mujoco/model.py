@@ -212,11 +212,6 @@ class Mujoco(MachineModel):
         """(D,) unit of the joints' efforts."""
         return tuple('N' if x == 'm' else 'N m' for x in self.travels)
 
-    @functools.cached_property
-    def measured(self) -> Array:
-        """(O, K) measured outputs, NaN where there is no sample."""
-        return self.signals.measured(self.data)
-
     @property
     def effort_unit(self) -> str:
         """Unit of efforts."""

@@ -73,8 +73,9 @@ class Serial(DriveModel):
 
     # ------------------------------------------------------------------ under its controllers
 
-    @property
-    def _laws(self) -> npt.NDArray[np.int64]:
+    @functools.cached_property
+    def law(self) -> npt.NDArray[np.int64]:
+        """(D,) the controllers' laws."""
         return np.full(len(self.machine.drives), drive_kernel.PID, dtype=np.int64)
 
     def _constants(self) -> Array:
