@@ -21,6 +21,7 @@ from ros2_ident.files import remove_file
 from ros2_ident.gap.diagnose import diagnose as find_gap
 from ros2_ident.gap.diagnose import DiagnoseProgress, SEARCH
 from ros2_ident.gap.result import Diagnosis
+from ros2_ident.gates import examine
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outputs import checked, Outputs
@@ -380,8 +381,11 @@ def compare(
         on_step=on_step,
         threads=request.settings.threads,
     )
-    told = apart(request.machine, sides[0].datasets, sides[1].datasets, request.drives)
-    result = replace(result, apart=(*told, *result.apart))
+    datasets = [x.datasets for x in sides]
+    reports = [examine(request.machine, x, request.drives) for x in datasets]
+    told = apart(request.machine, datasets, reports, request.drives)
+    pushed = any(x.pushes for report in reports for drives in report.asked for x in drives)
+    result = replace(result, apart=(*told, *result.apart), pushed=pushed)
     seconds = time.monotonic() - logs[0].since
     return Compared(request, logs[0], result, seconds, later=tuple(later))
 

@@ -19,7 +19,7 @@ from ros2_ident.change.sides import AFTER, Marginal, Sides
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
-from ros2_ident.gates import examine
+from ros2_ident.gates import GateReport
 from ros2_ident.identify.hidden import Alternative, missing_beside, residuals_at, Rows
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
@@ -633,27 +633,24 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
 
 def apart(
     machine: Machine,
-    before: Sequence[Dataset],
-    after: Sequence[Dataset],
+    sides: Sequence[Sequence[Dataset]],
+    reports: Sequence[GateReport],
     drives: Sequence[str] | None = None,
 ) -> Iterator[Apart]:
     """Yield how two sides differ in their checks and their motions.
 
     Args:
         machine: The machine.
-        before: Its recordings before.
-        after: Its recordings after.
+        sides: Its recordings before, and those after.
+        reports: The checks of each side.
         drives: The drives looked at; all where None.
     """
-    first, second = (
-        [g for g in examine(machine, x, drives).gates if g.level != 'ok'] for x in (before, after)
-    )
+    first, second = ([g for g in x.gates if g.level != 'ok'] for x in reports)
     both = {(g.gate, g.drive) for g in first} & {(g.gate, g.drive) for g in second}
     for gate, early in [(g, True) for g in first] + [(g, False) for g in second]:
         if (gate.gate, gate.drive) not in both:
             values = (gate.number, math.nan) if early else (math.nan, gate.number)
             yield Apart('check', gate.sentence, *values, gate.unit)
-    sides = before, after
     scales = [scales_of(machine, x) for x in sides]
     for d in map(machine.drives.index, drives or machine.drives):
         for name, unit in (('stroke', ''), ('speed', '/s')):

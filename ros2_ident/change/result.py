@@ -117,6 +117,8 @@ class Comparison:
         paired: Whether logs were compared in pairs.
         price: Evidence that a change needs beside all that might have changed.
         complete: Whether nothing cut it short.
+        pushed: Whether others than the drives made efforts in these logs; no fit tells what that
+            did from a change.
     """
 
     changes: tuple[Change, ...]
@@ -127,11 +129,12 @@ class Comparison:
     paired: bool
     price: float
     complete: bool
+    pushed: bool = False
 
     @property
     def believed(self) -> bool:
         """Whether most of the difference is theirs, so that the names of the changes count."""
-        return self.explained >= Rules.closed
+        return self.explained >= Rules.closed and not self.pushed
 
 
 @dataclass(frozen=True)

@@ -56,10 +56,13 @@ def changed(c: Comparison) -> Iterator[str]:
     if not c.changes:
         yield 'No change shows.'
     elif not c.believed:
-        yield (
-            'The logs differ, and nothing that was looked for explains most of it; compare logs '
-            'of one motion. What fits best is no change for certain.'
+        why = (
+            'efforts that were not commanded act in them, which no fit tells from a change; '
+            'compare logs without'
+            if c.pushed
+            else 'nothing that was looked for explains most of it; compare logs of one motion'
         )
+        yield f'The logs differ, and {why}. What fits best is no change for certain.'
     first, other = ('Changed', 'Also changed') if c.believed else ('Fits best', 'Beside it')
     for number, change in enumerate(c.changes):
         yield f'{other if number else first}: {_change(change)}.'

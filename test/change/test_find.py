@@ -167,3 +167,6 @@ def test_names_that_explain_little_of_the_logs_left_out_are_not_believed():
         first, best, explained, *_ = sentences(replace(found, explained=share))
         assert 'nothing that was looked for explains most of it' in first
         assert best.startswith('Fits best: Stribeck friction') and f': {said} of' in explained
+    first, best, *_ = sentences(replace(found, pushed=True))
+    assert 'efforts that were not commanded act in them' in first
+    assert best.startswith('Fits best: Stribeck friction')

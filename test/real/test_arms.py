@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from ros2_ident import jobs  # noqa: E402
 from ros2_ident.gates.asked import fit_asked  # noqa: E402
 from ros2_ident.identify.data import read_data  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
@@ -64,6 +65,14 @@ def test_every_push_that_no_command_asked_for_is_told() -> None:
             assert found is not None
             assert [p.time for p in found.pushes] == pytest.approx([*own], abs=0.03)
             assert [p.effort for p in found.pushes] == pytest.approx([*own.values()], abs=0.08)
+
+
+def test_what_pushes_do_is_no_change() -> None:
+    machine = load_machine(ROOT / 'config/double_pendulum.yaml')
+    request = jobs.Request(machine, (str(RECORDED / 'dp_acrobot_tvlqr_free_01'),), seed=1)
+    found = jobs.compare(request, [str(RECORDED / 'dp_acrobot_tvlqr_perturbed_01')]).result
+    assert sum('effort that was not commanded' in x.text for x in found.apart) == 2
+    assert found.pushed and not found.believed
 
 
 def test_a_kr300_has_friction_and_counterbalance_of_its_authors() -> None:
