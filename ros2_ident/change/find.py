@@ -274,14 +274,14 @@ def _round(
         changed += own
     kept = range(len(changed), len(changed) + len(theta) - sides.nominal)
     changed += list(jacobian[:, sides.nominal :].T)
-    usual, alone = np.zeros(len(changed)), np.zeros(len(changed), dtype=bool)
+    usual = np.zeros(len(changed))
     for c in columns:
-        usual[[*c.columns]], alone[[*c.columns]] = c.usual, bool(c.own)
+        usual[[*c.columns]] = c.usual
     side = np.concatenate([np.full(kept.start, True), sides.later[sides.nominal :]])
     logs = _logs(sides, rows, log, paired)
     weighed = weigh_changes(
         residual, nominal, seen.columns, np.array(changed).T, rows.runs, rows.blocks, logs,
-        most=seen.most, usual=usual, alone=alone, side=side, kept=kept, known=seen.known,
+        most=seen.most, usual=usual, side=side, kept=kept, known=seen.known,
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
     marginal = Marginal.of(weighed, rows, logs, apart)

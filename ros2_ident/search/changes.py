@@ -62,7 +62,7 @@ class Changes:
         common: (R, C) columns of what the model lacks on both sides, of one size.
         sizes: (C,) standard deviations of their coefficients.
         limit: (C,) the largest.
-        alone: (R, V) columns of what each log has of its own, one standard deviation.
+        alone: (R, V) columns by which logs deviate, one standard deviation.
         folds: Information and score of each part left out, and of all others; by multiples of
             columns of one size.
         scale: RMS of the residual.
@@ -181,7 +181,6 @@ def weigh_changes(
     *,
     most: Array,
     usual: Array,
-    alone: Mask,
     side: Mask,
     kept: Sequence[int] = (),
     known: tuple[Array, Array] | None = None,
@@ -199,7 +198,6 @@ def weigh_changes(
         most: (C,) as of `evidence.weigh`.
         usual: (Q,) standard deviation of a change from log to log that is known beforehand; inf
             where nothing is.
-        alone: (Q,) which each log has of its own: no change of the machine.
         side: (Q,) whether a change is on the side after; else on the side before.
         kept: Columns of `changed` that did change.
         known: Rows (L, N') of what is known of the first parameters beforehand, and by how much
@@ -249,7 +247,7 @@ def weigh_changes(
         )
     of_all = [_reduced(cells, prior, deviation) for deviation in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
-    apart = (changed * unit * usually)[:, alone & (usually > 0.0)]
+    apart = (changed * unit * usually)[:, usually > 0.0]
     return Changes(
         own, score, tuple(kept), alike, inflation, freedom, noise, common.T, sizes, limit, apart,
         parts, scale,
