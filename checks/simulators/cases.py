@@ -68,10 +68,12 @@ FOLLOWER = """<robot name="follower">
     <mimic joint="lead" multiplier="-2" offset="0.1"/></joint>
 </robot>
 """
-# Friction that is larger near rest and to one side, and the motor's ripple: of its 0.4 N m.
+# Beside Coulomb friction of 0.4 N m: more near rest, to one side and along the way, and the
+# motor's ripple.
 EFFECTS = {
     'stribeck': {'torque': 0.3, 'velocity': 0.4},
     'asymmetric_friction': {'coulomb': 0.1, 'viscous': 0.05},
+    'position_dependent_friction': {'slope': 0.5, 'middle': 0.2},
     'torque_ripple': {'sine': 0.3, 'cosine': 0.2, 'order': 5.0},
 }
 # What a joint has; speed at which friction has turned over, rad/s.

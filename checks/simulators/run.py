@@ -154,9 +154,9 @@ make bench ARGS=simulators # into build/simulators/
 ```
 
 Six machines: a pendulum, also with Stribeck friction, friction that differs by direction and
-torque ripple, a gimbal whose frame has no mass, the bundled KR 300, and Panda and Z1 of
-`example-robot-data`. Their links are a tenth heavier than described; each joint has viscous and
-Coulomb friction, and an armature, the inertia of its motor and gear.
+along the way, and torque ripple, a gimbal whose frame has no mass, the bundled KR 300, and Panda
+and Z1 of `example-robot-data`. Their links are a tenth heavier than described; each joint has
+viscous and Coulomb friction, and an armature, the inertia of its motor and gear.
 
 ## What each has a place for
 

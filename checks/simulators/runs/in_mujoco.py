@@ -26,7 +26,8 @@ class Run(Simulation):
     def torque(self, position, velocity, acceleration, guess):
         data = self.data
         data.qpos[self.q], data.qvel[self.v], data.qacc[self.v] = position, velocity, acceleration
-        mujoco.mj_inverse(self.model, data)
+        for _ in range(2):  # friction that depends on the place is that of the call before
+            mujoco.mj_inverse(self.model, data)
         return np.array(data.qfrc_inverse[self.v])
 
     def motion(self, position, velocity, seconds):
