@@ -63,6 +63,9 @@ def test_one_log_after_the_other_is_both_together(logs, method):
         assert a.high - a.low < 1.3 * (b.high - b.low), a.name
     written = json.loads((logs / f'{method}_12/result.json').read_text(encoding='utf-8'))
     assert written['settings']['from'] == f'{logs}/{method}_1'
+    assert main(['report', f'{logs}/{method}_12']) == 0
+    page = (logs / f'{method}_12/report.html').read_text(encoding='utf-8')
+    assert f'--from {logs}/{method}_1 --out' in page.replace('\xa0', ' ')
 
 
 def test_effects_of_a_diagnosis_are_in_the_model(logs, capsys):

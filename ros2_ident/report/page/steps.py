@@ -210,6 +210,8 @@ def _ident(
     bags = settings.get('bags') or [source if source not in ('', LIVE) else 'BAG']
     parts = ['ident', verb, *([bag] if bag else map(str, bags)), *['--check', 'NEW_BAG'] * check]
     parts += ['--machine', str(settings.get('machine_file') or 'MACHINE.yaml')]
+    if settings.get('from') and verb in ('identify', 'diagnose'):
+        parts += ['--from', str(settings['from'])]
     if check:
         # The quantity compared is named only where it is not the kind's own.
         parts += [x for name in settings.get('outputs') or () for x in ('--output', name)]
