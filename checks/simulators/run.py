@@ -63,7 +63,7 @@ def run(out: str | Path, names: Sequence[str], python: str) -> Path:
 def _holds(name: str, case: Case) -> frozenset[str]:
     """Return what of a machine a simulator has a place for."""
     target = PEERS[name].target
-    beside = 'mujoco' if target == 'mjcf' and case.content.laws else target
+    beside = 'mjcf_effects' if target == 'mjcf' and case.content.laws else target
     return frozenset(TARGETS[beside].holds) & {*WHOLE}
 
 

@@ -166,8 +166,8 @@ TARGETS = {
         'MuJoCo', 'robot.xml', mjcf, _ANY, frozenset({*PARTS, 'p', 'd', 'command_delay'}),
         'weigh 1e-9 kg', 'are coupled by a soft constraint',
     ),
-    'mujoco': Target(
-        'MuJoCo with effects', 'load_mujoco.py', partial(loader, name='mujoco'), _ANY,
+    'mjcf_effects': Target(
+        'MuJoCo with effects', 'load_mujoco.py', partial(loader, name='mjcf_effects'), _ANY,
         frozenset({*PARTS, 'p', 'd', 'command_delay', 'laws'}), beside=('mjcf',),
     ),
     'drake': Target(
@@ -219,9 +219,9 @@ def _lack(name: str, content: Content, description: str) -> str:
         )
     if name == 'ros2_control' and not any(joint.gains for joint in content.joints):
         return 'the machine file knows no gains; add position_gain and velocity_gain to controller'
-    if name == 'mujoco' and not content.laws:
+    if name == 'mjcf_effects' and not content.laws:
         return 'no effect was found that needs it; mjcf has all'
-    if own == 'urdf' and name in ('mjcf', 'mujoco') and not can_convert():
+    if own == 'urdf' and name in ('mjcf', 'mjcf_effects') and not can_convert():
         return 'it needs MuJoCo; `pip install mujoco`'
     if name == 'usd' and not can_write():
         return 'it needs its converter; `pip install urdf-usd-converter`'

@@ -59,7 +59,7 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
 @pytest.mark.parametrize(
     ('words', 'remedy'),
     [
-        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, mujoco, drake'),
+        (['--to', 'sdf'], 'sdf is no target; choose from urdf, mjcf, mjcf_effects, drake'),
         (['--to', 'ros2_control'], 'add position_gain'),
         (['--machine', 'nowhere.yaml'], 'the machine file nowhere.yaml is not there'),
         (['--into', 'nowhere.urdf'], 'nowhere.urdf: cannot be read'),

@@ -470,8 +470,8 @@ def test_effects_act_in_mujoco_as_in_our_own_simulation(tmp_path: Path, mujoco) 
       <body euler="0 {np.degrees(0.03)} 0"><joint name="joint" axis="0 1 0"/>
       <inertial pos="0 0 {-length * mass / 0.51}" mass="0.51"
         diaginertia="1 1 1"/></body></worldbody></mujoco>"""
-    files = write(tmp_path, ('mujoco',), found, arm)
-    spec = importlib.util.spec_from_file_location('loaded', files['mujoco'][0])
+    files = write(tmp_path, ('mjcf_effects',), found, arm)
+    spec = importlib.util.spec_from_file_location('loaded', files['mjcf_effects'][0])
     loaded = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(loaded)
     ours = found.model.simulate(found.theta)[0, 0]
@@ -498,7 +498,7 @@ def test_effects_act_in_mujoco_as_in_our_own_simulation(tmp_path: Path, mujoco) 
     assert model.actuator_history[0, 0] * 1e-4 >= 0.0253
     assert run(True, True) < 0.005
     assert run(False, True) > 0.02 and run(True, False) > 0.05
-    assert files['mujoco'][1] == ()
+    assert files['mjcf_effects'][1] == ()
 
 
 # ---------------------------------------------------------------------- USD
