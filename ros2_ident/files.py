@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 import errno
 import fcntl
+import json
 import os
 from pathlib import Path
 import re
@@ -162,10 +163,9 @@ def replacing(path: str | Path, *, replace: bool = False) -> Iterator[IO[bytes]]
 def replacing_directory(path: str | Path, *, replace: bool = False) -> Iterator[Path]:
     """Give the path of a directory to make, which takes the place of `path` when it is whole.
 
-    It has the same name and is on the same file system.
+    It has the same name and is on the same file system. The parents of `path` are made.
 
     Args:
-        path: The directory; its parents are made.
         replace: Whether a directory that is there may go. It is for the caller to know that it
             is his own.
 
@@ -207,10 +207,7 @@ def remove_file(path: str | Path) -> None:
 
 
 def remove_directory(path: str | Path) -> None:
-    """Remove a directory: it is whole there, or not at all.
-
-    Args:
-        path: It is for the caller to know that it is his own.
+    """Remove the caller's own directory: it is whole there, or not at all.
 
     Raises:
         IdentError: INVALID_GOAL where it cannot be removed.
@@ -226,6 +223,13 @@ def write_text(path: str | Path, text: str, *, replace: bool = False) -> Path:
     with replacing(path, replace=replace) as file:
         file.write(text.encode())
     return Path(path)
+
+
+def write_json(path: str | Path, data: Mapping[str, Any], indent: int = 1) -> Path:
+    """Write JSON, what is not finite as null, and return the path; see `replacing`."""
+    from ros2_ident.arrays import plain
+
+    return write_text(path, json.dumps(plain(data), indent=indent, allow_nan=False) + '\n')
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
@@ -249,10 +253,7 @@ def unreadable(path: str | Path) -> str:
 
 
 def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
-    """Return the content of a file that people write, as a configuration.
-
-    Args:
-        most: Most bytes of it.
+    """Return the content of a file that people write, of so many bytes at most.
 
     Raises:
         OSError: It cannot be read, is no regular file (which might never end), or is larger.

@@ -3,7 +3,6 @@
 
 import argparse
 from functools import partial
-import json
 from typing import TYPE_CHECKING
 
 from ros2_ident.cli.arguments import topics_of
@@ -26,10 +25,9 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, print the table, write it."""
     from dataclasses import asdict
 
-    from ros2_ident.arrays import plain
     from ros2_ident.cli.table import columns
     from ros2_ident.effects import add_effect_files
-    from ros2_ident.files import make_directory, replacing, require_ours, write_text
+    from ros2_ident.files import make_directory, replacing, require_ours, write_json
     from ros2_ident.prediction import of_description, predicted
     from ros2_ident.report.files import read_estimate
 
@@ -51,8 +49,8 @@ def run(args: argparse.Namespace) -> int:
     if folder is not None:
         from matplotlib import rc_context
 
-        content = {'format': FORMAT, 'warm_up': args.warm_up, **plain(asdict(found))}
-        write_text(folder / JSON, json.dumps(content, indent=1) + '\n')
+        content = {'format': FORMAT, 'warm_up': args.warm_up, **asdict(found)}
+        write_json(folder / JSON, content)
         # Names and paths are no markup, whatever stands between two $.
         with replacing(folder / PICTURE) as file, rc_context({'text.parse_math': False}):
             _picture(found, stages).savefig(file, format='png', metadata={'format': FORMAT})

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A motion in files: a bag of set-points with a trajectory for a controller, its worth."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ros2_ident.arrays import plain
 from ros2_ident.excite.plan import Excitation
-from ros2_ident.files import make_directory, require_ours, write_text
+from ros2_ident.files import make_directory, require_ours, write_json
 from ros2_ident.recording import Stream, write_bag
 from ros2_ident.recording.definition import standard
 from ros2_ident.recording.write import require_room, Topic
@@ -31,8 +29,6 @@ def write_excitation(
     """Write a motion; return the files.
 
     Args:
-        directory: Where to; it is made.
-        found: The motion.
         lead: Time that the controller of a trajectory has to reach its first point, s.
         asked: The command, for the bag's metadata.
 
@@ -52,7 +48,7 @@ def write_excitation(
         custom={'command': asked},
         others=[Topic(TOPIC, _KIND, [_START], [_trajectory(found, lead)])],
     )
-    return [bag, write_text(folder / WORTH, json.dumps(worth(found), indent=1) + '\n')]
+    return [bag, write_json(folder / WORTH, worth(found))]
 
 
 def require_place(directory: str | Path) -> None:
@@ -67,7 +63,6 @@ def require_place(directory: str | Path) -> None:
 
 
 def _trajectory(found: Excitation, lead: float) -> bytes:
-    """Return a serialised JointTrajectory."""
     store, series = standard(), found.courses.series
     types = store.types
     every = max(1, int(1.0 / (_POINTS * series.highest * series.cycle)))
@@ -91,7 +86,7 @@ def _trajectory(found: Excitation, lead: float) -> bytes:
 
 
 def worth(found: Excitation) -> dict[str, Any]:
-    """Return what a motion is worth, as plain data."""
+    """Return what a motion is worth, for a file."""
     rows = zip(
         found.parameters, found.values, found.half_widths, found.chance, found.wanted, strict=True
     )
@@ -102,10 +97,10 @@ def worth(found: Excitation) -> dict[str, Any]:
         'parameters': {
             p.name: {
                 'unit': p.unit,
-                'expected': float(value),
-                'half_width': plain(half),
-                'half_width_of_a_random_motion': plain(chance),
-                'wanted': bool(wanted),
+                'expected': value,
+                'half_width': half,
+                'half_width_of_a_random_motion': chance,
+                'wanted': wanted,
             }
             for p, value, half, chance, wanted in rows
         },

@@ -20,7 +20,7 @@ from typing import Any, TYPE_CHECKING
 
 from ros2_ident.arrays import plain
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.files import make_directory, read_yaml, require_ours, write_text
+from ros2_ident.files import make_directory, read_yaml, require_ours, write_json
 from ros2_ident.fleet.summary import PAGE, pairs_of, Row, SUMMARY, write_summary
 from ros2_ident.search.evaluators import Cancel
 
@@ -88,7 +88,6 @@ def _is_bag(path: Path) -> bool:
 def _begun(
     where: str, base: Path, given: Any, machine_file: str | None, taken: Collection[str]
 ) -> Row:
-    """Return the begin of a row from its entry in the list."""
     if not isinstance(given, Mapping) or not given.get('bag') or set(given) - _KEYS:
         raise ErrorCode.INVALID_GOAL.error(
             f'{where} is not understood; give it `bag`, and of {", ".join(sorted(_KEYS))} what '
@@ -132,7 +131,6 @@ def run_fleet(
     """Run what is not done yet, and write the summary.
 
     Args:
-        entries: From `read_fleet`.
         out: Output directory; holds a file for each row, and `fleet.json`.
         scheduler: Address of a Dask scheduler whose workers see the same files; a bag is one task.
         cancel: Looked at between bags; rows that are done stay.
@@ -164,8 +162,7 @@ def run_fleet(
             while not cancel.is_set() and (row := plain(next(found, None))) is not None:
                 rows[row['name']] = row
                 on_row(row)
-                text = json.dumps({'format': 'ros2_ident.row', **row}, indent=1, allow_nan=False)
-                write_text(files[row['name']], text + '\n')
+                write_json(files[row['name']], {'format': 'ros2_ident.row', **row})
 
     work([(entry, None) for entry in entries])
     begun = {x['name']: x for x in entries}
@@ -285,7 +282,6 @@ def _failed(row: Row, code: ErrorCode, message: str) -> Row:
 
 
 def _changed(entry: Row, how: How, before: Row) -> Row:
-    """Return what is another in a bag than in one before."""
     from ros2_ident import jobs
     from ros2_ident.identify.layout import Conditions
     from ros2_ident.words.change import changed
@@ -298,7 +294,6 @@ def _changed(entry: Row, how: How, before: Row) -> Row:
 
 
 def _found(entry: Row, how: How) -> Row:
-    """Return what is found in a bag."""
     from ros2_ident import jobs
     from ros2_ident.words.identification import message
     from ros2_ident.words.verdict import sentence

@@ -2,14 +2,13 @@
 """Which bags of a fleet are compared, and what is found in all of them."""
 
 from collections.abc import Iterator, Sequence
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode
-from ros2_ident.files import write_text
+from ros2_ident.files import write_json
 from ros2_ident.gap.verdict import REFUSED
 
 # What was found in a bag, as its file holds it.
@@ -70,11 +69,7 @@ def _effects_of(row: Row) -> Iterator[tuple[str, str]]:
 
 
 def write_summary(out: Path, rows: Sequence[Row]) -> None:
-    """Write `fleet.json`: the rows of bags, those of comparisons, and for each effect its drives.
-
-    Args:
-        rows: From `run_fleet`.
-    """
+    """Write `fleet.json`: the rows of bags and of comparisons, for each effect its drives."""
     effects: dict[str, list[str]] = {}
     for row in filter(sound, rows):
         for effect, drive in _effects_of(row):
@@ -86,4 +81,4 @@ def write_summary(out: Path, rows: Sequence[Row]) -> None:
         'comparisons': [row for row in rows if 'after' in row],
         'effects': effects,
     }
-    write_text(out / SUMMARY, json.dumps(content, indent=1, allow_nan=False) + '\n')
+    write_json(out / SUMMARY, content)

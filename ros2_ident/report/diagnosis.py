@@ -27,11 +27,8 @@ class Written:
     """The content of `diagnosis.json`.
 
     Attributes:
-        found: The diagnosis without its recordings.
         maps: Maps of the residual.
         machine_lines: Lines for the machine file.
-        settings: What was asked for.
-        provenance: Where the numbers came from.
         check_source: Recording that it was judged on; empty for blocks of the others.
         check_sha256: Hash of that.
     """

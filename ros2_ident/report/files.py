@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.arrays import NORMAL, plain
+from ros2_ident.arrays import NORMAL
 from ros2_ident.change.result import Between, Comparison
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode
-from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_text
+from ros2_ident.files import make_directory, regular, remove_file, write_arrays, write_json
 from ros2_ident.gap.result import Cause, Diagnosis, Value
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.outcome import provenance_of
@@ -44,12 +44,8 @@ from ros2_ident.words.verdict import named, sentence
 
 JSON, HISTORY, SIGNALS = 'result.json', 'history.npz', 'signals.npz'
 DIAGNOSIS, DIAGNOSIS_SIGNALS = 'diagnosis.json', 'diagnosis.npz'
-# What `ident fleet` found, of all its recordings.
-FLEET = 'fleet.json'
-# What `ident diff` found.
-CHANGE = 'change.json'
-# Made from the others by `report.page`.
-PAGE = 'report.html'
+# What `ident fleet` and `ident diff` found, and the page that is made of the others.
+FLEET, CHANGE, PAGE = 'fleet.json', 'change.json', 'report.html'
 # What a run that was cut short goes on from.
 CHECKPOINT, DIAGNOSIS_CHECKPOINT = 'identify.checkpoint', 'diagnose.checkpoint'
 # What the two commands write, beside the overlay bag.
@@ -89,24 +85,17 @@ def write_diagnosis(
             'check_sha256': check.sha256 if check else '',
         },
     }
-    text = json.dumps(plain(data), indent=1, allow_nan=False) + '\n'
     remove_file(folder / DIAGNOSIS_SIGNALS)  # nothing old beside the new after a crash
     return (
-        write_text(folder / DIAGNOSIS, text),
+        write_json(folder / DIAGNOSIS, data),
         write_signals(folder / DIAGNOSIS_SIGNALS, signals_of_diagnosis(found)),
     )
 
 
 def write_change(directory: str | Path, found: Comparison, asked: Mapping[str, object]) -> Path:
-    """Write `change.json`.
-
-    Args:
-        directory: Exists.
-        asked: What was asked for.
-    """
+    """Write `change.json` into a directory that exists, with what was asked for."""
     data = {'format': 'ros2_ident.change', 'version': 1, **asdict(found), 'settings': dict(asked)}
-    text = json.dumps(plain(data), indent=1, allow_nan=False) + '\n'
-    return write_text(Path(directory) / CHANGE, text)
+    return write_json(Path(directory) / CHANGE, data)
 
 
 def compared(rows: Iterable[Mapping[str, Any]]) -> list[Between]:
@@ -172,15 +161,12 @@ def write_result(
         IdentError: INVALID_GOAL where the directory cannot be written to.
     """
     folder = make_directory(directory)
-    data = to_mapping(result)
     for old in (HISTORY, SIGNALS):  # nothing of it beside the new after a crash
         remove_file(folder / old)
+    names = np.array([p.name for p in result.parameters])
     files = (
-        write_text(folder / JSON, json.dumps(data, indent=2, allow_nan=False) + '\n'),
-        write_arrays(
-            folder / HISTORY,
-            {'names': np.array([p.name for p in result.parameters]), **vars(result.history)},
-        ),
+        write_json(folder / JSON, to_mapping(result), indent=2),
+        write_arrays(folder / HISTORY, {'names': names, **vars(result.history)}),
     )
     if problem is None or not np.isfinite(result.theta).all():
         return files
@@ -292,11 +278,8 @@ class Estimate:
     """Parameters with their uncertainty.
 
     Attributes:
-        values: By name.
         deviations: Standard deviations by name; inf where the log sets no limit.
-        fixed: Parameters that were held.
         drives: Drives compared; all where empty.
-        settings: What was asked for.
         source: Where the log was.
         prior: What a later run may take as known.
         doubt: Why it may not; empty where it may.

@@ -27,7 +27,6 @@ class Line:
     """One line of a map.
 
     Attributes:
-        heading: Direction of motion of its samples.
         place: (B,) where along the coordinate.
         mean: (B,) mean residual there, in the effort's unit.
         half: (B,) half of its 95 % band; NaN where there is none.
@@ -44,7 +43,6 @@ class ResidualMap:
     """A drive's residual along one coordinate.
 
     Attributes:
-        drive: The drive.
         coordinate: The coordinate.
         label: The same with its unit, for an axis.
         unit: Unit of the residual.

@@ -36,7 +36,6 @@ def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
     """Simulate every segment at the stamps of its measured efforts.
 
     Args:
-        problem: The problem, from data that hold their recordings.
         theta: (N,) parameters, physical units.
 
     Returns:
@@ -72,7 +71,6 @@ def write_overlay(
     Args:
         path: Directory of the bag; further segments get `_2`, `_3` behind it. Overlays there are
             replaced, anything else is left alone.
-        problem: The problem, from data that hold their recordings.
         theta: (N,) parameters, physical units.
         topics: Names of the original streams' topics.
 
@@ -124,11 +122,7 @@ def require_place(path: str | Path, data: Data, inputs: Sequence[str | Path | No
 
 
 def withdraw_overlay(path: str | Path) -> None:
-    """Remove the overlays of an earlier run: what is new shall not lie beside them.
-
-    Args:
-        path: As for `write_overlay`; what is no overlay is left alone.
-    """
+    """Remove the overlays of an earlier run: what is new shall not lie beside them."""
     first = Path(path)
     for place in (first, *first.parent.glob(f'{glob.escape(first.name)}_[0-9]*')):
         remove_bag(place, OVERLAY)

@@ -47,7 +47,6 @@ class Scene:
         stamp: Stamps (F,), ns.
         figure: What to draw of the measured machine at each instant.
         gap: Residual effort, root of the mean square over the drives (F,); NaN where unknown.
-        unit: Its unit.
     """
 
     machine: str
@@ -61,7 +60,6 @@ def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0)
     """Return the motion of a machine in space.
 
     Args:
-        problem: The problem, from data that hold their recordings.
         theta: (N,) parameters, physical units.
         residual: The segment's residual effort, from `overlay_streams`.
         segment: Its number, from 0.

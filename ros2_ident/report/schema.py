@@ -105,9 +105,6 @@ def read(kind: Any, value: Any) -> Any:
 def from_mapping(data: Any, path: Path) -> Identification:
     """Return the result that a file's content describes.
 
-    Args:
-        data: What `to_mapping` returned.
-
     Returns:
         The result; its history holds the best costs and no candidates.
 

@@ -50,9 +50,6 @@ class Signals:
 
     Attributes:
         unit: Unit of the effort.
-        drives: The D drives.
-        models: Names of the M models.
-        recordings: The recordings in order.
         travel: Unit of the drives' positions.
         judged: The model whose residual matters, and which a page shows at first; -1 for all.
     """
@@ -88,7 +85,6 @@ def signals_of_problem(problem: Problem, theta: Array, check: Problem | None = N
 
     Args:
         theta: (N,) parameters, physical units, finite.
-        check: The same problem on recordings that were held out.
     """
     middle = np.array([0.5 * (p.low + p.high) for p in problem.parameters])
     both = np.stack([middle, theta])

@@ -54,7 +54,6 @@ class Gap:
     """One drive's residual.
 
     Attributes:
-        drive: Its name.
         size: RMS in the machine's unit, before and after where something closes it.
         share: The same as a share of what is compared, an effort or a position.
         before: Length of a bar, 0 to 1.
@@ -78,8 +77,6 @@ class Answer:
 
     Attributes:
         level: `good`, `doubtful` or `bad`: the colour of its edge.
-        headline: What is wrong.
-        state: What the colour says, in words.
         sure: How sure that is, sentences.
         gaps: How far the gap closes, for the drives that matter most.
         closes: The same in sentences.

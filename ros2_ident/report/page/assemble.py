@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.files import make_directory, write_text
 from ros2_ident.gap.result import Diagnosis
 from ros2_ident.gap.where.localise import Finding
-from ros2_ident.identify.result import Identification, Provenance
+from ros2_ident.identify.result import Identification
 from ros2_ident.report.diagnosis import Written
 from ros2_ident.report.files import (
     CHANGE,
@@ -25,14 +24,12 @@ from ros2_ident.report.files import (
 from ros2_ident.report.page import charts, numbers
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST
-from ros2_ident.report.page.render import Picture, render
+from ros2_ident.report.page.render import Picture, write_page
 from ros2_ident.report.page.several import write_difference, write_fleet
 from ros2_ident.report.schema import intact
 from ros2_ident.report.signals import load_signals
 from ros2_ident.words import verdict as words
 from ros2_ident.words.finding import where
-
-Fact = tuple[str, str]
 
 # Effects of which the page says how probable they are.
 RANKED = 8
@@ -64,17 +61,18 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
             with intact(folder / name):
                 return write(folder, page)
     result, diagnosis = load(folder)
-    target = folder / PAGE if page is None else Path(page)
-    make_directory(target.parent)
     with intact(folder):  # what was read fits its types, and may still not fit together
-        page_text = _render(folder, result, diagnosis)
-    return write_text(target, page_text)
+        context = _context(folder, result, diagnosis)
+        return write_page(Path(page or folder / PAGE), 'template.html', context, plots=True)
 
 
-def _render(folder: Path, result: Identification | None, w: Written | None) -> str:
+def _context(folder: Path, result: Identification | None, w: Written | None) -> dict[str, Any]:
     prediction = None if result is None else result.prediction
+    there = {'identification': result, 'diagnosis': w}
+    title = ' and '.join(name for name, of in there.items() if of).capitalize()
+    source = next(of.provenance.source for of in (result, w) if of)
     context: dict[str, Any] = {
-        'title': _title(result, w),
+        'title': f'{title}: {"/".join(Path(source).parts[-2:])}' if source else title,
         'lead': _lead(result, w),
         'result': result,
         'diagnosis': None if w is None else w.found,
@@ -102,7 +100,7 @@ def _render(folder: Path, result: Identification | None, w: Written | None) -> s
         }  # fmt: skip
     if w is not None:
         context |= _of_diagnosis(w, str(folder))
-    return render('template.html', context, plots=True)
+    return context
 
 
 def _pictures(
@@ -150,29 +148,19 @@ def _of_diagnosis(w: Written, out: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _title(result: Identification | None, w: Written | None) -> str:
-    there = [result, w]
-    names = [name for name, of in zip(('Identification', 'diagnosis'), there, strict=True) if of]
-    (source, *_) = [of.provenance.source for of in there if of]
-    text = ' and '.join(names).capitalize()
-    return f'{text}: {"/".join(Path(source).parts[-2:])}' if source else text
-
-
 def _lead(result: Identification | None, w: Written | None) -> str:
+    created = next(of.provenance.created for of in (result, w) if of)
+    when = created.replace('T', ' ').replace('+00:00', ' UTC')
     if result is not None:
         quality = result.quality
         return (
             f'{result.model.replace("_", " ")}, {", ".join(result.drives)}; '
             f'{quality.duration:.3g} s in {quality.segments} '
             f'{"recording" if quality.segments == 1 else "recordings"}, {quality.samples} effort '
-            f'samples; {_when(result.provenance)}'
+            f'samples; {when}'
         )
     assert w is not None
-    return f'{", ".join(w.found.per_drive)}; {_when(w.provenance)}'
-
-
-def _when(p: Provenance) -> str:
-    return p.created.replace('T', ' ').replace('+00:00', ' UTC')
+    return f'{", ".join(w.found.per_drive)}; {when}'
 
 
 def _leading(d: Diagnosis) -> tuple[list[str], list[str]]:
@@ -187,7 +175,7 @@ def _leading(d: Diagnosis) -> tuple[list[str], list[str]]:
     return lost + [*map(where, told)], [where(f) for f in d.localisation if f not in told]
 
 
-def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[Fact]:
+def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[tuple[str, str]]:
     """Yield what a file says, label and value."""
     for name, value in settings.items():
         label = f'{before}{name}'.replace('_', ' ')
@@ -201,15 +189,7 @@ def _flat(settings: Mapping[str, Any], before: str = '') -> Iterator[Fact]:
 
 @dataclass(frozen=True)
 class Bar:
-    """A row.
-
-    Attributes:
-        name: What it is of.
-        length: 0 to 1.
-        text: Its number.
-        style: How it is coloured.
-        ends: Ends of its interval, 0 to 1.
-    """
+    """A row of a chart: its length, and the ends of its interval, are 0 to 1."""
 
     name: str
     length: float

@@ -56,7 +56,6 @@ def effort_plot(
     """Draw each drive's measured and simulated effort, below it residual and following error.
 
     Args:
-        floor: Noise floor of each drive, where it is known.
         most: Array that the plot may hold, of two bytes each.
     """
     floor = floor or {}

@@ -54,7 +54,6 @@ class LivePage:
         self._preview = preview(problem, self._compare, EVERY) if problem and compared else None
 
     def __enter__(self) -> Self:
-        """Write the first page."""
         self._write()
         return self
 

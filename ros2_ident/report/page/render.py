@@ -4,6 +4,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files as resources
+from pathlib import Path
 from typing import Any
 
 from bokeh.core.json_encoder import serialize_json
@@ -13,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from ros2_ident import package_version
+from ros2_ident.files import make_directory, write_text
 from ros2_ident.report.page import numbers, steps
 
 # Colours of Okabe and Ito (2008), told apart by colour-blind readers too; what matters has marks
@@ -64,6 +66,12 @@ class Picture:
     choices: tuple[Choice, ...] = ()
     height: int = 0
     least: int = 0
+
+
+def write_page(path: Path, template: str, context: Mapping[str, Any], **how: bool) -> Path:
+    """Render a page and write it, its folder, too; arguments as of `render`."""
+    make_directory(path.parent)
+    return write_text(path, render(template, context, **how))
 
 
 def render(template: str, context: Mapping[str, Any], *, plots: bool = False) -> str:

@@ -13,13 +13,12 @@ from ros2_ident.arrays import plain
 from ros2_ident.change.result import Between, Comparison
 from ros2_ident.effects import CATALOGUE, title_at
 from ros2_ident.errors import ErrorCode
-from ros2_ident.files import make_directory, write_text
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.models import EffectAt
 from ros2_ident.report.files import CHANGE, compared, content, FLEET, load, PAGE
 from ros2_ident.report.page import answer, steps
 from ros2_ident.report.page.numbers import change, percent, quantity, some
-from ros2_ident.report.page.render import render
+from ros2_ident.report.page.render import write_page
 from ros2_ident.report.schema import intact, read
 from ros2_ident.words.change import changed, differences, sentences, title_of
 from ros2_ident.words.figures import capital
@@ -28,14 +27,12 @@ from ros2_ident.words.verdict import named
 COMPARISON = 'comparison.html'
 # Parameters of a fleet that are shown at once; the others are folded away.
 OPEN = 6
-# What the colour of a fleet's answer says.
+# What the colour of the answer says: of a fleet, and of two sets of logs.
 STATES: Mapping[answer.Level, str] = {
     'good': 'No difference shows',
     'doubtful': 'To be inspected',
     'bad': 'Not every recording could be judged',
 }
-
-# The same of two sets of logs.
 CHANGED: Mapping[answer.Level, str] = {
     'good': 'No change shows',
     'doubtful': 'Changed',
@@ -197,32 +194,16 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     if others:
         text += f' Not compared, for other effects in the model: {some(others)}; '
         text += '`ident diff` compares their logs.'
-    target = Path(directories[0]) / COMPARISON if page is None else Path(page)
-    make_directory(target.parent)
-    context = {
-        'title': 'Comparison',
-        'lead': ', '.join(run.label for run in runs),
-        'headline': text,
-        'runs': runs,
-        'strips': made,
-    }
-    return write_text(target, render('comparison.html', context))
+    lead = ', '.join(run.label for run in runs)
+    context = {'title': 'Comparison', 'lead': lead, 'headline': text, 'runs': runs, 'strips': made}
+    return write_page(Path(page or Path(directories[0]) / COMPARISON), 'comparison.html', context)
 
 
 # ---------------------------------------------------------------------- what changed
 
 
 def write_difference(directory: str | Path, page: str | Path | None = None) -> Path:
-    """Write the page on what changed between two sets of logs.
-
-    Args:
-        directory: Where `ident diff` wrote.
-        page: The file to write; `report.html` in the directory where None.
-
-    Raises:
-        IdentError: NO_DATA or BAD_VALUES where `change.json` cannot be read, INVALID_GOAL where
-            the page cannot be written.
-    """
+    """Write the page on what `ident diff` found; arguments and errors as of `write_report`."""
     data = content(Path(directory) / CHANGE, '`ident diff` wrote')
     found, asked = read(Comparison, data), data['settings']
     headline, *_ = changed(found)
@@ -238,39 +219,20 @@ def write_difference(directory: str | Path, page: str | Path | None = None) -> P
         'sentences': [text for text in sentences(found) if text != headline],
         'smallest': [{**vars(v), 'what': title_of(v.suspect)} for v in found.smallest],
     }
-    target = Path(directory) / PAGE if page is None else Path(page)
-    make_directory(target.parent)
-    return write_text(target, render('change.html', context))
+    return write_page(Path(page or Path(directory) / PAGE), 'change.html', context)
 
 
 # ---------------------------------------------------------------------- a fleet
 
 
-def _failed(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what could not be compared."""
-    for x in data['comparisons']:
-        if x['state'] != 'done':
-            yield f'{x["after"]} could not be compared with {x["before"]}: {x["message"]}'
-
-
 def _effects(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield which effects were found, and where."""
     for effect, places in data['effects'].items():
         count = 'once' if len(places) == 1 else f'{len(places)} times'
         yield f'{title_at(effect)}: found {count} ({"; ".join(places)})'
 
 
 def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
-    """Write the page on a fleet.
-
-    Args:
-        directory: Where `ident fleet` wrote.
-        page: The file to write; `report.html` in the directory where None.
-
-    Raises:
-        IdentError: NO_DATA or BAD_VALUES where `fleet.json` cannot be read, INVALID_GOAL where
-            the page cannot be written.
-    """
+    """Write the page on a fleet; arguments and errors as of `write_report`."""
     path = Path(directory) / FLEET
     data = content(path, '`ident fleet` wrote')
     kind = isinstance(data, dict) and (data.get('schema'), data.get('version'))
@@ -285,6 +247,11 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
     }
     made = strips([(row['name'], row['parameters']) for row in done], told)
     machines = {row['machine'] for row in data['rows']}
+    failed = [
+        f'{x["after"]} could not be compared with {x["before"]}: {x["message"]}'
+        for x in data['comparisons']
+        if x['state'] != 'done'
+    ]
     lost, level = len(data['rows']) - len(done), _fleet_level(data, several)
     context = {
         'title': f'Fleet: {Path(directory).resolve().name}',
@@ -293,16 +260,14 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
         'level': level,
         'state_of': STATES[level],
         'headline': _fleet_headline(data, several),
-        'differences': [*differences(several), *_failed(data), *_effects(data)],
+        'differences': [*differences(several), *failed, *_effects(data)],
         'steps': list(steps.of_fleet(data, several, str(directory))),
         'rows': [{**row, 'found': _found(row)} for row in data['rows']],
         'dated': any(row['date'] for row in data['rows']),
         'open': [s for s in made if s.differs][:OPEN] or made[:OPEN],
         'strips': made,
     }
-    target = Path(directory) / PAGE if page is None else Path(page)
-    make_directory(target.parent)
-    return write_text(target, render('fleet.html', context))
+    return write_page(Path(page or Path(directory) / PAGE), 'fleet.html', context)
 
 
 def _found(row: Mapping[str, Any]) -> str:
@@ -314,7 +279,6 @@ def _found(row: Mapping[str, Any]) -> str:
 
 
 def _fleet_level(data: Mapping[str, Any], several: Sequence[Between]) -> answer.Level:
-    """Return the colour of the answer's edge."""
     rows = [*data['rows'], *data['comparisons']]
     if any(row['state'] != 'done' or row['code'] != 'OK' for row in rows):
         return 'bad'

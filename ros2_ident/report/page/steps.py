@@ -49,7 +49,6 @@ class Step:
     """Something to do.
 
     Attributes:
-        text: What.
         laws: Equations to put into a simulation.
         code: Lines to paste.
     """
@@ -219,12 +218,7 @@ def _ident(
 
 
 def of_fleet(data: Mapping[str, Any], several: Sequence[Between], out: str) -> Iterator[Step]:
-    """Yield what to do after a fleet.
-
-    Args:
-        data: The content of `fleet.json`.
-        several: Its comparisons.
-    """
+    """Yield what to do after a fleet, by its file's content and its comparisons."""
     rows = {row['name']: row for row in data['rows']}
     told = [b for b in several if b.found.changes]
     for machine in list(dict.fromkeys(b.machine for b in told))[:FLEET]:
