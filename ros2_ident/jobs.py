@@ -26,12 +26,12 @@ from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.layout import Conditions
 from ros2_ident.identify.outputs import checked, Outputs
 from ros2_ident.identify.problem import Problem, problem_of, Setup
-from ros2_ident.identify.result import Identification, Outcome
+from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import check_problem, solve
 from ros2_ident.identify.settings import IdentifySettings, OnProgress
 from ros2_ident.models import EffectAt, Machine
 from ros2_ident.models.registry import compared_of, travel_of
-from ros2_ident.recording import read_bags, Recording, RecordingBuilder, SAMPLES, Topics
+from ros2_ident.recording import read_bags, RecordingBuilder, SAMPLES, Topics
 from ros2_ident.search import Threads
 from ros2_ident.search.evaluators import Cancel, Workers
 from ros2_ident.search.fit import fit
@@ -42,7 +42,6 @@ class Request:
     """Request of a run.
 
     Attributes:
-        machine: The machine.
         bags: Paths of the recordings to fit; none for what was received.
         check: Paths of the recordings to judge on; none for parts held out of the others.
         drives: Drives to compare, in the machine's order; all where None.
@@ -55,7 +54,6 @@ class Request:
         effects: Effects beside the nominal physics.
         without: Ids of effects to leave out of the catalogue; of a diagnosis.
         settings: Search, budgets, threads.
-        seed: Of the random generator.
         samples: Effort samples to fit on, all drives together; of an identification.
         workers: Who simulates; `settings.threads` threads of this process where None.
         machine_file: Path of the machine file, for the record; empty where there is none.
@@ -134,9 +132,6 @@ class Ended(Generic[Result]):
     """A run that has ended.
 
     Attributes:
-        request: What was asked for.
-        logs: What it was found from.
-        result: What was found.
         seconds: From reading to the result, s.
         checkpoint: File that the run could go on from; of no use once the result is safe.
     """
@@ -147,14 +142,14 @@ class Ended(Generic[Result]):
     seconds: float
     checkpoint: Path | None = None
 
-
-class Identified(Ended[Identification]):
-    """An identification that has ended."""
-
     @property
     def complete(self) -> bool:
         """Whether no cancel and no budget cut it short."""
-        return self.result.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT)
+        return self.result.complete
+
+
+class Identified(Ended[Identification]):
+    """An identification that has ended."""
 
     def problem(self) -> Problem:
         """Return the model on the data it was found from, held as in the result."""
@@ -174,24 +169,22 @@ class Diagnosed(Ended[Diagnosis]):
 
     cancelled: bool = False
 
-    @property
-    def complete(self) -> bool:
-        """Whether no cancel and no budget cut it short."""
-        return self.result.complete
 
-
-def knowing(request: Asking, path: str | Path) -> Asking:
+def knowing(request: Asking, path: str | Path | None) -> Asking:
     """Return a request that takes what an earlier result found as known.
 
     Its parameters have a normal distribution beforehand, of their values and intervals; its
     effects are in the model, but for loads, which are carried in one log; what was held is held.
 
     Args:
-        path: What `ident identify` or `ident diagnose` wrote: a directory or a JSON file.
+        path: What `ident identify` or `ident diagnose` wrote: a directory or a JSON file; the
+            request stays as it is where None.
 
     Raises:
         IdentError: As `report.files.read_estimate`; INVALID_GOAL where nothing follows from it.
     """
+    if path is None:
+        return request
     from ros2_ident.report.files import read_estimate
 
     found = read_estimate(path)
@@ -222,11 +215,6 @@ class Compared(Ended[Comparison]):
 
     later: tuple[str, ...] = ()
 
-    @property
-    def complete(self) -> bool:
-        """Whether no cancel cut it short."""
-        return self.result.complete
-
 
 def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     """Read the logs of a request.
@@ -237,15 +225,18 @@ def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
     since = time.monotonic()
     if not request.bags and received is None:
         raise ErrorCode.NO_DATA.error('there is no live data; replay a bag or name its path')
-    travel, drives = travel_of(request.machine), request.machine.drives
-    if received is None or request.bags:
-        recordings = read_bags(request.bags, request.topics, travel, drives)
-    else:
-        recordings = received.build()
-    fit = _gathered(request, recordings)
-    check = None
-    if request.check:
-        check = _gathered(request, read_bags(request.check, request.topics, travel, drives))
+
+    def data_of(bags: Sequence[str], received: RecordingBuilder | None = None) -> Data:
+        travel, drives = travel_of(request.machine), request.machine.drives
+        several = received.build() if received else read_bags(bags, request.topics, travel, drives)
+        needed = tuple(checked(request.outputs, compared_of(request.machine)))
+        data = gather(
+            several, request.machine, request.drives, samples=request.samples, quantities=needed
+        )
+        return data.without_command() if request.settings.method == 'algebraic' else data
+
+    fit = data_of(request.bags, None if request.bags else received)
+    check = data_of(request.check) if request.check else None
     # the same live data are recognised as the same
     prior = request.machine.prior
     if prior is not None and prior.sha256 and prior.sha256 == fit.sha256:
@@ -267,16 +258,11 @@ def identify(
 ) -> Identified:
     """Identify the parameters; arguments and errors as of `identify.run.solve`."""
     problem = request.problem(logs.fit)
+    check = None if logs.check is None else check_problem(problem, logs.check)
     result = solve(
-        problem,
-        request.settings,
-        request.seed,
-        cancel=cancel,
-        on_progress=on_progress,
-        workers=request.workers,
-        checkpoint=checkpoint,
-        check=None if logs.check is None else check_problem(problem, logs.check),
-    )
+        problem, request.settings, request.seed, cancel=cancel, on_progress=on_progress,
+        workers=request.workers, checkpoint=checkpoint, check=check,
+    )  # fmt: skip
     return Identified(request, logs, result, time.monotonic() - logs.since, checkpoint)
 
 
@@ -445,14 +431,3 @@ def save(
 
 # What a result says of its logs beside its own settings: the commands that a page proposes next.
 _ASKED = 'bags', 'check_bags', 'machine_file', 'from'
-
-
-def _gathered(request: Request, recordings: Sequence[Recording]) -> Data:
-    data = gather(
-        recordings,
-        request.machine,
-        request.drives,
-        samples=request.samples,
-        quantities=tuple(checked(request.outputs, compared_of(request.machine))),
-    )
-    return data.without_command() if request.settings.method == 'algebraic' else data

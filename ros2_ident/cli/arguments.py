@@ -7,14 +7,11 @@ from dataclasses import fields, replace
 from importlib import import_module
 import math
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import yaml
 
 from ros2_ident.errors import ErrorCode
-
-if TYPE_CHECKING:
-    from ros2_ident.jobs import Request
 
 _TABLE = yaml.load(
     Path(__file__).with_name('commands.yaml').read_text(encoding='utf-8'),
@@ -99,11 +96,7 @@ def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
 
 
 def add_arguments(parser: argparse.ArgumentParser, own: Mapping[str, Any]) -> None:
-    """Add the arguments of a command.
-
-    Args:
-        own: What `commands.yaml` says of the command.
-    """
+    """Add the arguments of a command, as `commands.yaml` has it."""
     groups: list[tuple[Any, Mapping[str, Any]]] = [(parser, own['arguments'])]
     for title, arguments in own.get('groups', {}).items():
         groups.append((parser.add_argument_group(title), arguments or _TABLE['groups'][title]))
@@ -127,13 +120,6 @@ def add_arguments(parser: argparse.ArgumentParser, own: Mapping[str, Any]) -> No
 
 
 # ---------------------------------------------------------------------- what commands share
-
-
-def from_earlier(request: 'Request', args: argparse.Namespace) -> 'Request':
-    """Return a request that takes the earlier result of parsed arguments, if any, as known."""
-    from ros2_ident.jobs import knowing
-
-    return knowing(request, args.earlier) if args.earlier else request
 
 
 def topics_of(args: argparse.Namespace) -> Any:

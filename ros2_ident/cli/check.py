@@ -16,25 +16,23 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.recording import check, read_bag, render, Report
 
     file = read_machine_file(args.machine) if args.machine else None
-    if file is not None and file.machine is not None:
-        file = replace(file, machine=with_effort(file.machine, args))
-    if args.bag is None:
-        if file is None:
-            raise ErrorCode.INVALID_GOAL.error(
-                'there is nothing to check; give a bag, --machine, or both'
-            )
-        report = Report(file.name, findings=check_machine(file))
-        recordings = []
-    else:
-        machine = file.machine if file else None
+    machine = file.machine if file else None
+    if file is not None and machine is not None:
+        machine = with_effort(machine, args)
+        file = replace(file, machine=machine)
+    if args.bag is not None:
         travel = travel_of(machine) if machine else None
         drives = machine.drives if machine else ()
         recordings = read_bag(args.bag, topics_of(args), travel, drives)
         report = check_both(recordings, file, args.drives) if file else check(recordings)
+    elif file is not None:
+        report = Report(file.name, findings=check_machine(file))
+    else:
+        raise ErrorCode.INVALID_GOAL.error(
+            'there is nothing to check; give a bag, --machine, or both'
+        )
     for line in render(report):
         print(line)
-    if report.level == 'error':
-        return 1
-    if file is not None and file.machine is not None and not recordings and report.level == 'ok':
+    if machine is not None and args.bag is None and report.level == 'ok':
         print('ok    every key is known and plausible')
-    return 0
+    return 1 if report.level == 'error' else 0

@@ -4,30 +4,12 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import asked, from_earlier
+from ros2_ident.cli.arguments import asked
 from ros2_ident.cli.runs import carry_out
 from ros2_ident.errors import ErrorCode
 
 if TYPE_CHECKING:
     from ros2_ident.gap.result import Diagnosis
-    from ros2_ident.jobs import Request
-
-
-def request_of(args: argparse.Namespace) -> 'Request':
-    """Return what parsed arguments ask for."""
-    from ros2_ident.identify.settings import IdentifySettings
-    from ros2_ident.jobs import Request
-    from ros2_ident.search import Budget
-
-    request = Request(
-        **asked(args),
-        outputs={args.output: None} if args.output else None,
-        without=args.without,
-        settings=IdentifySettings(
-            budget=Budget(seconds=args.seconds or None), threads=args.threads
-        ),
-    )
-    return from_earlier(request, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -38,12 +20,22 @@ def run(args: argparse.Namespace) -> int:
     add_effect_files(args.effect)
     from ros2_ident import jobs
     from ros2_ident.gap.verdict import REFUSED
+    from ros2_ident.identify.settings import IdentifySettings
+    from ros2_ident.search import Budget
 
     if args.resume and not args.out:
         raise ErrorCode.INVALID_GOAL.error(
             '--resume goes on by a file in the directory for the results; give --out, too'
         )
-    done = carry_out(args, request_of(args), jobs.diagnose, print_diagnosis)
+    budget = Budget(seconds=args.seconds or None)
+    request = jobs.Request(
+        **asked(args),
+        outputs={args.output: None} if args.output else None,
+        without=args.without,
+        settings=IdentifySettings(budget=budget, threads=args.threads),
+    )
+    request = jobs.knowing(request, args.earlier)
+    done = carry_out(args, request, jobs.diagnose, print_diagnosis)
     return 0 if done.complete and done.result.effect not in REFUSED else 1
 
 

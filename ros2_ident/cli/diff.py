@@ -11,7 +11,7 @@ def run(args: argparse.Namespace) -> int:
     # Before the simulations are composed of the effects there are.
     add_effect_files(args.effect)
     from ros2_ident import jobs
-    from ros2_ident.cli.arguments import from_earlier, once, topics_of, with_effort
+    from ros2_ident.cli.arguments import once, topics_of, with_effort
     from ros2_ident.cli.progress import Meter
     from ros2_ident.cli.runs import interrupts, page_line
     from ros2_ident.files import make_directory
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         machine_file=str(args.machine),
     )
-    request = from_earlier(request, args)
+    request = jobs.knowing(request, args.earlier)
     with interrupts() as cancel, Meter(quiet=args.quiet) as meter:
         done = jobs.compare(request, args.after, paired=args.pairs, cancel=cancel, on_step=meter)
     for text in sentences(done.result):

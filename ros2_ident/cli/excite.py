@@ -30,12 +30,14 @@ def run(args: argparse.Namespace) -> int:
     machine = load_machine(args.machine)
     limits = limits_of(machine, args.limits)
     courses = courses_for(machine, limits, args.seconds, args.harmonics, args.rest)
+    expected = once(args.set, '--set')
+    if args.results is not None:
+        from ros2_ident.report.files import read_estimate
+
+        expected = {**read_estimate(args.results).values, **expected}
+    fixed = once(args.fix, '--fix')
     sensitivity = Sensitivity(
-        machine,
-        values=_expected(args),
-        drives=args.drives,
-        fixed=once(args.fix, '--fix'),
-        rate=args.rate,
+        machine, values=expected, drives=args.drives, fixed=fixed, rate=args.rate
     )
     generations = max(1, args.generations)
     # Fewer generations shrink their steps as far.
@@ -60,16 +62,6 @@ def run(args: argparse.Namespace) -> int:
         files = write_excitation(args.out, found, args.lead, asked)
     print(f'written: {", ".join(str(path) for path in files)}')
     return 0
-
-
-def _expected(args: argparse.Namespace) -> dict[str, float]:
-    """Return the expected parameters: those found before, and those given over them."""
-    given = once(args.set, '--set')
-    if args.results is None:
-        return given
-    from ros2_ident.report.files import read_estimate
-
-    return {**read_estimate(args.results).values, **given}
 
 
 def _say(found: 'Excitation') -> None:

@@ -18,6 +18,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the files, say what they lack."""
     from ros2_ident.export.content import content_of
     from ros2_ident.export.targets import fitting, TARGETS, write
+    from ros2_ident.machine.description import description_text
     from ros2_ident.report.files import read_estimate
 
     wrong = [name for name in args.to or () if name not in TARGETS]
@@ -28,29 +29,21 @@ def run(args: argparse.Namespace) -> int:
     estimate = read_estimate(args.results)
     problem = _problem(args, estimate)
     content = content_of(problem, estimate, args.prior)
-    description = _description(args, problem)
+    machine, description = problem.machine, ''  # the text that values are written into
+    if args.into is not None:
+        description = description_text(Path(args.into))
+    elif 'description' in machine.constants:
+        description = machine.text('description')
     files = write(args.out, args.to or fitting(content, description), content, description)
-    links = content.links
-    if links is not None:
+    if content.links is not None:
         print(f'links: physically consistent; masses of the description ± {100 * args.prior:g} %')
-        if links.mended:
-            impossible = ', '.join(links.mended)
+        if impossible := ', '.join(content.links.mended):
             print(f'the description gives {impossible} inertials that no body can have')
     for name, (path, words) in files.items():
         print(f'{name}: {path}')
         for sentence in words:
             print(f'  {sentence}')
     return 0
-
-
-def _description(args: argparse.Namespace, problem: 'Problem') -> str:
-    """Return the text that values are written into; empty where there is none."""
-    if args.into is None:
-        constants = problem.machine.constants
-        return problem.machine.text('description') if 'description' in constants else ''
-    from ros2_ident.machine.description import description_text
-
-    return description_text(Path(args.into))
 
 
 def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':

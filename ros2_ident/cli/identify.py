@@ -2,20 +2,9 @@
 """`ident identify`: a machine's parameters from a bag."""
 
 import argparse
-from typing import TYPE_CHECKING
 
-from ros2_ident.cli.arguments import asked, from_earlier, searched
+from ros2_ident.cli.arguments import asked, searched
 from ros2_ident.cli.runs import carry_out
-
-if TYPE_CHECKING:
-    from ros2_ident.jobs import Request
-
-
-def request_of(args: argparse.Namespace) -> 'Request':
-    """Return what parsed arguments ask for."""
-    from ros2_ident.jobs import Request
-
-    return from_earlier(Request(**asked(args), **searched(args)), args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -24,5 +13,6 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.cli.table import print_result
     from ros2_ident.identify.result import Outcome
 
-    done = carry_out(args, request_of(args), jobs.identify, print_result)
+    request = jobs.knowing(jobs.Request(**asked(args), **searched(args)), args.earlier)
+    done = carry_out(args, request, jobs.identify, print_result)
     return 0 if done.result.outcome is Outcome.IDENTIFIED else 1

@@ -70,7 +70,6 @@ class Meter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave nothing behind."""
         self._waiting.cancel()
         if self._bar is not None:
             self._bar.stop()
@@ -85,7 +84,7 @@ class Meter:
     def __call__(self, fraction: float, text: str, eta: float | None = None) -> None:
         """Show the part that is done, 0 to 1, what is being done, and the time to go [s].
 
-        Where the time to go is not given, it is what the part that is done says.
+        The time to go is by default what the part that is done says.
         """
         gone = time.monotonic() - self._start
         if eta is None:

@@ -6,7 +6,7 @@ import math
 import sys
 
 from ros2_ident.cli.progress import coloured
-from ros2_ident.identify.result import DriveResidual, Identification, Outcome, ParameterEstimate
+from ros2_ident.identify.result import Identification, Outcome, ParameterEstimate
 from ros2_ident.prediction import Prediction
 from ros2_ident.words.figures import compared, duration, figure, interval
 from ros2_ident.words.identification import message
@@ -35,31 +35,21 @@ def columns(rows: Sequence[Sequence[str]], sides: str) -> None:
         print('  '.join(cells).rstrip())
 
 
-def _number(value: float) -> str:
-    return f'{value:.5g}' if math.isfinite(value) else '-'
-
-
 def _row(estimate: ParameterEstimate) -> tuple[str, ...]:
     half = 0.5 * (estimate.high - estimate.low)
     noise = 0.5 * (estimate.noise_high - estimate.noise_low)
-    share = 100.0 * half / abs(estimate.value) if estimate.value else math.inf
-    small = share < TELLING
+    value = estimate.value
+    share = 100.0 * half / abs(value) if value else math.inf
+    alone = interval(value, estimate.noise_low, estimate.noise_high)
     return (
         estimate.name,
-        _number(estimate.value),
-        interval(estimate.value, estimate.low, estimate.high),
-        f'{figure(share)} %' if small else '',
-        interval(estimate.value, estimate.noise_low, estimate.noise_high)
-        if half > WIDER * noise
-        else '',
+        f'{value:.5g}' if math.isfinite(value) else '-',
+        interval(value, estimate.low, estimate.high),
+        f'{figure(share)} %' if share < TELLING else '',
+        alone if half > WIDER * noise else '',
         estimate.unit if estimate.unit != '1' else '',
         estimate.note,
     )
-
-
-def _whole(left: DriveResidual, unit: str) -> str:
-    """Return the size of what is compared: a part of the log may be left out, or its band."""
-    return f', {left.rms / left.share:.3g} {unit} RMS' if left.share > 0.0 else ''
 
 
 def free_run(found: Prediction | None) -> str:
@@ -68,10 +58,8 @@ def free_run(found: Prediction | None) -> str:
         return ''
     if found.hindered:
         return f'no free run: {found.hindered}\n'
-    drives = ', '.join(
-        f'{row[0].drive} {" → ".join(f"{e.rmse:.3g}" for e in row)} {row[0].unit}'
-        for row in found.first
-    )
+    errors = [(row[0], ' → '.join(f'{e.rmse:.3g}' for e in row)) for row in found.first]
+    drives = ', '.join(f'{first.drive} {told} {first.unit}' for first, told in errors)
     stages = ' → '.join(s.label for s in found.stages)
     return f'free run of the {found.on}, {found.quantity} RMSE, {stages}: {drives}\n'
 
@@ -91,9 +79,11 @@ def print_result(result: Identification) -> None:
     for left in result.residuals:
         unit = left.unit or cost.unit
         unseen = f'; held out {held_out[left.drive].rms:.5g} {unit}' if held_out else ''
+        # a part of the log may be left out, or of its band
+        whole = f', {left.rms / left.share:.3g} {unit} RMS' if left.share > 0.0 else ''
         print(
             f'{left.drive}: residual {left.rms:.5g} {unit} RMS, {100.0 * left.share:.3g} % of the '
-            f'{compared(unit)} compared{_whole(left, unit)}{unseen}'
+            f'{compared(unit)} compared{whole}{unseen}'
         )
     if held_out:
         print(f'held out: {result.validated_on}')

@@ -48,7 +48,6 @@ class ParameterEstimate:
     Attributes:
         name: `tool_mass`, or `drive_1.gear_stiffness` where each drive has its own.
         unit: SI unit; `1` for a ratio.
-        value: The estimate.
         low: Lower end of its 95 % interval, not clipped to the box; -inf where the data set no
             limit. It allows for what the model may lack: what effects of the catalogue can hide
             in the residual.
@@ -152,7 +151,6 @@ class Cost:
     Attributes:
         ga: At the genetic algorithm's best; inf where every candidate diverged.
         refined: At the refined parameters; NaN where nothing was refined.
-        unit: Unit of both.
     """
 
     ga: Above
@@ -165,7 +163,6 @@ class DriveResidual:
     """Residual of one drive's effort at the estimate.
 
     Attributes:
-        drive: Its name.
         rms: RMS of measured less simulated effort, in the cost's unit.
         share: The same over the RMS of the measured effort; times 100 it is the relative error of
             the EMPS benchmark.
@@ -204,7 +201,6 @@ class Quality:
     Attributes:
         segments: Uninterrupted stretches used.
         duration: Their total length, s.
-        samples: Effort samples compared, of all drives.
         missing: Share of the samples that should have come and did not, for each stream.
         warnings: What a user has to know, one sentence each.
     """
@@ -224,7 +220,6 @@ class Provenance:
         source: Path of the bag, or the name of the live buffer.
         sha256: Hash of the bag's files, empty for live data.
         machine_sha256: Hash of the machine file, empty where the machine was made in memory.
-        package_version: Of this package.
         platform: Operating system, processor, Python, numpy and numba: what bits may depend on.
         created: Wall clock at the end of the run, ISO 8601, UTC.
     """
@@ -244,7 +239,6 @@ class PoorFit:
     Attributes:
         name: The output: a drive, or `drive.position`.
         left: RMS of the residual [`unit`].
-        unit: Its unit.
         share: The same over the standard deviation of the measured output.
         floors: The same over the noise.
     """
@@ -262,23 +256,19 @@ class Identification:
 
     Attributes:
         outcome: How it ended.
-        model: Kind of machine.
         drives: Drives whose effort was compared.
         parameters: The estimates, in the order of `theta`.
         fixed: Parameters that were held, by name.
         correlation: (N, N) correlations of the estimates; NaN where unknown.
         cost: Cost before and after the refinement.
-        residuals: What is left, for each drive.
         evaluations: Candidates simulated, both phases.
         generations: Generations of the genetic algorithm that were completed.
         seconds: Wall time, s.
-        seed: Of the random generator.
         search_stop: Why the genetic algorithm ended, as a sentence.
         refinement: How the refinement ended, as a sentence; empty where there was none.
         history: How the genetic algorithm went.
         quality: What the data were like.
         provenance: Where the numbers came from.
-        settings: Settings in force, as plain data.
         validation: Held-out error: what is left of data that was not fitted on, for each drive.
         validated_on: Which data that is: a bag, or how parts of the log were left out.
         gates: What log and machine file say of each other before any fit, the worst first.
@@ -311,6 +301,11 @@ class Identification:
     prediction: Prediction | None = None
     rival: tuple[float, ...] = ()
     poor: tuple[PoorFit, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether no cancel and no budget cut it short."""
+        return self.outcome not in (Outcome.CANCELLED, Outcome.BUDGET_SPENT)
 
     @property
     def theta(self) -> Array:
