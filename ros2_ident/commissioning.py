@@ -54,11 +54,7 @@ def check_both(
 ) -> Report:
     """Judge recordings, the machine file, and whether they fit each other.
 
-    Args:
-        drives: Drives that are to be identified; all where None.
-
-    Returns:
-        The report; a finding that a line of the machine file can mend names it.
+    A finding that a line of the machine file can mend names it.
     """
     machine = file.machine
     aside = machine is not None and not kind_of(machine).follows(machine)
@@ -99,7 +95,6 @@ def check_both(
 
 
 def _with_line(finding: Finding, file: MachineFile) -> Finding:
-    """Return a finding with the line of the machine file that may mend it."""
     path = _KEY_OF.get(finding.code)
     if path is None or finding.level == 'ok':
         return finding

@@ -27,9 +27,7 @@ class Error:
     """How far one quantity of one drive comes from its log.
 
     Attributes:
-        drive: The drive.
         quantity: `position`, `velocity` or `effort`.
-        unit: Unit of the two.
         rmse: Root of the mean squared error; inf where the model diverged.
         mae: Mean absolute error.
         samples: Samples compared.

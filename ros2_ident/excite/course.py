@@ -95,13 +95,7 @@ def _without(rows: Array, forbidden: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Courses:
-    """Motions of a machine, each from a point of the unit cube.
-
-    Attributes:
-        machine: The machine.
-        limits: Its limits.
-        series: What the motions are made of.
-    """
+    """Motions of a machine, each from a point of the unit cube."""
 
     machine: Machine
     limits: Limits
@@ -113,12 +107,7 @@ class Courses:
         return self.series.dimension + len(self.limits.way_low)
 
     def motion(self, point: Array, share: float = 1.0) -> Moved:
-        """Return the set-points of a point (N,) of the unit cube, scaled to their limits.
-
-        Args:
-            point: (N,).
-            share: What of the largest motion, and of the room that it uses, is wanted, 0 to 1.
-        """
+        """Return the set-points of a point (N,), a share of the largest motion in their limits."""
         value, rate = self.series.deviation(2.0 * point[: self.series.dimension] - 1.0)
         middle = 0.5 * (self.limits.way_high + self.limits.way_low)
         bottom, span = value.min(axis=1), np.ptp(value, axis=1)
@@ -166,16 +155,13 @@ def derived(position: Array, velocity: Array, cycle: float) -> Moved:
 def courses_for(
     machine: Machine, limits: Limits, seconds: float, harmonics: int = 8, rest: float = 0.25
 ) -> Courses:
-    """Return the motions of a machine within limits, their frequencies to suit these.
+    """Return motions of so many seconds, with both rests, their frequencies to suit the limits.
 
     The fundamental is a quarter of the frequency at which a sine over the whole reach has full
     speed, the highest that at which full acceleration has full jerk; so neither far ways nor quick
     turns are out of reach.
 
     Args:
-        machine: The machine.
-        limits: Its limits.
-        seconds: Duration with both rests, s.
         harmonics: Frequencies that a motion has; fewer where they do not lie apart.
         rest: Rest before and after, s.
 

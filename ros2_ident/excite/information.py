@@ -46,7 +46,6 @@ class Sensitivity:
     """A machine whose parameters have the values that are expected.
 
     Args:
-        machine: The machine.
         values: Expected parameters by name, `gear_stiffness` meaning that of every drive; the
             machine file's, or the middle of the box, where not given.
         drives: Drives that are identified; all where None.

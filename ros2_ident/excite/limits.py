@@ -106,7 +106,6 @@ def limits_of(machine: Machine, path: str | Path | None = None) -> Limits:
     description, and where its kind has a space, the speeds and the room that suit it.
 
     Args:
-        machine: The machine.
         path: A file as MoveIt's joint_limits.yaml: `joint_limits: {drive: {max_velocity: ...}}`,
             also with `min_position`, `max_position`, `max_acceleration`, `max_jerk` and
             `max_effort`; `workspace: [[low, high], ...]` is the tool's room.
@@ -226,7 +225,6 @@ def _room(
 
 
 def _complete(found: Mapping[str, Array], machine: Machine) -> None:
-    """Refuse limits that are missing or leave no room."""
     for name, row in found.items():
         if np.isnan(row).any():
             raise ErrorCode.BAD_VALUES.error(

@@ -41,11 +41,9 @@ class Excitation:
     """A motion and what it will tell.
 
     Attributes:
-        planned: Its set-points.
         loads: The largest share of a limit that set-points or machine take, by quantity; the
             machine with the parameters that are expected, and a quarter lower and higher.
         courses: What it was chosen from, with machine and limits.
-        parameters: The N parameters.
         values: (N,) at which the information was worked out.
         wanted: (N,) which of them were to be determined.
         half_widths: (N,) half the 95 % intervals that a log will give at best.
@@ -91,16 +89,12 @@ def excite(
     """Return the motion that determines parameters best, within the limits of its courses.
 
     Args:
-        courses: The motions to choose from.
         sensitivity: The machine at the parameters that are expected.
         names: Parameters to determine, `gear_stiffness` meaning that of every drive; all where
             empty.
         criterion: `d` for the smallest volume of their joint confidence region (D-optimality), the
             others unknown as well; `worst` for the smallest of the largest intervals, in widths of
             the boxes.
-        seed: Of the search.
-        settings: Of the search.
-        budget: What the search may cost.
         threads: Motions that are simulated at a time.
         on_progress: Called now and then from this thread.
 

@@ -38,7 +38,6 @@ class Event:
     """Effort of a drive that was not commanded.
 
     Attributes:
-        drive: The drive.
         recording: Its number, from 1.
         time: Instant of the peak, or start, s since the start of the recording.
         effort: Peak, or middle value [unit of the effort].
@@ -62,7 +61,6 @@ class Asked:
     """How a drive makes the effort that it is asked for.
 
     Attributes:
-        drive: The drive.
         late: By how much, s.
         factor: Effort made per effort asked for; NaN where a control law asks for it.
         usual: Standard deviation of what is left where nothing stands out, N m or N.
@@ -118,17 +116,7 @@ class _Log:
 
 
 def fit_asked(machine: Machine, data: Dataset, drive: str, recording: int = 1) -> Asked | None:
-    """Compare a drive's effort with the one that it was asked for.
-
-    Args:
-        machine: The machine.
-        data: A recording on the grid.
-        drive: The drive.
-        recording: Its number, from 1.
-
-    Returns:
-        How it makes its effort, None where it is not told it.
-    """
+    """Compare a drive's effort with the one that it is asked for; None where that is not told."""
     log = _log_of(machine, data, data.names.index(drive))
     if log is None:
         return None

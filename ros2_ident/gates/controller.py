@@ -33,9 +33,6 @@ def check_law(
     """Judge a drive's controller law as its log shows it.
 
     Args:
-        machine: The machine.
-        law: What `fit_law` returned.
-        drive: The drive.
         noise: The drive's noise floor, where known.
     """
     if law is None:
@@ -210,9 +207,6 @@ def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
     drives under one stamp, and a law that explains the others is the one that ran: here the drive
     differs, and the diagnosis looks for why.
 
-    Args:
-        gates: What `check_law` found on all drives.
-        drives: How many there are.
     """
 
     def shared(gate: Gate) -> bool:
@@ -237,13 +231,7 @@ def of_one_drive(gates: list[Gate], drives: int) -> list[Gate]:
 
 
 def check_swapped(machine: Machine, data: Dataset, laws: list[Law]) -> list[Gate]:
-    """Look for efforts logged under another drive's name, where laws explain too little.
-
-    Args:
-        machine: The machine.
-        data: The recording.
-        laws: What `fit_law` returned for each drive.
-    """
+    """Look for efforts logged under another drive's name, where laws explain too little."""
     lost = [law.drive for law in laws if law.explained < scale.OWN]
     if len(lost) < 2 or data.effort is None:
         return []

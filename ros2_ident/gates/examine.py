@@ -54,7 +54,6 @@ def examine(
     """Ask every gate about every recording.
 
     Args:
-        machine: The machine.
         datasets: Its recordings on the grid of controller cycles.
         drives: The drives looked at; all where None.
         noise: (D,) their noise floors, where known.
@@ -91,7 +90,6 @@ def examine_models(
     """Ask every gate about the recordings of models.
 
     Args:
-        models: A model of each recording.
         theta: (N,) a candidate of the first one: what it explains has the model's sign.
         noise: (D,) noise floors of what is compared; the machine file's noise where None.
     """
@@ -114,7 +112,6 @@ def examine_models(
 def _of_one(
     machine: Machine, data: Dataset, drives: Sequence[str], noise: Array | None, number: int
 ) -> GateReport:
-    """Ask every gate about one recording."""
     report = _of_motion(machine, data, drives, noise, number)
     report = replace(report, gates=(*report.gates, *_beyond_reach(machine, data)))
     if 'effort' not in compared_of(machine):
@@ -206,11 +203,6 @@ def late_set_point(machine: Machine, data: Dataset, drives: Sequence[str]) -> st
     """Return that a drive follows its set-point later than loop and model can; or nothing.
 
     Said only where position and effort are stamped together, and gains are stated.
-
-    Args:
-        machine: The machine.
-        data: A recording on the grid of controller cycles.
-        drives: The drives compared.
     """
     gains, tracking = ('position_gain', 'velocity_gain'), tracking_of(data, drives)
     stated = all(map(machine.known, gains)) and not {*gains} & set(machine.bounds)
@@ -273,7 +265,6 @@ def check_streams(data: Dataset) -> list[Gate]:
 
 
 def _slow(rate: float) -> list[Gate]:
-    """Return a warning where positions come too seldom to show how a drive moves."""
     cutoff = ROOM * rate
     if cutoff >= SEEN:
         return []
@@ -310,12 +301,7 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
 
 
 def check_asked(found: Asked, unit: str) -> list[Gate]:
-    """Judge how a drive makes the effort that it is asked for.
-
-    Args:
-        found: From `fit_asked`.
-        unit: Unit of an effort.
-    """
+    """Judge how a drive makes the effort [unit] that it is asked for."""
     drive = found.drive
     off = not near(found.factor)
     text = (

@@ -28,9 +28,6 @@ class Gate:
             the id of the effect that a late set-point shows.
         drive: The drive, empty for the log as a whole.
         level: `ok`, `warn` (the verdict may suffer) or `fail` (no verdict should be trusted).
-        number: What was measured.
-        unit: Its unit.
-        sentence: In words, with the remedy where there is one.
         contradicts: Whether log and machine file contradict each other, or the model cannot fit
             the log; such a finding comes first.
         key: The constant of the machine file that is to be changed, empty for none.
@@ -53,7 +50,6 @@ class GateReport:
     """All checks, worst first.
 
     Attributes:
-        gates: The findings.
         laws: The controller law of each drive where it could be read from the log.
         asked: By recording, how its drives make the efforts that they are asked for.
     """
@@ -63,8 +59,6 @@ class GateReport:
     asked: tuple[tuple[Asked, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        """Sort the findings, worst first."""
-
         def rank(gate: Gate) -> tuple[int, bool, int]:
             cause = _CAUSES.index(gate.gate) if gate.gate in _CAUSES else len(_CAUSES)
             return LEVELS.index(gate.level), not gate.contradicts, cause

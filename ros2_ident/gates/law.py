@@ -62,7 +62,6 @@ class Law:
     alone, and the fits are compared.
 
     Attributes:
-        drive: Name.
         gains: Each gain fitted alone, the best explanation first.
         effort_delay: How late the logged effort is, s.
         command_delay: How late the controller took up the set-point, s; 0 where none shows.
@@ -120,8 +119,6 @@ def fit_law(
     Args:
         machine: The machine file, for the law's kind, the gains expected and the torque limit;
             gains that are to be identified are taken from the log.
-        data: The recording on the grid of controller cycles.
-        drive: The drive.
         tracked: How late the position follows its set-point [s]: stamps of the topics that lie far
             apart are looked for about it.
         agree: Whether stamps of position and effort are known to be those of one clock.

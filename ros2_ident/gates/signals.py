@@ -137,7 +137,6 @@ class Fit:
     """A law's equations at given delays in cycles, on at most about so many samples.
 
     Args:
-        signals: The drive.
         most: How many samples; all where None.
         where: Those to choose from.
         weights: What a law of known gains multiplies the columns by; further ones of a law with an
@@ -224,10 +223,8 @@ def best_delays(
     Several valleys of a grid are followed down: from afar they may look alike.
 
     Args:
-        signals: The drive.
         lags: Least and largest delay of the effort, cycles.
         lates: Delays of the set-point that are looked at, cycles; none between where there is one.
-        where: Samples to look at.
         weights: Those of known gains, as of `Fit`; free gains where None.
     """
     rough, fine = (Fit(signals, most, where, weights) for most in (800, 4000))

@@ -25,7 +25,6 @@ class Tracking:
     """How the speeds of D drives follow D set-points.
 
     Attributes:
-        drives: The drives.
         share: (D, D) share of drive i's speed that set-point j's, at the best lag, explains.
         lag: (D, D) that lag, s; positive where the drive is late.
         slope: (D, D) drive's speed over the set-point's there, by least squares.
@@ -91,13 +90,7 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
 
 
 def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
-    """Judge whether positions and set-points belong together.
-
-    Args:
-        tracking: How they follow each other.
-        cycle: The controller's cycle, s.
-        unit: Unit of the positions, `m` or `rad`.
-    """
+    """Judge whether positions [unit] and set-points belong together."""
     swapped = _mixed(tracking)
     if swapped:
         return swapped

@@ -42,8 +42,6 @@ class _Joint:
     """A joint's effort and the columns that may explain it: (T,) or (T, C) values.
 
     Attributes:
-        drive: The drive.
-        effort: As logged.
         inertia: What the description's inertia asks for.
         weight: What its weight asks for.
         falls: The same in a free fall of 1 m/s^2 along x, y and z of the base.
@@ -86,12 +84,7 @@ class _Joint:
 
 
 def check_weight(machine: Machine, data: Dataset) -> list[Gate]:
-    """Compare efforts with those of a description of links along the recorded motion.
-
-    Args:
-        machine: The machine; of one without such a description nothing is said.
-        data: A recording on the grid.
-    """
+    """Compare efforts with those of a description of links, if any, along the recorded motion."""
     try:
         joints = list(_joints(machine, data))
     except IdentError:

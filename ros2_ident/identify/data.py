@@ -95,17 +95,9 @@ def read_data(
 
     Args:
         bags: Path of a bag, or of several of one machine, for one fit.
-        machine: The machine it was recorded on.
-        drives: Drives to identify; all where None.
-        topics: Topic names.
-        samples: As for `gather`.
-        quantities: As for `gather`.
-
-    Returns:
-        The segments.
 
     Raises:
-        IdentError: As `read_bags`, `align` and `gather`.
+        IdentError: As `read_bags`, `align` and `gather`, where the other arguments are described.
     """
     several = [bags] if isinstance(bags, str | Path) else bags
     recordings = read_bags(several, topics, travel_of(machine), machine.drives)
@@ -124,8 +116,6 @@ def gather(
 
     Args:
         recordings: From `read_bag` or a `RecordingBuilder`; of one bag or of several.
-        machine: The machine they were recorded on.
-        drives: Drives to identify; all where None.
         samples: Effort samples to fit on, all drives together; of a longer log the windows are
             taken that tell most (see `recording.windows`), and others are held out.
         quantities: What will be compared, so has to be in the log: of `effort`, `position` and

@@ -64,12 +64,7 @@ def settled(model: FullModel) -> Mask:
 
 
 def rows_of(models: Sequence[FullModel], most: int) -> Rows:
-    """Return the samples weighed: all, or whole blocks spread evenly where they are too many.
-
-    Args:
-        models: One a recording.
-        most: Most samples.
-    """
+    """Return the samples weighed, at most so many: all, or whole blocks spread evenly."""
     masks = [settled(m) for m in models]
     total = sum(int(mask.sum()) for mask in masks)
     seconds = sum(m.shape[1] * model.cycle for m, model in zip(masks, models, strict=True))
@@ -110,13 +105,7 @@ def _uninterrupted(there: npt.NDArray[np.intp]) -> list[npt.NDArray[np.intp]]:
 
 
 def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
-    """Return (R,) the residual of a fit, and (R, N) its derivative by shares of the box.
-
-    Args:
-        fitted: The models.
-        theta: (N,) their parameters.
-        rows: The R samples that are looked at.
-    """
+    """Return (R,) the residual of a fit, and (R, N) its derivative by shares of the box."""
     box = fitted.box
     point = Point.at(residuals_at(fitted, rows), box, box.inside(theta))
     return point.residual, point.jacobian
@@ -133,7 +122,6 @@ class Alternative:
     """Changes of a residual by an effect.
 
     Attributes:
-        at: The effect and its place.
         points: (S, P) values of its parameters that were tried.
         changes: (S, R) how they change the residual.
         most: (S,) how many times that change may be there.
@@ -194,8 +182,6 @@ def missing_beside(
     """Return the effects that the models of a fit may lack.
 
     Args:
-        fitted: The models.
-        theta: (N,) their parameters.
         candidates: Effects that the models do not have; all of the catalogue where None.
         stopped: Asked often; True leaves the rest of the candidates empty.
         threads: That simulate; one for each processor where None.

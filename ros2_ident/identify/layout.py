@@ -35,7 +35,6 @@ class Conditions:
     known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
-        """Return whether recordings differ at all."""
         return bool(self.each or self.known)
 
     def plain(self) -> dict[str, object]:
@@ -69,7 +68,6 @@ def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
     """Read the known differences between recordings.
 
     Args:
-        each: Parameters with a value of their own for every recording.
         path: A YAML file, `{bag: {parameter: how much above the shared value}}`; None for none.
 
     Raises:
@@ -98,7 +96,6 @@ class Layout:
     Args:
         models: The models; a parameter of one name is one parameter.
         labels: (M,) the recording each model belongs to.
-        conditions: How the recordings differ.
         held: Parameters that are not to be identified, and their values, by full name.
         box: (low, high) instead of the parameters' own, by full name.
 
@@ -270,9 +267,6 @@ def held_of(
     """Return the values held in a model, by full name.
 
     Args:
-        machine: The machine.
-        free: Its model with nothing held.
-        drives: The drives that are compared.
         given: Values by name; `gear_stiffness` means that of every drive.
 
     Raises:

@@ -80,10 +80,6 @@ def assemble(
     """Return the result of a run.
 
     Args:
-        problem: What was solved.
-        found: What was found.
-        seed: Of the random generator.
-        settings: In force, as plain data.
         evidence: What the residual shows of noise and of what is missing; None where not weighed.
     """
     estimates = estimates_of(problem, found, evidence)
@@ -176,7 +172,6 @@ def _of_outputs(said: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _outcome(found: Fitted, estimates: tuple[ParameterEstimate, ...], *, rivals: bool) -> Outcome:
-    """Return how a run ended."""
     if found.cancelled:
         return Outcome.CANCELLED
     if not np.isfinite(found.ga.cost):
@@ -222,10 +217,6 @@ def provenance_of(machine: Machine | None = None, data: Data | None = None) -> P
 def rival_minima(problem: Problem, found: Fitted) -> tuple[StartOutcome, ...]:
     """Return minima beside the best one that fit almost as well, lowest cost first.
 
-    Args:
-        problem: What was fitted.
-        found: How; its refinements' ends are compared.
-
     Returns:
         Nothing where the best fit leaves noise only, or several refinements ended there.
     """
@@ -267,8 +258,6 @@ def estimates_of(
     """Return the parameters with intervals, states and words; without intervals where cut short.
 
     Args:
-        problem: What was solved.
-        found: What was found.
         evidence: What the residual shows of what is missing; None where not weighed.
     """
     known, nothing = found.intervals, np.full(len(found.theta), np.nan)

@@ -64,9 +64,6 @@ def weights_of(
     that is stated as none, all errors count as they are.
 
     Args:
-        outputs: What is compared, from `checked`.
-        datasets: The recordings.
-        drives: The drives that are compared.
         effort_noise: Standard deviation of the logged effort.
     """
     if len(outputs) == 1:

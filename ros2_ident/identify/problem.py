@@ -250,12 +250,9 @@ class Setup:
     """Machine and data that a problem is made from.
 
     Attributes:
-        machine: The machine.
-        data: The segments.
         drives: Drives whose effort is compared, in the machine's order.
         fixed: Parameters held at a value: by full name, or `gear_stiffness` for every drive's.
         bounds: (low, high) instead of the machine file's, by the same names.
-        effects: Effects beside the nominal physics.
         cutoff: Low-pass of recorded motion where it drives the model [Hz].
         conditions: How the recordings differ.
         outputs: What is compared, and its weight; see `outputs.weights_of`.
@@ -346,9 +343,6 @@ def problem_of(
     """Return a machine's model on every segment, as one problem.
 
     Args:
-        machine: The machine.
-        data: The segments.
-        conditions: How the recordings differ.
         outputs: What is compared; what the kind of machine compares where None.
         asked: Other attributes of `Setup`.
 
@@ -400,7 +394,6 @@ def problem_of_models(
 
     Args:
         models: One, or one for each recording; a parameter of one name is one parameter.
-        fixed: Parameters held at a value, by name.
         bounds: (low, high) instead of the parameters' own, by name.
         conditions: What differs between the recordings, which are called `1`, `2` and so on.
 

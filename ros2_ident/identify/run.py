@@ -83,12 +83,8 @@ def identify(
         fixed: Parameters to hold at a value [their units]: `drive_1.gear_stiffness`, or
             `gear_stiffness` for every drive.
         bounds: (low, high) instead of the machine file's, by the same names.
-        effects: Effects beside the nominal physics.
-        conditions: What differs between the recordings.
         outputs: What is compared: of `effort`, `position` and `velocity`, each with its weight,
             None for one by its noise; the effort alone by default.
-        settings: How to search.
-        seed: Of the random generator.
         cancel: A `threading.Event` or the like; the best so far is kept.
         on_progress: Called from this thread at most ten times a second.
         workers: Who simulates; `settings.threads` threads of this process where None.
@@ -213,7 +209,6 @@ class _Watch:
         self._searched = 0.0
 
     def __call__(self, progress: IdentifyProgress) -> None:
-        """Tell how far the fit is."""
         self._last = progress
         if progress.phase == 'search':
             self._searched = progress.elapsed
@@ -222,7 +217,6 @@ class _Watch:
         self._tell(replace(progress, eta=progress.eta + later))
 
     def intervals(self) -> None:
-        """Tell that the fit is done."""
         if self._last is not None:
             self(replace(self._last, phase='intervals', eta=0.0))
 
@@ -244,7 +238,6 @@ def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
     """Return the outputs of which a fit leaves a large part.
 
     Args:
-        problem: What was fitted.
         residual: (R,) what is left, as `Problem.residuals` has it; empty where nothing was.
     """
     if not residual.size or not np.isfinite(residual).all():
@@ -268,13 +261,7 @@ def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
 
 
 def judged(result: Identification, report: GateReport, poor: Sequence[PoorFit]) -> Identification:
-    """Return a result with the findings of the gates, that claims no more than can be.
-
-    Args:
-        result: What the fit came to.
-        report: What log and machine file say of each other.
-        poor: Outputs of which the fit leaves a large part.
-    """
+    """Return a result with the findings of the gates, that claims no more than can be."""
     first = report.contradictions[:1]  # is the headline
     warned = sentences(g for g in report.gates if g.level != 'ok' and g not in first)
     warnings = tuple(dict.fromkeys((*warned, *result.quality.warnings)))
@@ -300,8 +287,6 @@ def with_held_out(
     were not fitted on, else on each quarter of the log in turn. The estimate stays that of all.
 
     Args:
-        result: The result.
-        problem: What was solved.
         weighed: What its residual shows; None where the run was cut short.
         check: The same problem on data to judge on.
     """
@@ -360,11 +345,6 @@ def quarters(problem: Problem, weighed: Missing, theta: Array) -> Array:
     """Return (R,) each part's residual at the estimate from all other parts of the log.
 
     That estimate is a Gauss-Newton step away from the one of the whole log; no fit is repeated.
-
-    Args:
-        problem: What was solved.
-        weighed: Residual and slopes at its solution.
-        theta: (N,) the solution.
     """
     slopes, residual, blocks = weighed.slopes, weighed.residual, weighed.rows.blocks
     part = (blocks - blocks.min()) * PARTS // (int(np.ptp(blocks)) + 1)

@@ -63,7 +63,6 @@ def _include(element: ET.Element, folder: Path, top: Path, read: set[Path]) -> N
     """Put the files that an MJCF includes in their places, as MuJoCo does.
 
     Args:
-        element: The element whose includes are looked for.
         folder: Of the file that it stands in.
         top: Of the description: nothing outside of it is read.
         read: The files read so far; none is read twice, and their number is bounded.
@@ -93,7 +92,6 @@ def judged_tree(
     """Return the root of a description in which nothing is found wrong; of a URDF its dynamics.
 
     Args:
-        text: The description.
         named: What to call it in messages.
         shapes: Whether the files of an MJCF's shapes are of use; what needs them, or is for the
             eye alone, is left out where not.
@@ -127,11 +125,6 @@ def declared(root: ET.Element, tag: str, name: str) -> dict[str, list[float]]:
     """Return the numbers of an attribute of an MJCF's joints, or of actuators, by the joint.
 
     Those for which neither they nor their class of defaults state it are left out.
-
-    Args:
-        root: The description.
-        tag: Of the elements.
-        name: Of the attribute.
     """
     return {
         element.get('joint', element.get('name', '')): [float(x) for x in value.split()]
@@ -212,11 +205,7 @@ _SILENT = (('joint', 'stiffness', 0.0), *((tag, 'gear', 1.0) for tag in sorted(_
 def own_physics(root: ET.Element, joints: Collection[str]) -> str:
     """Return what of an MJCF acts on joints beside links, friction and PD; empty for nothing.
 
-    Contacts are not looked at.
-
-    Args:
-        root: The MJCF.
-        joints: Those that move; others stand still.
+    Contacts are not looked at; other joints than those given stand still.
     """
     still = frozenset[str]()
     # The joints that move a body or a site, by its name; the world has none.

@@ -73,7 +73,6 @@ def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
 
     Args:
         path: A YAML file; its keys are those of its kind.
-        kinds: Kinds of machines by name.
 
     Returns:
         The file, with everything there is to change in it.
@@ -149,8 +148,6 @@ def judged(
     """Judge a parsed machine file.
 
     Args:
-        data: What the file holds.
-        kinds: Kinds of machines by name.
         name: What to call it in messages.
         lines: Line of each key, by path.
         known: What is known already to need a change.
@@ -261,13 +258,7 @@ def contents(data: Mapping[str, Any]) -> dict[tuple[str, ...], Any]:
 
 
 def judge(data: Any, kinds: Mapping[str, Kind], folder: Path) -> Iterator[Remark]:
-    """Yield everything there is to change in a machine file's content.
-
-    Args:
-        data: What the file holds.
-        kinds: Kinds of machines by name.
-        folder: Where the files lie that it names.
-    """
+    """Yield everything there is to change in a machine file's content."""
     if not isinstance(data, Mapping):
         yield Remark((), f'holds no mapping; {TEMPLATE}')
         return
@@ -426,7 +417,6 @@ def _quantity(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
 
 
 def _interval(draft: Draft, key: Key, value: Any) -> Iterator[Remark]:
-    """Judge the box of one parameter."""
     ends = [number(end) for end in value[:2]] if isinstance(value, list) else []
     if len(ends) != 2 or len(value) != 3 or None in ends:
         yield Remark(

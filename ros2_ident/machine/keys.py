@@ -47,10 +47,8 @@ class Key:
 
     Attributes:
         section: The mapping it stands in; empty for the file itself.
-        name: The key.
         unit: Its unit, `1` for a plain number, empty where it is no number. The values of
             `parameters` are intervals in it.
-        meaning: What it is.
         example: Value in a new machine file.
         absent: What its absence means, in words; empty where it may not be absent.
         default: What its absence means; where None, what `NEUTRAL` says.
@@ -99,11 +97,7 @@ class Key:
         return replace(self, example=example, **changes)  # type: ignore[arg-type]
 
     def value(self, before: Mapping[str, Value]) -> Value:
-        """Return what the key's absence means.
-
-        Args:
-            before: The same drive's constants before it in the table.
-        """
+        """Return what the absence means, by the drive's constants before it in the table."""
         if self.default == TURN_OF_GEAR:
             return 2.0 * math.pi / float(before['gear_factor'])
         return NEUTRAL.get(self.name, math.nan) if self.default is None else self.default
@@ -123,7 +117,6 @@ class Key:
 
 @functools.cache
 def _table() -> Mapping[str, Any]:
-    """Return `keys.yaml`."""
     text = Path(__file__).with_name('keys.yaml').read_text(encoding='utf-8')
     loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
     found: Mapping[str, Any] = yaml.load(text, loader)  # noqa: S506 - both are safe
@@ -134,7 +127,6 @@ def keys_of(kind: str, rows: Sequence[Any] | None = None) -> tuple[Key, ...]:
     """Return the keys of a kind of machine, in the order of a new machine file.
 
     Args:
-        kind: Its name.
         rows: Paths of shared keys, names of groups of them, lists of these, and
             `{path: attributes}`, which change a shared key where there is one; `range` is its
             plausible values. A parameter that is named as a constant before it is that one, to be

@@ -23,7 +23,6 @@ class Remark:
     """Something to change in a machine file.
 
     Attributes:
-        path: The key, `('drive', 'rail_mass')`.
         text: What was found and what is expected.
         level: `error` where the file cannot be used, `warn` where it is implausible.
         code: The number that an error is raised with.
@@ -40,7 +39,6 @@ class Draft:
     """A machine file's content by path.
 
     Attributes:
-        kind: Name of the kind.
         keys: The kind's keys by path.
         present: What the file holds, by path; nothing of it need be in order.
     """

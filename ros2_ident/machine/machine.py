@@ -70,7 +70,6 @@ class Machine:
         given: Names of the constants that the file states, and `effort_noise` where it does; not
             in the `repr`, from which keys are made, since the order of a set is another one in
             every process.
-        effort_unit: Unit of the logged effort.
         effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
             the rated torque over 100 %; one for all drives, or one each.
         effort_noise: Standard deviation of the logged effort's noise, in the model's effort unit.

@@ -27,12 +27,10 @@ class Prior:
     what both together give. Intervals allow for what the earlier model may have lacked.
 
     Attributes:
-        source: The earlier result.
         sha256: Hash of the log that it was found from; empty where it is not known.
         values: Means by name.
         deviations: Standard deviations by name; inf where nothing is known.
         noise: The same for noise alone.
-        units: Units by name.
         correlation: (N, N) correlations in the order of `values`; NaN where they are not known.
     """
 

@@ -15,11 +15,7 @@ LEVER = 0.05
 
 
 def angular(unit: str) -> str:
-    """Return a unit of straight motion as it is where a joint turns: `N m s/rad` for `N s/m`.
-
-    Args:
-        unit: A unit of masses, forces and lengths.
-    """
+    """Return a unit of straight motion as it is where a joint turns: `N m s/rad` for `N s/m`."""
     return re.sub(r'\b(kg|N|m)\b', lambda found: _ANGULAR[found[0]], unit)
 
 

@@ -60,7 +60,6 @@ class _Inbox:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all messages."""
         self.trajectories.clear()
         self.data: list[bytes] = []
         self.sent: list[int] = []
@@ -68,7 +67,6 @@ class _Inbox:
 
     @property
     def heard(self) -> bool:
-        """Whether a message has come."""
         return bool(self.data or self.meter.received)
 
 
@@ -76,7 +74,6 @@ class Capture:
     """Subscriptions that fill a buffer.
 
     Args:
-        limit: Messages kept of each stream.
         keep_streams: Whether a new stream is added to the ended one instead of replacing it.
         names: What the numbers of a Float64MultiArray are: joints, or `joint/velocity`.
         spool: Where what arrives is written as well.
@@ -330,7 +327,6 @@ class Capture:
                 self._node.get_logger().warning(self._spool_problem)
 
     def _add(self, role: str, block: cdr.Block) -> None:
-        """Bring messages into the builder."""
         meter = self._inbox[role].meter
         before = meter.backward
         self._builder.add_block(role, block.stamp, block.names, *block.fields)

@@ -84,7 +84,6 @@ def _close(message: Any, error: IdentError | None, stamp: Time, result_file: str
 
 
 def _unit_of(machine: Machine, name: str) -> str:
-    """Return the unit of a parameter by its full name."""
     declared = machine.bounds.get(name) or machine.bounds.get(name.rpartition('.')[2])
     return declared[2] if declared else ''
 
@@ -118,9 +117,6 @@ def result_message(
     """Return a run's end as a message: its result, or what kept it from having one.
 
     Args:
-        done: The run, None where there is none.
-        error: What went wrong, None for nothing.
-        stamp: Of the end, node clock.
         result_file: Path of the result file, empty where it was not written.
     """
     nothing = IdentificationResult(**dict.fromkeys(_COSTS, math.nan))

@@ -31,7 +31,6 @@ class Diagnostics:
     """Collects what the node knows and makes one array of it.
 
     Args:
-        name: The node's name, first in each status.
         missing_warning: Share of missing samples from which to warn.
     """
 
@@ -49,7 +48,6 @@ class Diagnostics:
         """Return the array.
 
         Args:
-            stamp: Of the message, node clock.
             silence: Why nothing arrives; empty where something does.
         """
         array = DiagnosticArray()
@@ -179,7 +177,6 @@ class Diagnostics:
 
 
 def _numbered(warnings: Sequence[str]) -> dict[str, object]:
-    """Return warnings as values of a status."""
     return {f'warning {number}': text for number, text in enumerate(warnings, 1)}
 
 

@@ -46,7 +46,6 @@ def wanted_of(
     """Return what a goal asks for, with the node's parameters where it says nothing.
 
     Args:
-        goal: An `Identify.Goal`, a `Diagnose.Goal` or a `Diff.Goal`.
         receiving: Whether messages arrive that must not wait for the simulation.
         heard: URDF or MJCF that was heard, for where no file says what the robot is.
 
@@ -92,7 +91,6 @@ def wanted_of(
 def _of_identify(
     goal: Any, parameters: Snapshot, machine: Machine, settings: IdentifySettings
 ) -> dict[str, Any]:
-    """Return what an identification has for itself."""
     if goal.model and goal.model != machine.kind:
         raise _refuse(
             f'model is {goal.model!r} and the machine file describes a {machine.kind}; '
@@ -118,7 +116,6 @@ def _of_identify(
 def _of_diff(
     goal: Any, parameters: Snapshot, machine: Machine, settings: IdentifySettings
 ) -> dict[str, Any]:
-    """Return what a comparison has for itself; arguments as of an identification."""
     for name in goal.without_effects:
         get_effect(name)
     bags = _paths(goal.bag_path, goal.more_bag_paths, 'bag_path', parameters)
@@ -136,7 +133,6 @@ def _of_diff(
 def _of_diagnose(
     goal: Any, parameters: Snapshot, machine: Machine, settings: IdentifySettings
 ) -> dict[str, Any]:
-    """Return what a diagnosis has for itself; arguments as of an identification."""
     for name in goal.without_effects:
         get_effect(name)
     if goal.output and goal.output not in QUANTITIES:
@@ -163,7 +159,6 @@ def _check_ranges(goal: Any) -> None:
 def _machine(
     goal: Any, parameters: Snapshot, heard: str | None, states: Callable[[], Stream | None]
 ) -> tuple[Machine, str]:
-    """Return the machine and its file's content."""
     if goal.machine_file or parameters['machine_file']:
         directory = parameters['allowed_directory'] if goal.machine_file else ''
         path = allowed(goal.machine_file or parameters['machine_file'], directory, there=False)

@@ -34,11 +34,7 @@ _REPORT = ['nice', '-n', '10', sys.executable, '-m', 'ros2_ident.cli.main', 'rep
 
 
 class Outlet:
-    """The publishers of a node, and long series in pieces that keep it responsive.
-
-    Args:
-        clock: The pace of the series.
-    """
+    """The publishers of a node, and long series in pieces that keep it responsive."""
 
     def __init__(self, node: Node, clock: Clock) -> None:
         self.progress = node.create_publisher(Progress, '~/progress', EVENTS)
@@ -62,7 +58,6 @@ class Outlet:
         self._timer.reset()
 
     def _go_on(self) -> None:
-        """Publish the next piece of the series, alternating."""
         publisher, messages = self._waiting.popleft()
         piece = list(itertools.islice(messages, _PIECE))
         for message in piece:
@@ -75,9 +70,6 @@ class Outlet:
 
 class Board:
     """The node's state in a number and in words, on ~/status and in the log.
-
-    Args:
-        node: The node, with an outlet and the capture whose streams are listed.
 
     Attributes:
         state: One of the message's states.
@@ -171,11 +163,7 @@ class PageWriter:
         self._sentences: list[str] = []
 
     def start(self, result_file: str) -> None:
-        """Have the page on a run written, after those that wait already.
-
-        Args:
-            result_file: Path of its result or diagnosis file; empty to write nothing.
-        """
+        """Have the page on a run written, after those that wait; none where it has no file."""
         if result_file:
             self._waiting.append(str(Path(result_file).parent))
             self._go_on()
@@ -202,7 +190,6 @@ class PageWriter:
         return sentences
 
     def _go_on(self) -> None:
-        """Begin the next page unless one is being written."""
         if self._process is None and self._waiting:
             self._process = subprocess.Popen(
                 [*_REPORT, self._waiting.popleft()],

@@ -37,7 +37,6 @@ class Entry:
     """One parameter of the node.
 
     Attributes:
-        name: Its name.
         default: Its value where none is set.
         text: What it does and when to change it.
         low: Least value of a number; None where there is no range.
@@ -77,7 +76,6 @@ class Entry:
 
 
 def _entry(name: str, written: Mapping[str, Any]) -> Entry:
-    """Return a parameter as the file has it."""
     value = dict(written['value'])
     default = value.pop('default', None)
     if default is None:

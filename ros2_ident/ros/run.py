@@ -106,8 +106,6 @@ def carry_out(
 
     Args:
         received: What the node has received; needed where the request is live.
-        cancel: The best so far is kept.
-        on_progress: Called from this thread.
         on_preview: Gets simulated and residual effort of better and better candidates of an
             identification, from this thread; see `preview`.
 

@@ -31,9 +31,6 @@ Done = Callable[[Any, BaseException | None], None]
 class Worker:
     """Runs one job at a time, and chores between them.
 
-    Args:
-        clock: The pace of what jobs tell.
-
     Attributes:
         busy: Whether a job runs or its end has not been told yet; chores do not count.
     """

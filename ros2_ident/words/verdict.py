@@ -96,12 +96,7 @@ def _at_bounds(d: Diagnosis) -> str:
 
 
 def unseen(effects: Iterable[EffectAt], drives: int) -> dict[str, str]:
-    """Return effects that a motion cannot show, by title, with their places.
-
-    Args:
-        effects: Each at one place.
-        drives: Number of drives.
-    """
+    """Return effects that a motion of so many drives cannot show, by title, with their places."""
     places: dict[str, list[str]] = {}
     for at in effects:
         places.setdefault(title_at(at.effect), []).append(place([at.where]))
