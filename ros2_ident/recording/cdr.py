@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from ros2_ident.recording.definition import Fields, path_of, standard, standard_of
+from ros2_ident.recording.definition import path_of, standard, standard_of, walker
 from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, LATEST_STAMP
 
 # Messages of one size are sorted by layout so many times together, then one by one.
@@ -25,61 +25,35 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 @dataclass(frozen=True)
 class Pick:
-    """Where values of a field lie in the bytes of a message.
+    """Where values of a field lie in the bytes of a message."""
 
-    Attributes:
-        field: Number of the field, as in `VALUES`.
-        columns: Joints that have one (C,), by their number.
-        places: Byte offsets (C,), -1 where there is no value.
-        format: In numpy, as `f8`.
-        scale: Factor to the unit that is read.
-        absent: What stands for no value; NaN for nothing else.
-    """
-
-    field: int
-    columns: IntArray
-    places: IntArray
-    format: str
-    scale: float = 1.0
-    absent: float = np.nan
+    field: int  # number of the field, as in `VALUES`
+    columns: IntArray  # joints that have one (C,), by their number
+    places: IntArray  # byte offsets (C,), -1 where there is no value
+    format: str  # in numpy, as `f8`
+    scale: float = 1.0  # factor to the unit that is read
+    absent: float = np.nan  # what stands for no value; NaN for nothing else
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the parts of a message lie in its bytes.
+    """Where the parts of a message lie in its bytes."""
 
-    Attributes:
-        names: Joint names (D).
-        picks: Values of the fields.
-        fixed: Mask (L,) of the bytes that have to be equal for the layout to hold.
-        big: Whether numbers are big-endian.
-        stamp: Byte offset, format and factor to ns of each part of the stamp; none where the
-            message has none.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the D joints
     picks: tuple[Pick, ...]
-    fixed: NDArray[np.bool_]
-    big: bool
-    stamp: tuple[tuple[int, str, int], ...]
+    fixed: NDArray[np.bool_]  # (L,) bytes that have to be equal for the layout to hold
+    big: bool  # whether numbers are big-endian
+    stamp: tuple[tuple[int, str, int], ...]  # byte offset, format and factor to ns of each part
 
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive messages of one layout.
+    """Consecutive messages of one layout."""
 
-    Attributes:
-        rows: Which of the messages given these are (T,).
-        stamp: Header stamps (T,), ns.
-        names: The D joints.
-        fields: Position, velocity, effort, and the gains where they are read, each (T, D) or
-            None.
-    """
-
-    rows: IntArray
-    stamp: IntArray
-    names: tuple[str, ...]
-    fields: tuple[FloatArray | None, ...]
+    rows: IntArray  # which of the messages given these are (T,)
+    stamp: IntArray  # header stamps (T,), ns
+    names: tuple[str, ...]  # the D joints
+    fields: tuple[FloatArray | None, ...]  # (T, D) each: `FIELDS`, or `VALUES` with gains
 
 
 # Serialised messages of one size (T, L).
@@ -121,25 +95,19 @@ def decode(messages: Sequence[bytes] | ByteTable, parse: Parse) -> list[Block]:
     """
     if not len(messages):
         return []
-    layout_of = np.empty(len(messages), dtype=np.int64)
-    layouts: list[Layout] = []
-    pieces: list[ByteTable] = []
-    place = np.empty(len(messages), dtype=np.int64)
+    layout_of, place = np.empty((2, len(messages)), dtype=np.int64)
+    layouts: list[tuple[Layout, ByteTable]] = []
     for rows, table in _tables(messages):
         for layout, chosen in _by_layout(table, parse):
             if chosen.size == len(messages):  # nearly always: no copy is made
                 return [_block(layout, table, chosen)]
             layout_of[rows[chosen]] = len(layouts)
             place[rows[chosen]] = np.arange(chosen.size)
-            layouts.append(layout)
-            pieces.append(table[chosen])
-    edges = np.flatnonzero(np.diff(layout_of)) + 1
-    starts = [0, *edges.tolist()]
+            layouts.append((layout, table[chosen]))
     blocks = []
-    for begin, end in zip(starts, [*starts[1:], len(messages)], strict=True):
-        which = int(layout_of[begin])
-        rows = np.arange(begin, end)
-        blocks.append(_block(layouts[which], pieces[which][place[begin:end]], rows))
+    for rows in np.split(np.arange(len(messages)), np.flatnonzero(np.diff(layout_of)) + 1):
+        layout, table = layouts[layout_of[rows[0]]]
+        blocks.append(_block(layout, table[place[rows]], rows))
     return blocks
 
 
@@ -192,8 +160,7 @@ def _block(layout: Layout, table: ByteTable, rows: IntArray) -> Block:
         stamp += whole.astype(np.int64)
     fields: list[FloatArray | None] = [None] * len(VALUES)
     for pick in layout.picks:
-        values = _picked(table, pick, order)
-        target = fields[pick.field]
+        values, target = _picked(table, pick, order), fields[pick.field]
         if target is None and pick.columns.size == len(layout.names):
             fields[pick.field] = values
             continue
@@ -206,10 +173,8 @@ def _block(layout: Layout, table: ByteTable, rows: IntArray) -> Block:
 
 def _column(table: ByteTable, place: int, form: str, step: int = 0, count: int = 1) -> Any:
     """Return a view of numbers (T, count) in messages (T, L), each some bytes after the other."""
-    size = int(form[2:])
-    strides = table.strides[0], step, 1
-    found = as_strided(table[:, place:], (len(table), count, size), strides, writeable=False)
-    return found.view(form)[..., 0]
+    shape, strides = (len(table), count, int(form[2:])), (table.strides[0], step, 1)
+    return as_strided(table[:, place:], shape, strides, writeable=False).view(form)[..., 0]
 
 
 def _picked(table: ByteTable, pick: Pick, order: str) -> FloatArray:
@@ -218,8 +183,7 @@ def _picked(table: ByteTable, pick: Pick, order: str) -> FloatArray:
     steps = np.diff(places)
     if places.size and (places >= 0).all() and (steps == steps[:1]).all():
         step = int(steps[0]) if steps.size else 0
-        strided = _column(table, int(places[0]), form, step, places.size)
-        values = np.array(strided, dtype=np.float64)
+        values = np.array(_column(table, int(places[0]), form, step, places.size), np.float64)
     else:
         values = np.full((len(table), places.size), np.nan)
         for column, place in enumerate(places.tolist()):
@@ -235,15 +199,11 @@ def _picked(table: ByteTable, pick: Pick, order: str) -> FloatArray:
 def encode(
     stamp: IntArray, names: Sequence[str], fields: Sequence[FloatArray | None]
 ) -> list[bytes]:
-    """Serialise T messages of the same joints.
+    """Return T JointState messages of D joints, little-endian CDR with encapsulation.
 
     Args:
         stamp: Header stamps (T,), ns.
-        names: The D joints.
         fields: Position, velocity, effort, each (T, D) or None for an empty array.
-
-    Returns:
-        T messages, little-endian CDR with encapsulation.
     """
     store = standard()
     header, joints, time = (
@@ -253,12 +213,11 @@ def encode(
     one = joints(header(time(0, 0), ''), list(names), *rows)
     message = bytes(store.serialize_cdr(one, JOINT_STATE))
     table = np.tile(np.frombuffer(message, dtype=np.uint8), (stamp.size, 1))
-    seconds, nanoseconds = np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000)
-    table[:, 4:8] = seconds.astype('<i4').view(np.uint8).reshape(-1, 4)
-    table[:, 8:12] = nanoseconds.astype('<u4').view(np.uint8).reshape(-1, 4)
+    time_of = np.stack(np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000), axis=1)
+    table[:, 4:12] = time_of.astype('<u4').view(np.uint8)
     definition = standard_of(JOINT_STATE)
     assert definition is not None
-    found, _ = Fields(definition, [path_of(field) for field in FIELDS]).walk(message)
+    found, _ = walker(definition, [path_of(field) for field in FIELDS])(message)
     for field, values in zip(FIELDS, fields, strict=True):
         if values is not None:
             raw = np.ascontiguousarray(values, dtype='<f8').view(np.uint8).reshape(stamp.size, -1)

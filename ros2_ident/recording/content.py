@@ -18,9 +18,11 @@ from ros2_ident.recording.columns import TopicMap
 from ros2_ident.recording.definition import (
     Definition,
     definition_of,
+    found_at,
     OF_ROS,
     standard,
     standard_of,
+    walker,
 )
 from ros2_ident.recording.limits import limit, listed, printable, require_memory
 from ros2_ident.recording.maps import (
@@ -29,7 +31,6 @@ from ros2_ident.recording.maps import (
     map_of_fields,
     MessageMap,
     nameless,
-    names_in,
     parser,
     roles_of,
     TRAJECTORY,
@@ -50,19 +51,12 @@ _CLOSE = 1e-9
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A trajectory for some joints.
+    """A trajectory for some joints."""
 
-    Attributes:
-        start: When it begins, ns; its arrival where the message does not say.
-        names: The D joints.
-        time: Times of its points (P,), s after the start, increasing.
-        knots: Position, and velocity and acceleration where stated, (P, 1 to 3, D), in rad or m
-            and s.
-    """
-
-    start: int
-    names: tuple[str, ...]
-    time: FloatArray
+    start: int  # when it begins, ns; its arrival where the message does not say
+    names: tuple[str, ...]  # the D joints
+    time: FloatArray  # of its points (P,), s after the start, increasing
+    # position, and velocity and acceleration where stated, (P, 1 to 3, D), in rad or m and s
     knots: FloatArray
 
 
@@ -72,7 +66,7 @@ def parse_trajectory(data: bytes, arrival: int, gaps: bool = True) -> Trajectory
     Args:
         data: The message; of ROS 2 with its four bytes of encapsulation.
         arrival: When it came, ns.
-        gaps: Whether it is of ROS 2, as `Definition` has it.
+        gaps: Whether it is of ROS 2.
 
     Raises:
         ValueError: The bytes are no JointTrajectory, or it can not be followed.
@@ -142,9 +136,8 @@ def _run_through(
     """
     time, knots = trajectory.time, trajectory.knots
     if origin is not None and time[0] > _CLOSE:
-        still = np.zeros((1, *knots.shape[1:]))
-        still[0, 0] = origin
-        time, knots = np.concatenate(([0.0], time)), np.concatenate((still, knots))
+        time, knots = np.insert(time, 0, 0.0), np.insert(knots, 0, 0.0, axis=0)
+        knots[0, 0] = origin
     held = np.clip(after, time[0], time[-1])
     if time.size == 1:
         return np.tile(knots[0, 0], (after.size, 1)), np.zeros((after.size, knots.shape[2]))
@@ -174,53 +167,40 @@ def why(kind: str, role: str) -> str:
 Sink = Callable[[Sequence[int], Sequence[bytes] | ByteTable], None]
 
 
+@dataclass(eq=False)
 class Messages:
     """The messages of a topic in the order of the file, decoded piece by piece.
 
     A message as an object takes some hundred bytes; hours of them at 1 kHz would fill the memory.
-
-    Args:
-        blocks_of: Makes blocks of messages.
-        clock: Of the stamps; of a counter, which counts from any instant, a line through it and
-            the log times makes times when all have come.
-        padded: Whether joints at the end that never show a value but 0 are none.
-
-    Attributes:
-        count: Messages that came.
-        lost: Those that are no valid ones of their type.
-        why: What is wrong with the last of these.
-        blocks: What is decoded, with log times as stamps of those that have none.
-        unstamped: Whether there are such.
-        clock: As given.
-        gains: Least and largest gain above 0, by its name and the number of the joint.
-        said: What else is to be said of them.
     """
 
-    def __init__(self, blocks_of: Decode, *, clock: Clock = 'stamp', padded: bool = False) -> None:
-        self.count = 0
-        self.lost = 0
-        self.blocks: deque[cdr.Block] = deque()
-        self.why = ''
-        self.unstamped = False
-        self.said: list[str] = []
-        self.gains: dict[tuple[str, int], tuple[float, float]] = {}
-        self.clock, self.blocks_of, self._padded = clock, blocks_of, padded
-        self._clocks: list[IntArray] = []
-        self._times: list[int] = []
-        self._data: list[bytes] = []
-        self._held = 0
-        self._bytes = 0
+    blocks_of: Decode  # makes blocks of messages
+    # Of a counter, which counts from any instant, a line through it and the log times makes times
+    # when all have come.
+    clock: Clock = 'stamp'
+    padded: bool = False  # whether joints at the end that never show a value but 0 are none
+    count: int = 0  # messages that came
+    lost: int = 0  # those that are no valid ones of their type
+    why: str = ''  # what is wrong with the last of these
+    blocks: deque[Block] = field(default_factory=deque)  # log times for stamps that are not there
+    unstamped: bool = False  # whether there are such
+    # least and largest gain above 0, by its name and the number of the joint
+    gains: dict[tuple[str, int], tuple[float, float]] = field(default_factory=dict)
+    said: list[str] = field(default_factory=list)  # what else is to be said of them
+    _clocks: list[IntArray] = field(default_factory=list)
+    _times: list[int] = field(default_factory=list)
+    _data: list[bytes] = field(default_factory=list)
+    _held: int = 0
+    _bytes: int = 0
 
     def take(self, times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
         """Take messages: log times [ns] and serialised bytes."""
         self.count += len(data)
         if isinstance(data, np.ndarray):
             self.decode()
-            if data[0].tobytes().startswith(ZSTD):  # compressed one by one, by chance alike
-                data = [x.tobytes() for x in data]
-            else:
-                self._decode(times, data)
-                return
+            if not data[0].tobytes().startswith(ZSTD):
+                return self._decode(times, data)
+            data = [x.tobytes() for x in data]  # compressed one by one, by chance alike
         self._held += sum(map(len, data))
         self._times += times
         self._data += data
@@ -250,8 +230,7 @@ class Messages:
             pairs = ((when, bytes(x)) for when, x in zip(times, data, strict=True))
             whole = [pair for pair in pairs if self._is_whole(*pair)]
             self.lost += len(data) - len(whole)
-            times = [x[0] for x in whole]
-            found = self.blocks_of([x[1] for x in whole])
+            times, found = [x for x, _ in whole], self.blocks_of([x for _, x in whole])
         clock = np.array(times, dtype=np.int64)
         for block in found:
             for name, values in zip(cdr.VALUES[3:], block.fields[3:], strict=False):
@@ -259,9 +238,8 @@ class Messages:
                     continue
                 ends = np.where(values > 0.0, values, np.nan)  # zero switches a joint off
                 for joint in np.flatnonzero(np.isfinite(ends).any(axis=0)).tolist():
-                    low, high = self.gains.get((name, joint), (np.inf, -np.inf))
-                    row = ends[:, joint]
-                    self.gains[name, joint] = min(low, np.nanmin(row)), max(high, np.nanmax(row))
+                    known = np.append(ends[:, joint], self.gains.get((name, joint), ()))
+                    self.gains[name, joint] = np.nanmin(known), np.nanmax(known)
             block = replace(block, fields=block.fields[:3])
             self._bytes += sum(x.nbytes for x in block.fields if x is not None)
             if self.clock == 'counter':
@@ -287,7 +265,7 @@ class Messages:
         self.decode()
         if self.clock == 'counter' and self.blocks:
             self._set_clock()
-        if self._padded and self.blocks:
+        if self.padded and self.blocks:
             self._trim()
 
     def _set_clock(self) -> None:
@@ -295,10 +273,9 @@ class Messages:
 
         Both clocks run evenly, and a message comes as late as another in the mean.
         """
-        count = np.concatenate([x.stamp for x in self.blocks])
-        clock = np.concatenate(self._clocks)
+        count, clock = np.concatenate([x.stamp for x in self.blocks]), np.concatenate(self._clocks)
         self._clocks = []
-        x, y = (v - v[0] for v in (count, clock))
+        x, y = count - count[0], clock - clock[0]
         off, mean = x - x.mean(), float(y.mean())
         rate = float(off @ y) / max(float(off @ off), 1e-300)
         if count.size < _FEWEST or not abs(rate - 1.0) < _SLOW:
@@ -326,31 +303,24 @@ class Messages:
                     used += int(shows[-1]) + 1 if shows.size else 0
                     if n not in there and np.isfinite(values[:, :used]).any():
                         there.add(n)
-        self.blocks = deque(
-            replace(
-                x,
-                names=x.names[:used],
-                fields=tuple(
-                    None if y is None or n not in there else y[:, :used]
-                    for n, y in enumerate(x.fields)
-                ),
-            )
-            for x in self.blocks
-        )
+        for _ in range(len(self.blocks)):
+            x = self.blocks.popleft()
+            pairs = ((n in there, y) for n, y in enumerate(x.fields))
+            fields = tuple(y[:, :used] if own and y is not None else None for own, y in pairs)
+            self.blocks.append(replace(x, names=x.names[:used], fields=fields))
 
 
+@dataclass(eq=False)
 class Trajectories(Messages):
     """The trajectories sent on a topic; their blocks are the set-point that follows them."""
 
-    def __init__(self, gaps: bool = True) -> None:
-        super().__init__(lambda data: [])
-        self.sent: list[tuple[int, Trajectory]] = []
-        self._gaps = gaps
+    gaps: bool = True  # whether they are of ROS 2, as `Definition` has it
+    sent: list[tuple[int, Trajectory]] = field(default_factory=list)
 
     def _decode(self, times: Sequence[int], data: Sequence[bytes] | ByteTable) -> None:
         for when, message in zip(times, map(bytes, data), strict=True):
             try:
-                self.sent.append((when, parse_trajectory(message, when, self._gaps)))
+                self.sent.append((when, parse_trajectory(message, when, self.gaps)))
             except ValueError:
                 self.lost += 1
 
@@ -377,12 +347,12 @@ def messages_of(
         about: Meaning of their fields; None for trajectories.
     """
     if about is None:
-        return Trajectories(definition is None or definition.gaps)
+        return Trajectories(lambda data: [], gaps=definition is None or definition.gaps)
     if form in FORMS:
         decode = decoder(about, role, form, schema)
     else:
         decode = partial(cdr.decode, parse=parser(about, role, names, drives, definition, stated))
-    return Messages(decode, clock=about.clock, padded=about.padded and not names)
+    return Messages(decode, about.clock, about.padded and not names)
 
 
 def _unpacked(packed: bytes, budget: Budget) -> bytes:
@@ -397,29 +367,20 @@ def _unpacked(packed: bytes, budget: Budget) -> bytes:
 
 @dataclass
 class Content:
-    """Content of a bag.
+    """Content of a bag."""
 
-    Attributes:
-        wanted: Roles of each topic to read.
-        names: Joints of messages that name none; see `maps.parser`.
-        drives: Joints of the machine.
-        mapped: Topics that a column map names, which are read instead.
-        titles: Names of the numbers of topics that have those on another.
-        messages: By topic and role, of those wanted that can be read.
-        types: Message type of every topic of the bag.
-        counts: Messages of every topic of the bag.
-        warnings: What could not be read.
-    """
-
-    wanted: Mapping[str, tuple[str, ...]]
-    names: tuple[str, ...] = ()
-    drives: tuple[str, ...] = ()
+    wanted: Mapping[str, tuple[str, ...]]  # roles of each topic to read
+    names: tuple[str, ...] = ()  # joints of messages that name none; see `maps.parser`
+    drives: tuple[str, ...] = ()  # joints of the machine
+    # topics that a column map names, which are read instead
     mapped: Mapping[str, TopicMap] = field(default_factory=dict)
+    # names of the numbers of topics that have those on another
     titles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    # by topic and role, of those wanted that can be read
     messages: dict[tuple[str, str], Messages] = field(default_factory=dict)
-    types: dict[str, str] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    types: dict[str, str] = field(default_factory=dict)  # message type of every topic of the bag
+    counts: dict[str, int] = field(default_factory=dict)  # messages of every topic of the bag
+    warnings: list[str] = field(default_factory=list)  # what could not be read
     _first: dict[str, list[bytes]] = field(default_factory=dict)
     _schemas: dict[str, tuple[str, str, bytes]] = field(default_factory=dict)
 
@@ -477,8 +438,8 @@ class Content:
         about = self._mapped(topic) if self.mapped else map_of(kind)
         known = None if self.mapped else self.definition(topic)
         titles = () if names else self.titles.get(topic, ())
-        names = names or titles
-        return messages_of(about, role, names, drives, known, form, schema, bool(titles))
+        of = (names or titles, drives, known, form, schema, bool(titles))
+        return messages_of(about, role, *of)
 
     def _mapped(self, topic: str) -> MessageMap:
         """Return the meaning of the fields of a topic that a column map names.
@@ -507,27 +468,25 @@ class Content:
 
     def offered(self) -> Iterator[tuple[str, str, tuple[str, ...]]]:
         """Yield topic, type and possible roles of what could be read and is not wanted."""
-        for topic, first in sorted(self._first.items()):
+        for topic in sorted(self._first):
             kind = self.types[topic]
-            if not roles_of(kind):
-                continue
-            found = {
-                role
-                for role in roles_of(kind)
-                if kind == TRAJECTORY or self._shows(topic, role, first)
-            }
-            yield topic, kind, tuple(x for x in roles_of(kind) if x in found)
+            if able := roles_of(kind):
+                shown = [x for x in able if kind == TRAJECTORY or self._shows(topic, x)]
+                yield topic, kind, tuple(shown)
 
     def titled(self) -> dict[str, tuple[str, ...]]:
         """Return the names of numbers, by their topic, that another topic beside it has."""
         found = {}
         for topic, first in self._first.items():
             about = map_of(self.types[topic])
-            if about is not None and about.names_of is not None:
-                for data in first[:1]:
-                    with suppress(ValueError, IdentError):
-                        place = f'{topic.rpartition("/")[0]}/{about.names_of[0]}'
-                        found[place] = names_in(about, data, self.definition(topic))
+            if about is None or about.names_of is None or not first:
+                continue
+            beside, path = about.names_of
+            known = self.definition(topic) or about.definition
+            assert known is not None
+            with suppress(ValueError, IdentError):
+                names = found_at(walker(known, [path])(first[0])[0], path)
+                found[f'{topic.rpartition("/")[0]}/{beside}'] = tuple(map(str, names))
         return found
 
     def joints_of(self, topic: str, role: str) -> set[str]:
@@ -537,10 +496,10 @@ class Content:
         messages.finish()
         return {name for block in messages.blocks for name in block.names}
 
-    def _shows(self, topic: str, role: str, first: Sequence[bytes]) -> bool:
+    def _shows(self, topic: str, role: str) -> bool:
         """Say whether a message of a topic holds values of a role without being told anything."""
         messages = self._messages_of(topic, role)
-        for data in first:
+        for data in self._first[topic]:
             with suppress(ValueError, IndexError, IdentError):
                 (block,) = messages.blocks_of([data])
                 position, velocity, effort = (x is not None for x in block.fields[:3])

@@ -5,7 +5,7 @@ Serialised as ROS 2 does (CDR, version 1: each number on a multiple of its size)
 gaps). Definitions are parsed by `rosbags`: ROS 1 and 2 `.msg`, and OMG IDL as ROS 2 writes it.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 import re
@@ -22,6 +22,7 @@ from ros2_ident.recording.streams import IntArray
 
 # Kinds of definitions, as MCAP names them.
 OF_ROS = ('ros2msg', 'ros2idl', 'ros1msg')
+_SEVERAL = (Nodetype.ARRAY, Nodetype.SEQUENCE)
 # Format of each number in numpy.
 _FORMATS = {'bool': 'u1', 'byte': 'u1', 'char': 'u1', 'float32': 'f4', 'float64': 'f8'}
 _FORMATS |= {f'{sign}int{8 * size}': f'{sign[:1] or "i"}{size}' for sign in ('', 'u')
@@ -74,25 +75,18 @@ class Numbers:
 
     @property
     def places(self) -> IntArray:
-        """Return the byte of each."""
+        """Byte of each (N,)."""
         return self.at + int(self.format[1:]) * np.arange(self.count)
 
 
 @dataclass(frozen=True)
 class Definition:
-    """Fields of a message type, and of all that it is made of.
+    """Fields of a message type, and of all that it is made of."""
 
-    Attributes:
-        kind: The type, as `sensor_msgs/msg/JointState`.
-        types: Name and description of each field, by type, as `rosbags` has them.
-        whole: Whether it is known to the end.
-        gaps: Whether numbers are aligned (ROS 2), or follow each other without a gap (ROS 1).
-    """
-
-    kind: str
-    types: Mapping[str, Sequence[tuple[str, Any]]]
-    whole: bool = True
-    gaps: bool = True
+    kind: str  # as `sensor_msgs/msg/JointState`
+    types: Mapping[str, Sequence[tuple[str, Any]]]  # fields by type, as `rosbags` has them
+    whole: bool = True  # whether it is known to the end
+    gaps: bool = True  # whether numbers are aligned (ROS 2) or without a gap (ROS 1)
 
     def has(self, path: Path) -> bool:
         """Say whether it has the fields of a path."""
@@ -101,7 +95,7 @@ class Definition:
             about = dict(self.types.get(kind, ())).get(name)
             if about is None:
                 return False
-            while about[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            while about[0] in _SEVERAL:
                 about = about[1][0]
             kind = about[1] if about[0] == Nodetype.NAME else ''
         return True
@@ -112,7 +106,7 @@ class Definition:
 
         def look(kind: str, before: str, depth: int) -> None:
             for name, about in self.types.get(kind, ()):
-                several = about[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+                several = about[0] in _SEVERAL
                 inner = about[1][0] if several else about
                 path = before + name + '[:]' * several
                 if len(found) < most and depth < _DEEPEST and inner[0] == Nodetype.NAME:
@@ -217,24 +211,9 @@ class Cursor:
         self.fixed[begin : self.at] = not free
         return '' if free else self._data[begin : self.at].rstrip(b'\0').decode()
 
-    def several(
-        self, about: Any, number: int, definition: Definition, kept: Any, deep: int
-    ) -> Any:
-        """Pass over some values of one kind; return what is kept of them."""
-        node, name = about
-        free = kept is None
-        if node == Nodetype.BASE and name[0] in _FORMATS:
-            form = _FORMATS[name[0]]
-            size = int(form[1:])
-            place = self.skip(size * number, size) if number else self.at
-            return Numbers(place, number, form)
-        if number > len(self._data):
-            raise ValueError('more values than bytes')
-        if not free and node == Nodetype.BASE and number > limit('joints'):
-            text = f'a message names {number} joints, more than the {limit("joints")} allowed'
-            remedy = f'record the drives only, or raise {variable_of("joints")}'
-            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
-        return [self.one(about, definition, kept, deep) for _ in range(number)]
+    def _numbers(self, number: int, form: str) -> Numbers:
+        size = int(form[1:])
+        return Numbers(self.skip(size * number, size) if number else self.at, number, form)
 
     def one(self, about: Any, definition: Definition, kept: Any, deep: int = 0) -> Any:
         """Pass over one value; return its place, or of a message its fields' by name.
@@ -246,15 +225,24 @@ class Cursor:
         self._left -= 1
         if self._left < 0 or deep > _DEEPEST:
             raise ValueError('a definition nested without end')
-        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        if node in _SEVERAL:
             number = inner[1] if node == Nodetype.ARRAY else self.count()
-            return self.several(inner[0], number, definition, kept, deep + 1)
+            base, (name, *_) = inner[0][0] == Nodetype.BASE, inner[0][1]
+            if base and name in _FORMATS:
+                return self._numbers(number, _FORMATS[name])
+            if number > len(self._data):
+                raise ValueError('more values than bytes')
+            if kept is not None and base and number > limit('joints'):
+                text = f'a message names {number} joints, more than the {limit("joints")} allowed'
+                remedy = f'record the drives only, or raise {variable_of("joints")}'
+                raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
+            return [self.one(inner[0], definition, kept, deep + 1) for _ in range(number)]
         if node == Nodetype.BASE and inner[0] == 'string':
             return self.text(free=kept is None)
         if node == Nodetype.BASE:
             if inner[0] not in _FORMATS:
                 raise ValueError(f'{inner[0]} is not read')
-            return self.several(about, 1, definition, kept, deep)
+            return self._numbers(1, _FORMATS[inner[0]])
         if inner not in definition.types:
             raise ValueError(f'{inner} is not defined')
         kept = kept or {}
@@ -267,43 +255,30 @@ class Cursor:
             self.skip(1, 1)  # an empty message has a member nevertheless
         return found
 
-    def end(self) -> None:
-        """Refuse what goes on after its end."""
-        if len(self._data) - self.at > _PADDING:
-            raise ValueError('message goes on after its end')
 
+def walker(
+    definition: Definition, paths: Iterable[Path]
+) -> Callable[[bytes], tuple[Mapping[str, Any], Cursor]]:
+    """Return what finds fields in a message of a type: their places, nested, and what walked.
 
-class Fields:
-    """Finds fields in messages of a type.
-
-    Args:
-        definition: Of the type.
-        paths: Of the fields.
+    It raises ValueError where the bytes are no such message, and IdentError as `Cursor`.
     """
+    kept: dict[str, Any] = {}
+    for path in paths:
+        level = kept
+        for name, index in path:
+            if isinstance(index, tuple):
+                level.setdefault(index[0], {})
+            level = level.setdefault(name, {})
 
-    def __init__(self, definition: Definition, paths: Iterable[Path]) -> None:
-        self._definition = definition
-        self._kept: dict[str, Any] = {}
-        for path in paths:
-            level = self._kept
-            for name, index in path:
-                if isinstance(index, tuple):
-                    level.setdefault(index[0], {})
-                level = level.setdefault(name, {})
-
-    def walk(self, data: bytes) -> tuple[Mapping[str, Any], Cursor]:
-        """Return the places of the fields in one message, nested, and what walked over it.
-
-        Raises:
-            ValueError: The bytes are no such message.
-            IdentError: As `Cursor`.
-        """
-        cursor = Cursor(data, self._definition.gaps)
-        about = Nodetype.NAME, self._definition.kind
-        found = cursor.one(about, self._definition, self._kept)
-        if self._definition.whole:
-            cursor.end()
+    def walk(data: bytes) -> tuple[Mapping[str, Any], Cursor]:
+        cursor = Cursor(data, definition.gaps)
+        found = cursor.one((Nodetype.NAME, definition.kind), definition, kept)
+        if definition.whole and len(data) - cursor.at > _PADDING:
+            raise ValueError('message goes on after its end')
         return found, cursor
+
+    return walk
 
 
 def found_at(tree: Mapping[str, Any], path: Path) -> list[Any]:
@@ -335,13 +310,14 @@ def _entries(value: Any, index: int | slice | None) -> list[Any]:
     """Return the entries of a value that an index or slice chooses."""
     if index is None:
         return value if isinstance(value, list) else [value]
-    numbers = isinstance(value, Numbers)
-    try:
-        chosen: Any = (range(value.count) if numbers else value)[index]
-    except IndexError as exc:
-        raise ValueError('not as many entries as asked for') from exc
-    if not numbers:
-        return chosen if isinstance(index, slice) else [chosen]
-    chosen = chosen if isinstance(index, slice) else range(chosen, chosen + 1)
+    count = value.count if isinstance(value, Numbers) else len(value)
+    if isinstance(index, slice):
+        chosen = range(count)[index]
+    elif -count <= index < count:
+        chosen = range(index % count, index % count + 1)
+    else:
+        raise ValueError('not as many entries as asked for')
+    if not isinstance(value, Numbers):
+        return [value[k] for k in chosen]
     size = int(value.format[1:])
     return [Numbers(value.at + size * chosen.start, len(chosen), value.format)]

@@ -20,12 +20,12 @@ from ros2_ident.recording.cdr import Layout, Parse, Pick, remembered, VALUES
 from ros2_ident.recording.definition import (
     Definition,
     definition_of,
-    Fields,
     found_at,
     Numbers,
     Path,
     path_of,
     standard_of,
+    walker,
 )
 from ros2_ident.recording.streams import FIELDS, IntArray, ROLES
 
@@ -41,27 +41,16 @@ TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 
 @dataclass(frozen=True)
 class Source:
-    """Where values of a field stand in a message.
+    """Where values of a field stand in a message."""
 
-    Attributes:
-        paths: The first that a message's definition has counts.
-        scale: Factor to rad, m or the unit of the effort.
-        absent: What stands for no value.
-        chosen: The path's text, which number there it is, and how many there have to be; None for
-            all.
-    """
-
-    paths: tuple[Path, ...]
-    scale: float = 1.0
-    absent: float = math.nan
+    paths: tuple[Path, ...]  # the first that a message's definition has counts
+    scale: float = 1.0  # factor to rad, m or the unit of the effort
+    absent: float = math.nan  # what stands for no value
+    # the path's text, which number there it is, and how many there have to be; None for all
     chosen: tuple[str, int, int] | None = None
 
     def entry(self, count: int) -> int:
-        """Return the number of the chosen entry of so many.
-
-        Raises:
-            ValueError: There are not as many as there have to be.
-        """
+        """Return the number of the chosen entry of so many; raise ValueError where they differ."""
         assert self.chosen is not None
         text, entry, of = self.chosen
         if count != of:
@@ -71,31 +60,19 @@ class Source:
 
 @dataclass(frozen=True)
 class MessageMap:
-    """Meaning of a message's fields.
+    """Meaning of a message's fields."""
 
-    Attributes:
-        kind: The message type.
-        roles: Fields of each role; `values` of numbers that are called `joint/velocity`.
-        names: Path of the joints' names, of each role; none where the message has no names.
-        stamp: Paths of the parts of the time, each with the ns of its unit.
-        clock: Of the stamps.
-        padded: Whether entries at the end may belong to no joint.
-        note: What a user has to know of it.
-        joints: Names of its first entries, where the messages have none.
-        definition: As far as it is read, for files that have none; None for what is not of ROS.
-        names_of: The topic beside it whose numbers it names, and the path of these names.
-    """
-
-    kind: str
+    kind: str  # the message type
+    # fields of each role; `values` of numbers that are called `joint/velocity`
     roles: Mapping[str, Mapping[str, Source]]
-    names: Mapping[str, Path]
-    stamp: tuple[tuple[Path, int], ...]
-    clock: Clock
-    padded: bool
-    note: str
-    joints: tuple[str, ...]
-    definition: Definition | None
-    names_of: tuple[str, Path] | None = None
+    names: Mapping[str, Path]  # of the joints' names, by role; none for messages without
+    stamp: tuple[tuple[Path, int], ...]  # paths of the parts of the time, each with its unit, ns
+    clock: Clock  # of the stamps
+    padded: bool  # whether entries at the end may belong to no joint
+    note: str  # what a user has to know of it
+    joints: tuple[str, ...]  # names of its first entries, where the messages have none
+    definition: Definition | None  # for files that have none; None for what is not of ROS
+    names_of: tuple[str, Path] | None = None  # the topic beside it whose numbers it names, and how
 
 
 def kinds() -> list[str]:
@@ -111,14 +88,12 @@ def map_of(kind: str) -> MessageMap | None:
     if not kind.isprintable() or file.parent != _FOLDER or not file.is_file():
         return None
     data = yaml.load(file.read_text(encoding='utf-8'), _LOADER)  # noqa: S506 - safe
-    roles = {role: data[role] for role in ROLES if role in data}
-    roles = {role: roles[x] if isinstance(x, str) else x for role, x in roles.items()}
-    names = {role: path_of(x.get('names') or data.get('names')) for role, x in roles.items()
-             if x.get('names') or data.get('names')}  # fmt: skip
-    fields = {
-        role: {field: _source(x) for field, x in own.items() if field != 'names'}
-        for role, own in roles.items()
-    }
+    fields, names = {}, {}
+    for role in filter(data.__contains__, ROLES):
+        own = data[data[role]] if isinstance(data[role], str) else data[role]
+        fields[role] = {field: _source(x) for field, x in own.items() if field != 'names'}
+        if titles := own.get('names') or data.get('names'):
+            names[role] = path_of(titles)
     stamp = data.get('stamp', {})
     parts = tuple((path_of(path), 10 ** DIGITS[unit]) for path, unit in stamp.items())
     text = data.get('definition', '')
@@ -126,9 +101,8 @@ def map_of(kind: str) -> MessageMap | None:
     definition = Definition(kind, known.types, whole=not text) if known else None
     clock: Clock = 'counter' if data.get('counter') else 'stamp' if parts else 'none'
     joints = tuple(data.get('joints', '').split())
-    note = data.get('note', '')
+    padded, note = bool(data.get('padded')), data.get('note', '')
     beside = next(((x, path_of(y)) for x, y in data.get('names_of', {}).items()), None)
-    padded = bool(data.get('padded'))
     return MessageMap(kind, fields, names, parts, clock, padded, note, joints, definition, beside)
 
 
@@ -182,22 +156,9 @@ def map_of_fields(
     if definition is None or not all(definition.has(path) for path, _ in stamp):
         stamp = [(path_of(time), 10**digits)] if time else []
         clock = 'none' if not time else 'counter' if definition or digits else 'stamp'
-    fields = {str(n): Source((path_of(x[0]),), chosen=x) for n, x in enumerate(columns)}
-    return MessageMap(
-        kind, {'': fields}, {}, tuple(stamp), clock, False, '', tuple(fields), definition
-    )
-
-
-def names_in(about: MessageMap, data: bytes, definition: Definition | None) -> tuple[str, ...]:
-    """Return the names that a message has for the numbers of another topic.
-
-    Raises:
-        ValueError: The bytes are no such message.
-    """
-    known = definition or about.definition
-    assert about.names_of is not None and known is not None
-    path = about.names_of[1]
-    return tuple(map(str, found_at(Fields(known, [path]).walk(data)[0], path)))
+    own = {str(n): Source((path_of(x[0]),), chosen=x) for n, x in enumerate(columns)}
+    fields, joints = {'': own}, tuple(own)
+    return MessageMap(kind, fields, {}, tuple(stamp), clock, False, '', joints, definition)
 
 
 def parser(
@@ -211,7 +172,6 @@ def parser(
     """Return what finds a role's values in messages.
 
     Args:
-        about: Meaning of their fields.
         names: Joints in the order of a message that has no names; of bare numbers
             `joint/velocity` as ros2_control has it. By itself a joint there is its position, in a
             message of efforts its effort.
@@ -228,11 +188,11 @@ def parser(
     }
     titles = about.names.get(role)
     wanted = [*(path for path, _ in sources.values()), *(path for path, _ in about.stamp)]
-    fields = Fields(known, [*wanted, *([titles] if titles else [])])
+    walk = walker(known, [*wanted, *([titles] if titles else [])])
     usual = 'effort' if role == 'effort' else 'position'
 
     def parse(data: bytes) -> Layout:
-        tree, cursor = fields.walk(data)
+        tree, cursor = walk(data)
         joints = tuple(found_at(tree, titles) if titles else names)
         if not all(isinstance(x, str) for x in joints):
             raise ValueError('names that are no texts')
@@ -251,8 +211,7 @@ def parser(
                 parted = {field: places} if places.size else {}
             for name, where in parted.items():
                 if where.size != len(joints):
-                    said = f'{len(joints)} names but an array of {where.size} values'
-                    raise ValueError(said)
+                    raise ValueError(f'{len(joints)} names but an array of {where.size} values')
                 number, every = VALUES.index(name), np.arange(where.size)
                 picks.append(Pick(number, every, where, form, source.scale, source.absent))
         parts = ((found_at(tree, path)[0], factor) for path, factor in about.stamp)
@@ -276,11 +235,10 @@ def _numbers(found: Sequence[Any]) -> tuple[IntArray, str]:
 
 def _named(about: MessageMap, drives: Sequence[str], count: int) -> tuple[str, ...]:
     """Return names for the entries of a message that has none."""
-    if drives and not about.joints and (len(drives) == count or about.padded):
+    names = about.joints
+    if drives and not names and (len(drives) == count or about.padded):
         return tuple(drives[:count])
-    return (*about.joints, *(f'joint_{n}' for n in range(len(about.joints) + 1, count + 1)))[
-        :count
-    ]
+    return (*names, *(f'joint_{n}' for n in range(len(names) + 1, count + 1)))[:count]
 
 
 def _parted(
@@ -288,9 +246,7 @@ def _parted(
 ) -> tuple[tuple[str, ...], dict[str, IntArray]]:
     """Return joints, and the places of each field, of numbers called `joint/velocity`.
 
-    Args:
-        usual: The field of a number that is called by its joint alone.
-        stated: Whether the message itself names them: other hardware than joints, too.
+    One called by its joint alone is of the `usual` field, or of other hardware where `stated`.
     """
     if len(names) != places.size:
         raise ValueError(f'{len(names)} names but an array of {places.size} values')
@@ -307,13 +263,13 @@ def _parted(
 
 def _present(layout: Layout) -> Layout:
     """Return a layout without joints that have no value in any field: other hardware."""
-    lacking = [pick.places < 0 for pick in layout.picks]
-    if not lacking or not np.any(lacking):
+    there = [pick.places >= 0 for pick in layout.picks]
+    if np.all(there):
         return layout
-    kept = np.flatnonzero(~np.all(lacking, axis=0))
+    kept = np.flatnonzero(np.any(there, axis=0))
     picks = (
         replace(x, columns=np.arange(kept.size), places=x.places[kept])
-        for x in layout.picks
-        if (x.places >= 0).any()
+        for x, own in zip(layout.picks, there, strict=True)
+        if own.any()
     )
     return replace(layout, names=tuple(layout.names[k] for k in kept), picks=tuple(picks))

@@ -28,12 +28,7 @@ Decode = Callable[[Sequence[bytes] | ByteTable], list[Block]]
 
 
 def decoder(about: MessageMap, role: str, form: str, schema: bytes) -> Decode:
-    """Return what decodes a role's messages.
-
-    Args:
-        about: Meaning of their fields; its kind is as the schema is called.
-        form: One of `FORMS`.
-        schema: Of protobuf a set of file descriptors.
+    """Return what decodes a role's messages in one of `FORMS`; of protobuf by its descriptors.
 
     Raises:
         IdentError: INVALID_GOAL where the library is missing, BAD_VALUES for a damaged schema.
@@ -141,10 +136,9 @@ def _nanoseconds(tree: Any, path: Path, unit: int) -> int:
         return 0
     if isinstance(value, (int, float)):
         return int(round(value * unit))
-    parts = {**value} if isinstance(value, Mapping) else {
-        x.name: getattr(value, x.name) for x in value.DESCRIPTOR.fields
-    }  # fmt: skip
+    if not isinstance(value, Mapping):
+        value = {x.name: getattr(value, x.name) for x in value.DESCRIPTOR.fields}
     second, rest = (
-        next((int(parts[x]) for x in names if x in parts), 0) for names in (_SECONDS, _NANOSECONDS)
+        next((int(value[x]) for x in names if x in value), 0) for names in (_SECONDS, _NANOSECONDS)
     )
     return int(second * 10 ** DIGITS['s'] + rest)
