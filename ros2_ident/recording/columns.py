@@ -67,25 +67,15 @@ def plain_unit(unit: str) -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """One quantity of one joint, or a part of it: columns of one quantity are added.
-
-    Attributes:
-        joint: Joint name.
-        quantity: A key of `QUANTITIES`.
-        cell: Name of the column, or its number from 1.
-        scale: Factor from the column to m, m/s or the unit of the effort; of its unit, too.
-        unsigned: Whether it is an effort's size, with the sign of the velocity.
-        entry: Which number of the cell it is, where a path names several.
-        of: How many they are.
-    """
+    """One quantity of one joint, or a part of it: columns of one quantity are added."""
 
     joint: str
-    quantity: str
-    cell: Cell
-    scale: float = 1.0
-    unsigned: bool = False
-    entry: int = 0
-    of: int = 1
+    quantity: str  # a key of `QUANTITIES`
+    cell: Cell  # name of the column, or its number from 1
+    scale: float = 1.0  # from the column to m, m/s or the unit of the effort; of its unit, too
+    unsigned: bool = False  # whether it is an effort's size, with the sign of the velocity
+    entry: int = 0  # which number of the cell it is, where a path names several
+    of: int = 1  # how many they are
 
 
 _AS = 'write it as in docs/logs.md'
@@ -103,38 +93,24 @@ OPTIONS = ('time', 'joints', *_OPTIONS)
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Meaning of a table's columns.
+    """Meaning of a table's columns."""
 
-    Attributes:
-        time: Name or number of the time's column.
-        digits: Decimal digits from the time's unit to ns.
-        columns: The quantities of the joints.
-        delimiter: Between cells.
-        decimal: The decimal mark.
-        skip: Lines before the line of names.
-        header: Whether there is a line of names.
-        skip_below: Lines between the names and the values.
-        where: Cells, and what stands there in the rows that count.
-        rate: Rows per second where there is no time, Hz.
-    """
-
-    time: Cell
-    digits: int
-    columns: tuple[Column, ...]
-    delimiter: str
-    decimal: str
-    skip: int
-    header: bool
-    skip_below: int
-    where: tuple[tuple[Cell, str], ...]
-    rate: float = 0.0
+    time: Cell  # name or number of the time's column
+    digits: int  # decimal digits from the time's unit to ns
+    columns: tuple[Column, ...]  # the quantities of the joints
+    delimiter: str  # between cells
+    decimal: str  # the decimal mark
+    skip: int  # lines before the line of names
+    header: bool  # whether there is a line of names
+    skip_below: int  # lines between the names and the values
+    where: tuple[tuple[Cell, str], ...]  # cells, and what stands there in the rows that count
+    rate: float = 0.0  # rows per second where there is no time, Hz
 
 
 def load_columns(path: str | Path, arrays: bool = False) -> ColumnMap:
-    """Read a column map.
+    """Read a column map (docs/logs.md).
 
     Args:
-        path: A YAML file as in docs/logs.md.
         arrays: Whether it is of arrays: columns by name, of several `NAME[0]` or a slice.
 
     Raises:
@@ -174,11 +150,7 @@ def _read_map(path: str | Path, known: tuple[str, ...]) -> Mapping[str, Any]:
 def _joints(
     path: object, data: Mapping[str, Any], cell: Callable[[str, Any], Cell], several: bool = False
 ) -> tuple[Column, ...]:
-    """Return the quantities of a map's joints.
-
-    Args:
-        several: Whether `a, b` are two joints, of which a path names all numbers.
-    """
+    """Return the quantities of a map's joints; where `several`, `a, b` are two of one path."""
     columns: list[Column] = []
     named: list[str] = []
     for key, quantities in data['joints'].items():
@@ -192,11 +164,8 @@ def _joints(
         _known(path, str(key), quantities, tuple(QUANTITIES))
         for quantity, entry in quantities.items():
             for part in entry if isinstance(entry, list) and entry else [entry]:
-                column = _column(path, str(key), quantity, part, cell)
-                columns += [
-                    replace(column, joint=str(joint), entry=n, of=len(names))
-                    for n, joint in enumerate(names)
-                ]
+                about = _column(path, str(key), quantity, part, cell)
+                columns += [Column(str(x), *about, n, len(names)) for n, x in enumerate(names)]
     if len(set(named)) < len(named):
         raise refuse(path, 'names a joint twice; give each joint its own name')
     if not columns:
@@ -206,27 +175,15 @@ def _joints(
 
 @dataclass(frozen=True)
 class TopicMap:
-    """Meaning of the fields of one topic.
+    """Meaning of the fields of one topic."""
 
-    Attributes:
-        columns: Quantities of joints, their cells paths of fields.
-        time: Path of the time, None for a header's stamp or, where there is none, the arrival.
-        digits: Decimal digits from the unit of a time that is a number to ns.
-    """
-
-    columns: tuple[Column, ...]
-    time: str | None = None
-    digits: int = 0
+    columns: tuple[Column, ...]  # quantities of joints, their cells paths of fields
+    time: str | None = None  # its path; None for a header's stamp or, without one, the arrival
+    digits: int = 0  # decimal digits from the unit of a time that is a number to ns
 
 
 def load_topics(path: str | Path) -> dict[str, TopicMap]:
-    """Read a column map of a bag.
-
-    Args:
-        path: A YAML file as in docs/logs.md.
-
-    Returns:
-        The meaning of each topic that it names.
+    """Return the meaning of each topic that a column map (docs/logs.md) of a bag names.
 
     Raises:
         IdentError: INVALID_GOAL where the file cannot be read or makes no sense.
@@ -273,8 +230,8 @@ def _known(path: object, what: str, given: Iterable[object], known: tuple[str, .
 
 def _column(
     path: object, joint: str, quantity: str, entry: Any, cell: Callable[[str, Any], Cell]
-) -> Column:
-    """Return what a map has as (a part of) a quantity of a joint: a cell, or more about it."""
+) -> tuple[str, Cell, float, bool]:
+    """Return quantity, cell, scale and whether it is unsigned, of (a part of) a quantity."""
     what, scale = f'{printable(joint)}.{quantity}', math.nan
     given = entry if isinstance(entry, Mapping) else {'column': entry}
     _known(path, what, given, ('column', 'scale', 'unit', *['sign'] * (quantity == 'effort')))
@@ -283,19 +240,14 @@ def _column(
     if not math.isfinite(scale) or not scale or given.get('sign', 'velocity') != 'velocity':
         raise refuse(path, f'{what} is {short(entry)}; {_AS}')
     if 'unit' in given:
-        scale *= _factor(path, what, quantity, given['unit'])
-    return Column(joint, quantity, cell(what, given.get('column')), scale, 'sign' in given)
-
-
-def _factor(path: object, what: str, quantity: str, unit: Any) -> float:
-    """Return the factor of a unit that a map states."""
-    known = {name: x for name, x in units_of(quantity).items() if not math.isnan(x)}
-    found = known.get(plain_unit(str(unit)))
-    if found is None:
-        text = 'which is no unit of it, or none of a known size'
-        able = f'choose from {", ".join(known)}, or state its `scale`'
-        raise refuse(path, f'{what} is in {short(unit)}, {text}; {able}')
-    return found
+        known = {name: x for name, x in units_of(quantity).items() if not math.isnan(x)}
+        factor = known.get(plain_unit(str(given['unit'])))
+        if factor is None:
+            text = 'which is no unit of it, or none of a known size'
+            able = f'choose from {", ".join(known)}, or state its `scale`'
+            raise refuse(path, f'{what} is in {short(given["unit"])}, {text}; {able}')
+        scale *= factor
+    return quantity, cell(what, given.get('column')), scale, 'sign' in given
 
 
 def _cell(path: object, header: bool, arrays: bool, what: str, cell: Any) -> Cell:
@@ -304,11 +256,7 @@ def _cell(path: object, header: bool, arrays: bool, what: str, cell: Any) -> Cel
         return cell
     if header and isinstance(cell, str) and (cell.strip() if arrays else cell):
         return cell.strip()
-    kind = (
-        'the name or the number (from 1) of a column'
-        if header
-        else 'the number (from 1) of a column'
-    )
+    kind = f'the {"name or the " * header}number (from 1) of a column'
     kind = 'the name of an array' if arrays else kind
     raise refuse(path, f'{what} names the column {short(cell)}; write {kind}')
 
@@ -316,11 +264,7 @@ def _cell(path: object, header: bool, arrays: bool, what: str, cell: Any) -> Cel
 def _directions(
     path: str, joint: str, stamp: IntArray, measured: Mapping[tuple[str, str], FloatArray]
 ) -> FloatArray:
-    """Return the sign of a joint's velocity (T,), which it keeps while it rests.
-
-    Raises:
-        IdentError: INVALID_GOAL where the map has neither a velocity nor a position of it.
-    """
+    """Return the sign of a joint's velocity (T,), which it keeps while it rests."""
     rate, place = (measured.get((joint, x)) for x in ('velocity', 'position'))
     if rate is None:
         if place is None:
@@ -344,9 +288,9 @@ def summed(
             row = row * _directions(path, column.joint, stamp, sums)
         sums[key] = sums[key] + row if key in sums else row
     found = {}
-    for joint, quantity in ((x.joint, x.quantity) for x in columns):
-        role, field = QUANTITIES[quantity]
-        found[role, joint, field] = sums[joint, quantity]
+    for x in columns:
+        role, field = QUANTITIES[x.quantity]
+        found[role, x.joint, field] = sums[x.joint, x.quantity]
     return found
 
 
@@ -356,15 +300,13 @@ def require_steps(path: Path, stamp: IntArray) -> None:
     Raises:
         IdentError: BAD_VALUES with the remedy.
     """
-    steps = np.diff(stamp)
-    repeated = int((steps == 0).sum())
-    if repeated > 0.01 * stamp.size:
-        text = f'{repeated} of {stamp.size} rows have the time of the row before'
-        raise ErrorCode.BAD_VALUES.error(
-            f'{path}: {text}; write it with more digits, or correct its unit'
-        )
-    forward = steps[steps > 0]
+    steps, text = np.diff(stamp), ''
+    repeated, forward = int((steps == 0).sum()), steps[steps > 0]
     period = float(np.median(forward)) if forward.size else _FINEST
-    if not _FINEST <= period <= _COARSEST:
+    if repeated > 0.01 * stamp.size:
+        text = f'{repeated} of {stamp.size} rows have the time of the row before; '
+        text += 'write it with more digits, or correct its unit'
+    elif not _FINEST <= period <= _COARSEST:
         text = f'the rows are {period * 1e-9:g} s apart; correct the unit of the time'
+    if text:
         raise ErrorCode.BAD_VALUES.error(f'{path}: {text}')

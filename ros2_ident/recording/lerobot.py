@@ -53,7 +53,9 @@ _TURN = 1.1 * math.tau
 
 
 # What a number is: role, joint and field; where it stands: feature and place; and its ending.
-_Columns = dict[tuple[str, str, str], tuple[str, int, str]]
+_Key = tuple[str, str, str]
+_Place = tuple[str, int, str]
+_Columns = dict[_Key, _Place]
 
 
 def is_lerobot(path: Path) -> bool:
@@ -71,7 +73,6 @@ def read_lerobot(
     """Read the episodes of a LeRobot folder.
 
     Args:
-        path: The folder with `meta/info.json`.
         roles: What to read: `state`, `effort`, and `command` for the action.
         unit: Of positions, one of `UNITS`; where empty, the one in which they stay within the
             ends of their joints.
@@ -94,19 +95,17 @@ def read_lerobot(
     episode, frame, values = (np.concatenate(x) for x in zip(*parts, strict=True))
     turned = not robot.startswith(_UNTURNED)
     own = _calibrated(Path(calibration), turned) if calibration else {}
-    said = _in_rad(path, unit, columns, values, {**(travel or {}), **own})
+    said = [f'LeRobot stamps are the number of the frame over {rate:g} Hz: jitter cannot be seen']
+    said += _in_rad(path, unit, columns, values, {**(travel or {}), **own})
     asked = ['the action is what was asked for, before the driver limits it']
     notes = asked if any(role == 'command' for role, *_ in columns) else []
-    numbers = np.unique(episode)
-    total = digest([path / INFO, *files])
+    numbers, total = np.unique(episode), digest([path / INFO, *files])
     found = []
     for number in numbers.tolist():
         rows = np.flatnonzero(episode == number)
         rows = rows[np.argsort(frame[rows], kind='stable')]
         source = f'{path}/episode_{number:06d}' if numbers.size > 1 else str(path)
         builder = RecordingBuilder(source, total, notes)
-        clock = f'the number of the frame over {rate:g} Hz'
-        builder.warn(f'LeRobot stamps are {clock}: jitter cannot be seen')
         for sentence in said:
             builder.warn(sentence)
         stamp = np.round(frame[rows] * (1e9 / rate)).astype(np.int64)
@@ -139,9 +138,7 @@ def _described(path: Path, roles: Container[str]) -> tuple[float, str, _Columns]
     return rate, robot, columns
 
 
-def _columns(
-    feature: str, about: Mapping[str, Any]
-) -> Iterator[tuple[tuple[str, str, str], tuple[str, int, str]]]:
+def _columns(feature: str, about: Mapping[str, Any]) -> Iterator[tuple[_Key, _Place]]:
     """Yield what the numbers of a feature are; some robots list their names by group."""
     names = about['names'] or ()
     if isinstance(names, Mapping):
@@ -173,14 +170,12 @@ def _values(file: Path, columns: _Columns) -> tuple[IntArray, IntArray, FloatArr
 def _calibrated(file: Path, turned: bool) -> dict[str, tuple[float, float]]:
     """Return how far joints turn, about their middle, by LeRobot's calibration.
 
-    Args:
-        turned: Whether a drive_mode of 1 turns -100 to 100 about: its ends then are the other way
-            round, so that joints have the direction that they have in degrees.
+    Where `turned`, a drive_mode of 1 turns -100 to 100 about: its ends then are the other way
+    round, so that joints have the direction that they have in degrees.
     """
+    ends = {}
     try:
-        motors = json.loads(read_small(file))
-        ends = {}
-        for name, x in motors.items():
+        for name, x in json.loads(read_small(file)).items():
             counts = _COUNTS[x['range_max'] <= _COUNTS[1]]
             half = 0.5 * math.tau * (x['range_max'] - x['range_min']) / counts
             ends[name] = (half, -half) if turned and x.get('drive_mode') else (-half, half)
@@ -199,35 +194,30 @@ def _in_rad(
     if not unit:
         unit, why = _unit_of(path, columns, values, ends)
         said = [f'LeRobot states no unit: positions are taken as {UNITS[unit]}, {why}']
-    unknown: list[str] = []
-    shut: list[str] = []
-    bases: list[str] = []
+    unknown, shut, bases = dict[str, None](), dict[str, None](), dict[str, None]()
     placed = {joint for _, joint, field in columns if field == 'position'}
-    for (key, (*_, ending)), row in zip(columns.items(), values.T, strict=True):
-        _, joint, field = key
+    for ((_, joint, field), (*_, ending)), row in zip(columns.items(), values.T, strict=True):
         gripper = _GRIPPER.fullmatch(joint) is not None
         pair = _factor(unit, ends.get(joint), gripper)
         if field == 'effort' or ending == 'q':
             continue
-        if joint not in placed:  # of a mobile base, in m/s and in a unit of its own
-            bases.append(joint)
-            row[:] = np.nan
-        elif pair is not None:
+        if joint in placed and pair is not None:
             row *= pair[0]
             row += pair[1] if field == 'position' else 0.0
-        else:
-            (shut if gripper else unknown).append(joint)
-            row[:] = np.nan
+            continue
+        row[:] = np.nan
+        # a velocity alone is of a mobile base, in m/s and in a unit of its own
+        (bases if joint not in placed else shut if gripper else unknown)[joint] = None
     if unknown:
-        text = f'-100 to 100 is the travel of {listed(dict.fromkeys(unknown))}, which nothing '
-        text += "states; give LeRobot's calibration file by --columns, or a machine with limits"
+        text = f'-100 to 100 is the travel of {listed(unknown)}, which nothing states; give '
+        text += "LeRobot's calibration file by --columns, or a machine with limits"
         raise ErrorCode.WRONG_UNITS.error(f'{path}: {text}')
     if shut:
-        text = f'{listed(dict.fromkeys(shut))}: left out, 0 to 100 of a travel that nothing states'
-        said.append(f"{text}; give LeRobot's calibration file by --columns, or a machine with it")
+        text = f'{listed(shut)}: left out, 0 to 100 of a travel that nothing states; give '
+        said.append(f"{text}LeRobot's calibration file by --columns, or a machine with it")
     if bases:
-        text = f'{listed(dict.fromkeys(bases))}: left out, a velocity without a position'
-        said.append(f'{text}, as of a mobile base')
+        text = 'left out, a velocity without a position, as of a mobile base'
+        said.append(f'{listed(bases)}: {text}')
     return said
 
 
@@ -235,16 +225,12 @@ def _factor(
     unit: str, ends: tuple[float, float] | None, gripper: bool
 ) -> tuple[float, float] | None:
     """Return the factor to rad and what is added then; None where the ends are needed."""
-    if unit == 'rad':
-        return 1.0, 0.0
-    if unit == 'deg' and not gripper:
-        return math.pi / 180.0, 0.0
+    if unit == 'rad' or (unit == 'deg' and not gripper):
+        return (1.0 if unit == 'rad' else math.pi / 180.0), 0.0
     if ends is None:
         return None
     low, high = ends
-    if gripper:
-        return (high - low) / 100.0, low
-    return (high - low) / 200.0, 0.5 * (high + low)
+    return ((high - low) / 100.0, low) if gripper else ((high - low) / 200.0, 0.5 * (high + low))
 
 
 def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) -> tuple[str, str]:
@@ -257,22 +243,18 @@ def _unit_of(path: Path, columns: _Columns, values: FloatArray, ends: Travel) ->
     Raises:
         IdentError: WRONG_UNITS where several are possible, or none.
     """
-    rows = {
-        joint: row[np.isfinite(row)]
-        for ((role, joint, field), (*_, ending)), row in zip(
-            columns.items(), values.T, strict=True
-        )
-        if (role, field) == ('state', 'position') and np.isfinite(row).any()
-        if not _GRIPPER.fullmatch(joint) and ending != 'q'
-    }
+    rows = {}
+    for ((role, joint, field), (*_, ending)), row in zip(columns.items(), values.T, strict=True):
+        known = row[np.isfinite(row)]
+        asked = (role, field) == ('state', 'position') and ending != 'q'
+        if asked and known.size and not _GRIPPER.fullmatch(joint):
+            rows[joint] = known
     if not rows and any(ending == 'q' for *_, ending in columns.values()):
         return 'rad', 'as names that end in .q are'
     for able in ('deg', 'percent'):
-        pairs = [_factor(able, ends.get(joint), False) for joint in rows]
-        angles = [
-            np.unique(x) * p[0] + p[1] for x, p in zip(rows.values(), pairs, strict=True) if p
-        ]
-        for counts in _COUNTS if angles and all(pairs) else ():
+        pairs = [(x, _factor(able, ends.get(joint), False)) for joint, x in rows.items()]
+        angles = [np.unique(x) * pair[0] + pair[1] for x, pair in pairs if pair]
+        for counts in _COUNTS if len(angles) == len(pairs) > 0 else ():
             steps = np.concatenate(angles) * (2 * counts / math.tau)
             whole = np.rint(steps)
             if (np.abs(steps - whole) < _NEAR).all() and np.unique(whole).size >= _DIFFERENT:

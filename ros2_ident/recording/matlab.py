@@ -27,10 +27,7 @@ _HEADER, _DEEPEST = 128, 8
 
 
 def arrays_of(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield arrays of numbers, of structures by paths with points.
-
-    Args:
-        data: The file.
+    """Yield the arrays of numbers in a file's bytes, those of structures by paths with points.
 
     Raises:
         ValueError: The file is damaged, or of another level.

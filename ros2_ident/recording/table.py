@@ -26,16 +26,9 @@ from numpy.typing import NDArray
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import unreadable
+from ros2_ident.recording import columns as maps
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.columns import (
-    Cell,
-    ColumnMap,
-    load_columns,
-    MAP_SUFFIX,
-    refuse,
-    require_steps,
-    summed,
-)
+from ros2_ident.recording.columns import Cell, ColumnMap, MAP_SUFFIX, refuse
 from ros2_ident.recording.limits import listed, printable, require_memory, short
 from ros2_ident.recording.matlab import arrays_of
 from ros2_ident.recording.storage import counted, damaged, digest
@@ -49,10 +42,9 @@ _NO_VALUE = 'leave a cell empty where nothing was measured'
 
 
 def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
-    """Read a table of samples.
+    """Read a text file with one row per sample.
 
     Args:
-        path: A text file with one row per sample.
         columns: The column map; where empty, `NAME.columns.yaml` beside `NAME.csv`.
 
     Returns:
@@ -75,7 +67,7 @@ def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
         command = shlex.join(['ident', 'new-machine', '--kind', 'KIND', '--bag', str(path)])
         text += f'`{command}`; the first line is: {names}'
         raise refuse(path, text)
-    layout = load_columns(where)
+    layout = maps.load_columns(where)
     return _recorded(str(path), [path, where], layout, *_parse(path, text, layout))
 
 
@@ -87,7 +79,7 @@ def _recorded(
     builder = RecordingBuilder(source, digest(files))
     for sentence in warnings:
         builder.warn(sentence)
-    builder.add_columns(stamp, summed(str(files[0]), layout.columns, stamp, values))
+    builder.add_columns(stamp, maps.summed(str(files[0]), layout.columns, stamp, values))
     return builder.build()
 
 
@@ -103,11 +95,15 @@ def _bad(path: object, text: str) -> IdentError:
     return ErrorCode.BAD_VALUES.error(f'{path}: {text}')
 
 
+def _empty(path: Path, layout: ColumnMap) -> IdentError:
+    text = ' with what `where` asks for' * bool(layout.where)
+    return ErrorCode.NO_DATA.error(f'{path}: holds no row of values{text}; record again')
+
+
 def text_of(path: Path) -> str:
     """Return a table's text, in any code."""
     # the bytes, the text, a copy to read from, and the values
-    needed = 8 * path.stat().st_size
-    require_memory(f'{path}: the table takes', needed)
+    require_memory(f'{path}: the table takes', 8 * path.stat().st_size)
     raw = path.read_bytes()
     try:
         return raw.decode('utf-8-sig')
@@ -120,10 +116,7 @@ def _parse(
     path: Path, text: str, layout: ColumnMap
 ) -> tuple[IntArray, list[FloatArray], list[str]]:
     """Return stamps (T,) ns, each column's scaled values (T,), and what was left out."""
-    lines = io.StringIO(text, newline='')
-    for _ in range(layout.skip):
-        if not lines.readline():
-            break
+    lines = islice(io.StringIO(text, newline=''), layout.skip, None)
     reader = csv.reader(lines, delimiter=layout.delimiter, skipinitialspace=True)
     try:
         names = [x.strip() for x in next(reader, [])] if layout.header else []
@@ -138,7 +131,6 @@ def _parse(
     stamps: list[IntArray] = []
     parts: list[list[FloatArray]] = [[] for _ in layout.columns]
     warnings: list[str] = []
-
     nanoseconds = partial(_nanoseconds, digits=layout.digits)
     rows = _rows_of(path, reader, max(time, *where, *asked) + 1, layout.skip, warnings)
     met = (row for row in rows if all(_equal(row[1][at], x) for at, x in asked.items()))
@@ -150,12 +142,10 @@ def _parse(
             with np.errstate(over='ignore'):
                 numbers = read(at, name, _NO_VALUE, lambda x: float(x) if x else math.nan)
                 part.append(column.scale * np.array(numbers))
-    stamp = np.concatenate(stamps or [np.empty(0, np.int64)])
-    if not stamp.size:
-        where_ = ' with what `where` asks for' if layout.where else ''
-        text = f'{path}: holds no row of values{where_}; record again'
-        raise ErrorCode.NO_DATA.error(text)
-    require_steps(path, stamp)
+    if not stamps:
+        raise _empty(path, layout)
+    stamp = np.concatenate(stamps)
+    maps.require_steps(path, stamp)
     return stamp, [np.concatenate(part) for part in parts], warnings
 
 
@@ -174,9 +164,8 @@ def _find(path: Path, cell: Cell, names: list[str]) -> int:
     if cell in names:
         text = f'two columns are called {short(cell)}; give the number of the column instead'
         raise _bad(path, text)
-    text = f'{path}: has no column {short(cell)}, its columns are {listed(names, 30)}'
-    remedy = 'correct the column map, its delimiter or its skip'
-    raise ErrorCode.MISSING_STREAM.error(f'{text}; {remedy}')
+    text = f'{path}: has no column {short(cell)}, its columns are {listed(names, 30)}; correct '
+    raise ErrorCode.MISSING_STREAM.error(f'{text}the column map, its delimiter or its skip')
 
 
 def _rows_of(
@@ -236,10 +225,9 @@ _MOST_NAMES = 100_000
 
 
 def read_arrays(path: Path, columns: str | Path = '') -> list[Recording]:
-    """Read arrays of samples.
+    """Read arrays of samples, in a file with one of the suffixes `ARRAYS`.
 
     Args:
-        path: A file with one of `ARRAYS`.
         columns: The column map; where empty, `NAME.columns.yaml` beside the file.
 
     Returns:
@@ -252,35 +240,32 @@ def read_arrays(path: Path, columns: str | Path = '') -> list[Recording]:
     if why := unreadable(path):
         raise ErrorCode.NO_DATA.error(f'{path}: {why}; give the path of a log')
     where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
+    found = []
     with ExitStack() as stack:
         with _careful(path):
-            opened = stack.enter_context(_OPEN[path.suffix.lower()](path))
-        names, get, warnings = opened
+            names, get, warnings = stack.enter_context(_OPEN[path.suffix.lower()](path))
         if not where.exists():
             text = f'needs the column map {where}, as in docs/logs.md; it holds '
             raise refuse(path, text + listed(names, 20))
-        layout = load_columns(where, arrays=True)
-        found = []
+        layout = maps.load_columns(where, arrays=True)
         for key in _keys(path, layout, names):
-            own = replace(layout, columns=tuple(
-                replace(x, cell=str(x.cell).replace('*', key)) for x in layout.columns
-            ), time=str(layout.time).replace('*', key))  # fmt: skip
+            cells = [str(x.cell).replace('*', key) for x in layout.columns]
+            own = [replace(x, cell=y) for x, y in zip(layout.columns, cells, strict=True)]
+            one = replace(layout, columns=tuple(own), time=str(layout.time).replace('*', key))
             source = f'{path}/{key}' if key else str(path)
-            rows = _rows(path, own, names, get)
-            found += _recorded(source, [path, where], own, *rows, warnings)
+            rows = _rows(path, one, names, get)
+            found += _recorded(source, [path, where], one, *rows, warnings)
     return found
 
 
 def _keys(path: Path, layout: ColumnMap, names: Sequence[str]) -> list[str]:
     """Return what a `*` in the names stands for, in their order; '' where there is none."""
-    cells = [str(x.cell) for x in layout.columns]
-    starred = next((x for x in cells if x.count('*') == 1), '')
+    starred = [x for x in (str(x.cell) for x in layout.columns) if x.count('*') == 1]
     if not starred:
         return ['']
-    name, *_ = _parts(starred)
+    name, _ = _parts(starred[0])
     pattern = re.compile(re.escape(name).replace(r'\*', '([^/]+)'))
-    found = [x[1] for x in map(pattern.fullmatch, names) if x]
-    if not found:
+    if not (found := [x[1] for x in map(pattern.fullmatch, names) if x]):
         raise _missing(path, name, names)
     return sorted(found, key=counted)
 
@@ -290,11 +275,9 @@ def _parts(cell: str) -> tuple[str, int | slice | None]:
     found = _CELL.fullmatch(cell)
     assert found is not None
     name, one, low, high = found.groups()
-    if one is not None:
-        return name, int(one)
-    if low is None:
-        return name, None
-    return name, slice(*(int(x) if x else None for x in (low, high)))
+    if low is not None:
+        return name, slice(*(int(x) if x else None for x in (low, high)))
+    return name, None if one is None else int(one)
 
 
 def _missing(path: Path, name: str, names: Sequence[str]) -> Exception:
@@ -326,9 +309,8 @@ def _rows(
         try:
             chosen = table if index is None else table[:, index]
         except IndexError:
-            raise _bad(
-                path, f'{short(name)} has {table.shape[1]} columns; correct {cell}'
-            ) from None
+            text = f'{short(name)} has {table.shape[1]} columns; correct {cell}'
+            raise _bad(path, text) from None
         chosen = chosen.reshape(len(table), -1)
         if chosen.shape[1] != of:
             text = f'{printable(str(cell))} is {chosen.shape[1]} columns for {of} joints'
@@ -342,8 +324,7 @@ def _rows(
         try:
             stamp = np.array([_nanoseconds(x, layout.digits) for x in exact], dtype=np.int64)
         except (ArithmeticError, ValueError):
-            text = 'a time is no number, or too large; correct it or its unit'
-            raise _bad(path, text) from None
+            raise _bad(path, 'a time is no number, or too large; correct it or its unit') from None
     else:
         stamp = np.round(np.arange(len(values[0])) * (1e9 / layout.rate)).astype(np.int64)
     there = np.ones(stamp.size, dtype=np.bool_)
@@ -355,9 +336,8 @@ def _rows(
             text = f'{printable(str(x.cell))} has {row.size} rows, the time {stamp.size}'
             raise _bad(path, f'{text}; write arrays of one length, or a map for each')
     if not there.any():
-        text = ' with what `where` asks for' * bool(layout.where)
-        raise ErrorCode.NO_DATA.error(f'{path}: holds no row of values{text}; record again')
-    require_steps(path, stamp[there])
+        raise _empty(path, layout)
+    maps.require_steps(path, stamp[there])
     pairs = zip(layout.columns, values, strict=True)
     return stamp[there], [x.scale * row[there].astype(np.float64) for x, row in pairs]
 
