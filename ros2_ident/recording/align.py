@@ -9,19 +9,10 @@ from numpy.typing import NDArray
 import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import streams
 from ros2_ident.recording.grid import find_ticks, missing_samples, sample_period, Ticks
 from ros2_ident.recording.limits import require_memory
-from ros2_ident.recording.streams import (
-    Dataset,
-    FIELDS,
-    FloatArray,
-    IntArray,
-    Recording,
-    scale_effort,
-    Stream,
-    StreamQuality,
-    with_positions,
-)
+from ros2_ident.recording.streams import Dataset, FIELDS, FloatArray, IntArray, Recording, Stream
 
 # A hole in the command up to so many of its samples, or so many seconds, is bridged.
 _BRIDGED_SAMPLES, _BRIDGED_SECONDS = 10, 0.05
@@ -66,15 +57,14 @@ def align(
     """
     names = tuple(drives)
     if not names or len(set(names)) != len(names):
-        raise ErrorCode.INVALID_GOAL.error(
-            f'drives are ({", ".join(names)}); name at least one, and each only once'
-        )
-    recording = scale_effort(recording, effort_scale)
+        text = f'drives are ({", ".join(names)}); name at least one, and each only once'
+        raise ErrorCode.INVALID_GOAL.error(text)
+    recording = streams.scale_effort(recording, effort_scale)
     asking = recording.command
     only_efforts = asking is not None and asking.position is None and asking.effort is not None
     if not follows or ('command' not in need and only_efforts):
         recording = replace(recording, command=None)
-    recording, found = with_positions(recording, names)
+    recording, found = streams.with_positions(recording, names)
     lay = _Layout(recording, names, cycle)
     if found:
         which = ', '.join(found)
@@ -85,7 +75,7 @@ def align(
     lay.tell_outside()
     what = f'{lay.where}: a grid of {lay.cycles} controller cycles takes'
     require_memory(what, _GRIDS * lay.cycles * len(names) * 8)
-    position, velocity = lay.set_point()
+    set_point = lay.set_point()
     measured = {field: lay.measured(field) for field in FIELDS}
     lay.check_need(measured, need)
     origin = lay.placed['state'] if 'state' in lay.placed else next(iter(lay.placed.values()))
@@ -96,21 +86,10 @@ def align(
     for name in [x for x in state.names if x not in names][:_STRANGERS] if state else ():
         if state and (values := state.column('position', name)) is not None:
             beside[name] = _between(state, values, begin, grid)
-    return Dataset(
-        names,
-        float(cycle),
-        begin,
-        position,
-        velocity,
-        measured['position'],
-        measured['velocity'],
-        measured['effort'],
-        {role: lay.quality(x) for role, x in lay.placed.items()},
-        tuple(dict.fromkeys(lay.warnings)),
-        beside,
-        off,
-        _asked(asking, names, begin, grid),
-    )
+    arrived = {role: lay.quality(x) for role, x in lay.placed.items()}
+    said, efforts = tuple(dict.fromkeys(lay.warnings)), _asked(asking, names, begin, grid)
+    shown = (*set_point, *measured.values(), arrived, said, beside, off, efforts)
+    return Dataset(names, float(cycle), begin, *shown)
 
 
 def _asked(
@@ -140,41 +119,25 @@ def _between(stream: Stream, values: FloatArray, begin: int, grid: FloatArray) -
 
 @dataclass(frozen=True)
 class _Placed:
-    """A stream reduced to the drives, with the cycle number of each sample.
+    """A stream reduced to the drives, with the cycle number of each sample."""
 
-    Attributes:
-        stream: The samples of the drives, one a cycle.
-        tick: Their cycle numbers (T,).
-        instants: Sampling times (T,) in cycles: whole numbers where the stream keeps to the grid.
-        ticks: How its stamps lie on the grid.
-        period: The typical spacing of its stamps, s.
-        reference: The stamp that the numbers count from, ns.
-    """
-
-    stream: Stream
-    tick: IntArray
-    instants: FloatArray
-    ticks: Ticks
-    period: float
-    reference: int
+    stream: Stream  # the samples of the drives, one a cycle
+    tick: IntArray  # their cycle numbers (T,)
+    instants: FloatArray  # (T,) times in cycles: whole numbers where the stream keeps to the grid
+    ticks: Ticks  # how its stamps lie on the grid
+    period: float  # the typical spacing of its stamps, s
+    reference: int  # the stamp that the numbers count from, ns
 
 
 class _Layout:
-    """The streams of a recording on a grid of controller cycles, step by step.
-
-    Attributes:
-        placed: The streams that hold the drives, by role.
-        start: First cycle of the grid.
-        cycles: Number of its cycles, K.
-        warnings: What a user has to know.
-    """
+    """The streams of a recording on a grid of controller cycles, step by step."""
 
     def __init__(self, recording: Recording, names: tuple[str, ...], cycle: float) -> None:
         self.recording, self.names, self.cycle = recording, names, cycle
         self.where = recording.source or 'recording'
         self.warnings = list(recording.warnings)
-        self.placed: dict[str, _Placed] = {}
-        self.start = self.cycles = 0
+        self.placed: dict[str, _Placed] = {}  # the streams that hold the drives, by role
+        self.start = self.cycles = 0  # first cycle of the grid, and K, their number
 
     def error(self, text: str, code: ErrorCode = ErrorCode.MISSING_STREAM) -> IdentError:
         """Return an error about the recording."""
@@ -182,28 +145,25 @@ class _Layout:
 
     def place(self) -> None:
         """Reduce the streams to the drives and number their samples on one common grid."""
-        reference, shift = 0, 0
+        reference = 0
         # What is in one message has one stamp, and is told of once.
         remarks = dict[str, list[str]]()
         for role, whole in self.recording.streams.items():
-            stream = self._reduced(role, whole)
-            if stream is None:
+            if (stream := self._reduced(role, whole)) is None:
                 continue
-            if not self.placed:
-                reference = int(stream.stamp[0])
-            counted_from = reference + shift
+            counted_from = reference if self.placed else int(stream.stamp[0])
             stream, ticks = _numbered(stream, counted_from, self.cycle)
             if not self.placed:
-                shift = round(ticks.phase * 1e9)
+                reference = counted_from + round(ticks.phase * 1e9)
             elif ticks.stride and abs(ticks.phase) > 0.35 * self.cycle:
                 off, other = f'{abs(ticks.phase) * 1e3:.3g} ms', next(iter(self.placed))
                 said = f'stamps lie {off} beside those of {other}, near half a cycle'
                 self.warnings.append(f'{role}: {said}: it may be one cycle off')
-            long = self.cycle * (1.0 + ticks.drift) * 1e3
             if doubled := int((~ticks.keep).sum()):
                 said = f'{doubled} samples share a controller cycle with another and are left out'
                 remarks.setdefault(f'{said}; state a shorter one', []).append(role)
             if abs(ticks.drift) > 2e-5:
+                long = self.cycle * (1.0 + ticks.drift) * 1e3
                 said = f'the controller cycle is {long:.6g} ms on the clock of the stamps'
                 remarks.setdefault(f'{said}, not {self.cycle * 1e3:.6g} ms', []).append(role)
             kept = stream if ticks.keep.all() else stream.taken(ticks.keep)
@@ -223,17 +183,17 @@ class _Layout:
         if missing and role != 'effort':
             text = f'{role} has no joint {", ".join(missing)}, it holds {held}'
             raise self.error(f'{text}; name these as drives, or record the others')
-        if len(missing) == len(self.names):
-            said = f'effort: holds none of the drives, only {held}; efforts of the state are used'
-            self.warnings.append(said)
-            return None
+        said = ''
         columns = [stream.names.index(x) if x in stream.names else -1 for x in self.names]
         picked = {field: values[:, columns] for field, values in stream.fields.items()}
         for values in picked.values():
             values[:, np.less(columns, 0)] = np.nan
         picked = {field: x for field, x in picked.items() if not np.isnan(x).all()}
-        if not picked:
+        if len(missing) == len(self.names):
+            said = f'effort: holds none of the drives, only {held}; efforts of the state are used'
+        elif not picked:
             said = f'{role}: every value of the drives is NaN; the stream is not used'
+        if said:
             self.warnings.append(said)
             return None
         there = np.any([~np.isnan(x).all(axis=1) for x in picked.values()], axis=0)
@@ -242,21 +202,22 @@ class _Layout:
     def span(self) -> None:
         """Set first cycle and number of cycles of the grid."""
         role, leader = self._leader()
-        first, last = int(leader.tick[0]), int(leader.tick[-1])
-        others = {name: x for name, x in self.placed.items() if name != role}
+        first, last = (begin, end) = leader.tick[[0, -1]].tolist()
+        others = {
+            name: x.tick[[0, -1]].tolist() for name, x in self.placed.items() if name != role
+        }
         if role == 'command':
             first, last = self._longest_stretch(leader)
             # the first or last sample of the command itself may be the one that was dropped
             reach = max(5 * max(1, leader.ticks.stride), round(0.01 / self.cycle))
-            low = min((int(x.tick[0]) for x in others.values()), default=first)
-            high = max((int(x.tick[-1]) for x in others.values()), default=last)
-            if first == int(leader.tick[0]):
-                first = low if first - reach <= low < first else first
-            if last == int(leader.tick[-1]):
-                last = high if last < high <= last + reach else last
-        for name, x in others.items():
-            apart = max(first - int(x.tick[-1]), int(x.tick[0]) - last)
-            if apart > 0:
+            low = min((x for x, _ in others.values()), default=first)
+            high = max((x for _, x in others.values()), default=last)
+            if first == begin and first - reach <= low < first:
+                first = low
+            if last == end and last < high <= last + reach:
+                last = high
+        for name, (low, high) in others.items():
+            if (apart := max(first - high, low - last)) > 0:
                 text = f'{role} and {name} do not overlap in time, they are '
                 text += f'{apart * self.cycle:.3g} s apart; record them together, with one clock'
                 raise self.error(text, ErrorCode.NO_DATA)
@@ -267,8 +228,9 @@ class _Layout:
 
     def _leader(self) -> tuple[str, _Placed]:
         """Return role and stream that the grid spans."""
-        role = next(x for x in ('command', 'state', 'effort') if x in self.placed)
-        return role, self.placed[role]
+        return next(
+            (x, self.placed[x]) for x in ('command', 'state', 'effort') if x in self.placed
+        )
 
     def _inside(self, placed: _Placed) -> tuple[IntArray, NDArray[np.bool_]]:
         """Return the cycles of the grid (T,) of a stream's samples, and which lie on it (T,)."""
@@ -293,9 +255,8 @@ class _Layout:
             return None
         command, state = self.placed['command'].tick, self.placed['state'].tick
         last, end = int(command[-1]) - self.start, int(state[-1]) - self.start + 1
-        if command.size < _STREAMED or last >= self.cycles:
-            return None
-        if end - last <= self._bridged(command):
+        streamed = command.size >= _STREAMED and last < self.cycles
+        if not streamed or end - last <= self._bridged(command):
             return None
         seconds = (end - last) * self.cycle
         said = f'stops {seconds:.3g} s before the state: the motors are taken as off from there on'
@@ -323,11 +284,12 @@ class _Layout:
         best = int(np.argmax(ends - begins))
         first, last = int(begins[best]), int(ends[best])
         if holes.size:
-            self.warnings.append(
-                f'command: has {holes.size} holes of up to {float(steps.max()) * self.cycle:.3g} '
-                f's; only the longest stretch without, {(last - first) * self.cycle:.4g} s of '
-                f'{float(tick[-1] - tick[0]) * self.cycle:.4g} s, is used'
+            longest, used, whole = (
+                float(x) * self.cycle for x in (steps.max(), last - first, tick[-1] - tick[0])
             )
+            said = f'has {holes.size} holes of up to {longest:.3g} s; only the longest stretch '
+            said += f'without, {used:.4g} s of {whole:.4g} s, is used'
+            self.warnings.append(f'command: {said}')
         return first, last
 
     def set_point(self) -> tuple[FloatArray, FloatArray] | tuple[None, None]:
@@ -335,20 +297,17 @@ class _Layout:
         if 'command' not in self.placed:
             return None, None
         command = self.placed['command']
-        position, velocity = command.stream.position, command.stream.velocity
         grid = np.arange(self.start, self.start + self.cycles).astype(np.float64) * self.cycle
-        out = np.empty((len(self.names), self.cycles))
-        rate = np.empty_like(out)
-        for column, name in enumerate(self.names):
-            there = np.isfinite(position[:, column]) if position is not None else np.zeros(1, bool)
-            if position is None or not there.any():
+        out, rate = np.empty((2, len(self.names), self.cycles))
+        for d, name in enumerate(self.names):
+            position, feed = (command.stream.column(x, name) for x in FIELDS[:2])
+            if position is None:
                 text = f'command: holds no position of {name}; record it, or leave the topic out'
                 raise self.error(text)
-            feed = None if velocity is None else velocity[there, column]
-            feed = None if feed is None or np.isnan(feed).any() else feed
-            out[column], rate[column] = interpolate_setpoint(
-                command.instants[there] * self.cycle, position[there, column], feed, grid
-            )
+            there = np.isfinite(position)
+            feed = None if feed is None or np.isnan(feed[there]).any() else feed[there]
+            time = command.instants[there] * self.cycle
+            out[d], rate[d] = interpolate_setpoint(time, position[there], feed, grid)
         return out, rate
 
     def measured(self, field: str) -> FloatArray | None:
@@ -372,20 +331,19 @@ class _Layout:
             text = 'holds no command stream; record it, or let the recorded motion drive the model'
             raise self.error(text)
         for field in filter(need.__contains__, FIELDS):
-            values = measured[field]
-            if values is not None and not np.isnan(values).all(axis=1).any():
-                continue
-            sources = [x for role, x in self.recording.streams.items() if role != 'command']
-            if values is not None:
+            if (values := measured[field]) is not None:
                 pairs = zip(self.names, values, strict=True)
-                silent = ', '.join(name for name, x in pairs if np.isnan(x).all())
-                raise self.error(f'no {field} of {silent}; leave these out, or record theirs too')
-            if any(field in x.fields for x in sources):
+                if silent := ', '.join(name for name, x in pairs if np.isnan(x).all()):
+                    text = f'no {field} of {silent}; leave these out, or record theirs too'
+                    raise self.error(text)
+                continue
+            found = self.recording.streams.items()
+            if any(field in x.fields for role, x in found if role != 'command'):
                 text = f'every {field} of the drives is NaN; switch the measurement on'
                 raise self.error(text, ErrorCode.BAD_VALUES)
             raise self.error(f'no stream holds {field}; record it, or name its topic')
 
-    def quality(self, placed: _Placed) -> StreamQuality:
+    def quality(self, placed: _Placed) -> streams.StreamQuality:
         """Count what of a stream lies on the grid."""
         inside = self._inside(placed)[1]
         stride = placed.ticks.stride
@@ -393,7 +351,8 @@ class _Layout:
         usual = stride or (float(np.median(steps)) if steps.size else 1.0)
         missing = missing_samples(steps, usual) or 0
         rate = 1.0 / placed.period if placed.period else 0.0
-        return StreamQuality(int(inside.sum()), missing, rate, placed.ticks.jitter, stride)
+        jitter = placed.ticks.jitter
+        return streams.StreamQuality(int(inside.sum()), missing, rate, jitter, stride)
 
 
 def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Ticks]:
@@ -414,14 +373,9 @@ def _numbered(stream: Stream, reference: int, cycle: float) -> tuple[Stream, Tic
     first = parts[0]
     length = cycle * (1.0 + first.drift)
     stamp = reference + np.round((first.phase + tick * length) * 1e9).astype(np.int64)
-    ticks = replace(
-        first,
-        tick=tick,
-        raw=tick.astype(np.float64),
-        keep=np.ones(tick.size, dtype=np.bool_),
-        stride=first.stride if all(part.stride == first.stride for part in parts) else 0,
-        jitter=max(part.jitter for part in parts),
-    )
+    stride = first.stride if len({part.stride for part in parts}) == 1 else 0
+    whole, jitter = np.ones(tick.size, dtype=np.bool_), max(part.jitter for part in parts)
+    ticks = Ticks(tick, tick.astype(float), whole, stride, first.phase, first.drift, jitter)
     return Stream(stream.names, stamp, **merged), ticks
 
 
@@ -434,7 +388,7 @@ _STEP_RATIO = 8.0
 def interpolate_setpoint(
     time: FloatArray, position: FloatArray, velocity: FloatArray | None, wanted: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Evaluate one drive's set-point at every cycle.
+    """Return one drive's set-point (K,) and its velocity (K,) at every cycle.
 
     Smooth stretches are a spline through the samples: quintic where they are evenly spaced, cubic
     where not (it reacts less to samples that lie close together), and cubic Hermite where the log
@@ -447,13 +401,9 @@ def interpolate_setpoint(
         velocity: Its velocity (T,), rad/s or m/s, or None where the log holds none.
         wanted: Times (K,) to evaluate at, s, increasing; beyond the samples the nearest one is
             held.
-
-    Returns:
-        Set-point (K,) and its velocity (K,).
     """
     time, position, velocity = _fill_holds(time, position, velocity)
-    out = np.empty(wanted.size)
-    rate = np.zeros(wanted.size)
+    out, rate = np.zeros((2, wanted.size))
     edges = [0, *(find_steps(time, position) + 1).tolist(), time.size]
     # cycles and samples fall together to within rounding: the sample that shows a step is not held
     # over
@@ -464,10 +414,8 @@ def interpolate_setpoint(
         inside = wanted[low:high]
         if not inside.size:
             continue
-        part = slice(begin, end)
-        fit, slope = _smooth(
-            time[part], position[part], None if velocity is None else velocity[part]
-        )
+        feed = None if velocity is None else velocity[begin:end]
+        fit, slope = _smooth(time[begin:end], position[begin:end], feed)
         held = np.clip(inside, time[begin], time[end - 1])
         out[low:high] = fit(held)
         rate[low:high] = np.where(np.abs(held - inside) <= slack, slope(held), 0.0)
@@ -482,21 +430,17 @@ def _fill_holds(
     A spline over the long pause would swing out at its corners.
     """
     steps = np.diff(time)
-    if not steps.size:
-        return time, position, velocity
-    typical = float(np.median(steps))
+    typical = float(np.median(steps)) if steps.size else 0.0
     holds = np.flatnonzero((steps > 2.5 * typical) & (np.diff(position) == 0.0))
     if not holds.size:
         return time, position, velocity
-    counts = np.round(steps[holds] / typical).astype(np.int64)
-    added = np.concatenate(
-        [time[k] + steps[k] * np.arange(1, n) / n for k, n in zip(holds, counts, strict=True)]
-    )
+    pairs = ((k, round(steps[k] / typical)) for k in holds)
+    added = np.concatenate([time[k] + steps[k] * np.arange(1, n) / n for k, n in pairs])
     place = np.searchsorted(time, added)
-    time = np.insert(time, place, added)
-    if velocity is not None:
-        velocity = np.insert(velocity, place, 0.0)
-    return time, np.insert(position, place, position[place - 1]), velocity
+    velocity = None if velocity is None else np.insert(velocity, place, 0.0)
+    return (
+        np.insert(time, place, added), np.insert(position, place, position[place - 1]), velocity
+    )  # fmt: skip
 
 
 def _smooth(
@@ -517,13 +461,9 @@ def _smooth(
 
 
 def find_steps(time: FloatArray, position: FloatArray) -> IntArray:
-    """Return the samples after which a set-point jumps.
+    """Return the samples after which a set-point (T,) at times (T,) jumps.
 
     A jump changes far more per time than the samples on both of its sides do.
-
-    Args:
-        time: Times of the samples (T,), s, increasing.
-        position: Set-point (T,), rad or m.
     """
     if time.size < 4:
         return np.empty(0, dtype=np.int64)

@@ -2,35 +2,23 @@
 """From single messages to recordings: the one way in for bags and for live topics."""
 
 from collections.abc import Mapping, Sequence
-import copy
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.recording import streams
 from ros2_ident.recording.grid import sample_period
 from ros2_ident.recording.limits import limit, listed, require_memory, short, unfit, variable_of
 from ros2_ident.recording.outliers import leave_out
-from ros2_ident.recording.streams import (
-    FIELDS,
-    FloatArray,
-    IntArray,
-    LATEST_STAMP,
-    Recording,
-    ROLES,
-    Stream,
-)
+from ros2_ident.recording.streams import FIELDS, FloatArray, IntArray, Recording, ROLES, Stream
 
 # builtin_interfaces/Time counts seconds in 32 bits, until 2038.
 _LAST_ROS_TIME = (1 << 31) * 1_000_000_000
 # Nothing that is measured is larger; its square would overflow soon.
 _ABSURD = 1e30
-
 # The source of messages that come as they are sent.
 LIVE = 'live'
-
-
 # A message may overtake at most so many others; further back it is a restart.
 _OVERTAKE = 3
 # More restarts than this, and more than this share of the messages, are two clocks on one topic.
@@ -54,13 +42,6 @@ class _Track:
     blocks: list[_Block] = field(default_factory=list)
     joints: dict[str, int] = field(default_factory=dict)
     count: int = 0
-
-    def add(self, stamp: IntArray, joints: tuple[str, ...], fields: Sequence[Any]) -> None:
-        """Append messages."""
-        for name in joints:
-            self.joints.setdefault(name, len(self.joints))
-        self.blocks.append((stamp, joints, fields))
-        self.count += len(stamp)
 
     @property
     def measured(self) -> list[bool]:
@@ -104,20 +85,15 @@ class RecordingBuilder:
     """
 
     def __init__(self, source: str = LIVE, sha256: str = '', notes: Sequence[str] = ()) -> None:
-        self.source = source
-        self.notes = tuple(notes)
-        self.sha256 = sha256
-        self._tracks = {role: _Track() for role in ROLES}
-        self._warnings: list[str] = []
+        self.source, self.sha256, self.notes = source, sha256, tuple(notes)
+        self.clear()
 
     def copied(self) -> 'RecordingBuilder':
         """Return a copy, which another thread may build while this one collects."""
-        other = copy.copy(self)
-        other._warnings = [*self._warnings]
-        other._tracks = {
-            role: replace(x, blocks=[*x.blocks], joints={**x.joints})
-            for role, x in self._tracks.items()
-        }
+        other = RecordingBuilder(self.source, self.sha256, self.notes)
+        other._warnings += self._warnings
+        for role, x in self._tracks.items():
+            other._tracks[role] = _Track([*x.blocks], {**x.joints}, x.count)
         return other
 
     def warn(self, sentence: str) -> None:
@@ -128,7 +104,7 @@ class RecordingBuilder:
     def clear(self) -> None:
         """Forget all messages and warnings."""
         self._tracks = {role: _Track() for role in ROLES}
-        self._warnings = []
+        self._warnings: list[str] = []
 
     def add_block(
         self,
@@ -139,15 +115,13 @@ class RecordingBuilder:
         velocity: FloatArray | None = None,
         effort: FloatArray | None = None,
     ) -> None:
-        """Append T messages of the same joints, in arrays that are not written to afterwards.
+        """Append T messages of the same D joints, in arrays that are not written to afterwards.
 
         Args:
             role: `state`, `effort` or `command`.
             stamp: Header stamps (T,), ns, in the order of arrival.
-            names: The D joints.
-            position: Positions (T, D), or None where not measured.
-            velocity: Velocities (T, D), or None.
-            effort: Efforts (T, D), or None.
+            names: The joints.
+            position: (T, D), or None where not measured, as velocity and effort.
 
         Raises:
             IdentError: BAD_VALUES where the shapes do not fit.
@@ -173,9 +147,11 @@ class RecordingBuilder:
             raise self._bad(f'{text}; give each joint its own name')
         if not len(stamp):
             return
-        if int(stamp.max()) >= LATEST_STAMP or int(stamp.min()) <= -LATEST_STAMP:
+        if max(int(stamp.max()), -int(stamp.min())) >= streams.LATEST_STAMP:
             raise self._bad(f'a stamp of {role} is no time; send nanoseconds since 1970')
-        track.add(np.asarray(stamp, dtype=np.int64), joints, fields)
+        track.joints |= {name: len(track.joints) + n for n, name in enumerate(fresh)}
+        track.blocks.append((np.asarray(stamp, dtype=np.int64), joints, fields))
+        track.count += len(stamp)
 
     def add_columns(
         self, stamp: IntArray, columns: Mapping[tuple[str, str, str], FloatArray]
@@ -211,19 +187,15 @@ class RecordingBuilder:
                 sense.
         """
         warnings = list(self._warnings)
-        pieces: dict[str, list[Stream]] = {}
-        for role, track in self._tracks.items():
-            if track.count:
-                pieces[role] = self._streams(role, track, warnings)
+        tracks = {role: x for role, x in self._tracks.items() if x.count}
+        pieces = {role: self._streams(role, x, warnings) for role, x in tracks.items()}
         if not any(pieces.values()):
             text = 'no measured value arrived; check the topic names and that the drives publish'
             raise self._bad(text, ErrorCode.NO_DATA)
         found = []
         for group in _match_segments(pieces):
-            whole = Recording(
-                **group, source=self.source, sha256=self.sha256, warnings=(), notes=self.notes
-            )
-            parts = _split_pauses(whole)
+            about = {'source': self.source, 'sha256': self.sha256, 'notes': self.notes}
+            parts = _split_pauses(Recording(**group, **about))  # type: ignore[arg-type]
             found += [_in_range(part, warnings) for part in parts]
             if len(parts) > 1:
                 pauses = (b.begin - a.end for a, b in zip(parts, parts[1:], strict=False))
@@ -242,8 +214,7 @@ class RecordingBuilder:
             warnings.append(f'{role}: {track.count} messages without any value')
             return []
         needed = 3 * sum(track.measured) * len(names) * track.count * 8
-        what = f'{self.source}: {role} with {len(names)} joints takes'
-        require_memory(what, needed)
+        require_memory(f'{self.source}: {role} with {len(names)} joints takes', needed)
         stamp, fields = track.joined()
         for target in fields:
             if target is not None and (bad := (target > _ABSURD) | (target < -_ABSURD)).any():
@@ -261,25 +232,23 @@ class RecordingBuilder:
         if late:
             said = f'{late} messages overtook others and were put back into order'
             warnings.append(f'{role}: {said}')
-        streams = []
-        repeated = 0
+        found, repeated = [], 0
         for rows in (there[x] for x in segments):
+            part, own = stamp, fields
             # Most logs are one segment in order: a copy of all of it would say nothing new.
-            untouched = not late and rows.size == stamp.size
-            part, cut, doubled = _merge(
-                stamp if untouched else stamp[rows],
-                [x if untouched or x is None else x[rows] for x in fields],
-            )
+            if late or rows.size < stamp.size:
+                part, own = stamp[rows], [None if x is None else x[rows] for x in fields]
+            part, cut, doubled = _merge(part, own)
             warnings += leave_out(role, part, names, cut)
             for values in cut:
                 if values is not None:
                     values.setflags(write=False)
             repeated += doubled
-            streams.append(Stream(tuple(names), part, *cut))
+            found.append(Stream(tuple(names), part, *cut))
         if repeated:
             said = f'{repeated} values came twice with the same stamp, the later one counts; look'
             warnings.append(f'{role}: {said} for two publishers on one topic')
-        return streams
+        return found
 
 
 def _in_range(recording: Recording, warnings: list[str]) -> Recording:
@@ -293,44 +262,34 @@ def _in_range(recording: Recording, warnings: list[str]) -> Recording:
     whole = begin // 1_000_000_000
     said = f'the stamps begin at {begin * 1e-9:.6g} s, which no ROS time can be'
     warnings.append(f'{said}: {whole} s are taken from all of them')
-    shift = whole * 1_000_000_000
-    streams = {k: replace(x, stamp=x.stamp - shift) for k, x in recording.streams.items()}
-    return replace(recording, **streams)  # type: ignore[arg-type]
+    less = whole * 1_000_000_000
+    own = {k: replace(x, stamp=x.stamp - less) for k, x in recording.streams.items()}
+    return replace(recording, **own)  # type: ignore[arg-type]
 
 
 def _merge(
     stamp: IntArray, fields: list[FloatArray | None]
 ) -> tuple[IntArray, list[FloatArray | None], int]:
-    """Join rows of equal stamps: drives that publish one by one, or a value that came twice.
-
-    Args:
-        stamp: Stamps (T,), ns, never decreasing.
-        fields: Arrays (T, D) or None.
+    """Join rows of equal stamps (T,): drives that publish one by one, or a value that came twice.
 
     Returns:
         Stamps (U,) without repetition, the fields (U, D) with the latest measured value of each
         joint, and how many values were overwritten.
     """
-    first = np.diff(stamp, prepend=stamp[0] - 1) != 0
-    if first.all():
+    starts = np.flatnonzero(np.diff(stamp, prepend=stamp[0] - 1))
+    if starts.size == stamp.size:
         return stamp, fields, 0
-    starts = np.flatnonzero(first)
-    merged: list[FloatArray | None] = []
+    merged: list[FloatArray | None] = [None] * len(fields)
     repeated = 0
-    for values in fields:
-        if values is None:
-            merged.append(None)
-            continue
-        there = ~np.isnan(values)
-        row = np.where(there, np.arange(stamp.size)[:, None], -1)
-        last = np.maximum.reduceat(row, starts, axis=0)
-        picked = np.take_along_axis(values, np.maximum(last, 0), axis=0)
-        merged.append(np.where(last >= 0, picked, np.nan))
-        repeated += int(there.sum() - (last >= 0).sum())
+    for n, values in enumerate(fields):
+        if values is not None:
+            there = ~np.isnan(values)
+            row = np.where(there, np.arange(stamp.size)[:, None], -1)
+            last = np.maximum.reduceat(row, starts, axis=0)
+            picked = np.take_along_axis(values, np.maximum(last, 0), axis=0)
+            merged[n] = np.where(last >= 0, picked, np.nan)
+            repeated += int(there.sum() - (last >= 0).sum())
     return stamp[starts], merged, repeated
-
-
-# ---------------------------------------------------------------------- where a recording ends
 
 
 def _find_stray(stamp: IntArray) -> IntArray:
@@ -344,13 +303,10 @@ def _find_stray(stamp: IntArray) -> IntArray:
     leaps = np.flatnonzero(np.abs(steps) > _APART * period).tolist()
     found: list[int] = []
     if stamp.size < 2 * _STRAY + 2 or len(leaps) > 2 * most:
-        return np.empty(0, dtype=np.int64)
+        leaps = []
     for n, k in enumerate(leaps):
-        if found and k <= found[-1]:
-            continue
-        for last in leaps[n + 1 : n + 1 + _STRAY]:
-            if last > k + _STRAY:
-                break
+        near = [x for x in leaps[n + 1 : n + 1 + _STRAY] if x <= k + _STRAY]
+        for last in near if not found or k > found[-1] else ():
             around = int(stamp[last + 1] - stamp[k])
             inside = stamp[k + 1 : last + 1]
             outside = (inside < stamp[k]) | (inside > stamp[last + 1])
@@ -361,20 +317,14 @@ def _find_stray(stamp: IntArray) -> IntArray:
 
 
 def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
-    """Cut a stream at the backward steps of its stamps.
+    """Cut a stream at the backward steps of its stamps (T,).
 
     A message that was merely overtaken has a stamp of its own, lies at most a few periods back,
     and the next stamps go on above the highest one so far; everything else that steps back is a
     restart.
 
-    Args:
-        stamp: Stamps (T,), ns, in the order of arrival.
-
     Returns:
         Rows of each segment in the order of their stamps, and how many messages were overtaken.
-
-    Raises:
-        IdentError: BAD_VALUES where the stamps jump back and forth all the time.
     """
     steps = np.diff(stamp)
     back = np.flatnonzero(steps < 0) + 1
@@ -382,26 +332,20 @@ def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
         return [np.arange(stamp.size)], 0
     forward = steps[steps > 0]
     period = float(np.median(forward)) if forward.size else 0.0
-    cuts = [0]
-    late = 0
-    resume = 0
+    cuts, late, resume = [0], 0, 0
     for start in back.tolist():
         if start < resume:
             continue
         length = _overtaken(stamp, start, cuts[-1], period)
-        if length:
-            late += length
-            resume = start + length
-        else:
+        late, resume = late + length, start + length
+        if not length:
             cuts.append(start)
     restarts = len(cuts) - 1
     if restarts > max(_MANY, _SHARE * stamp.size) or late > max(_MANY, _LATE_SHARE * stamp.size):
         text = f'the stamps step back {back.size} times in {stamp.size} messages: two publishers '
         text += 'with different clocks share the topic; record one of them, or remap the other'
         raise ErrorCode.BAD_VALUES.error(f'{where}: {text}')
-    cuts.append(stamp.size)
-    rows = np.arange(stamp.size)
-    parts = (rows[a:b] for a, b in zip(cuts, cuts[1:], strict=False))
+    parts = np.split(np.arange(stamp.size), cuts[1:])
     return [part[np.argsort(stamp[part], kind='stable')] for part in parts], late
 
 
@@ -414,13 +358,10 @@ def _overtaken(stamp: IntArray, start: int, begin: int, period: float) -> int:
         return 0
     length = int(ahead[0]) if ahead.size else window.size
     run = window[:length]
-    if length > _OVERTAKE or highest - run.min() > _OVERTAKE * period:
-        return 0
     # a restart sends stamps again that were there before; an overtaken message brings a new one
     before = stamp[max(begin, start - 4 * _OVERTAKE) : start]
-    if np.isin(run, before).any() or run.min() < stamp[begin]:
-        return 0
-    return length
+    far = length > _OVERTAKE or highest - run.min() > _OVERTAKE * period
+    return 0 if far or np.isin(run, before).any() or run.min() < stamp[begin] else length
 
 
 def _match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
@@ -430,12 +371,11 @@ def _match_segments(pieces: dict[str, list[Stream]]) -> list[dict[str, Stream]]:
     numbers of segments the k-th belong together. Where one role missed a play, its segments go,
     one after the other, where their stamps overlap most.
     """
-    count = max(len(streams) for streams in pieces.values())
-    leader = next(streams for streams in pieces.values() if len(streams) == count)
-    groups: list[dict[str, Stream]] = [{} for _ in range(count)]
-    for role, streams in pieces.items():
+    leader = max(pieces.values(), key=len)
+    groups: list[dict[str, Stream]] = [{} for _ in leader]
+    for role, own in pieces.items():
         place = -1
-        for last, stream in enumerate(streams, count - len(streams)):
+        for last, stream in enumerate(own, len(leader) - len(own)):
             free = leader[place + 1 : last + 1]
             a, b = stream.stamp[[0, -1]]
             both = [min(b, x.stamp[-1]) - max(a, x.stamp[0]) for x in free]

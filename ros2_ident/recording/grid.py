@@ -35,32 +35,21 @@ _SHARP = 0.8
 
 @dataclass(frozen=True)
 class Ticks:
-    """The cycle numbers of one stream's samples.
+    """The cycle numbers of one stream's samples."""
 
-    Attributes:
-        tick: Cycle of each sample (T,), strictly increasing over the kept samples.
-        raw: The stamps themselves in cycles since the reference (T,).
-        keep: Mask (T,): False where two samples fell into one cycle and the later one counts.
-        stride: Cycles between two samples; 0 where the stream does not keep to the grid.
-        phase: Stamp of cycle 0 less the reference, s.
-        drift: Share by which the cycle is longer on the stamps' clock than stated.
-        jitter: Standard deviation of the stamps about the grid, s.
-    """
-
-    tick: IntArray
-    raw: FloatArray
-    keep: NDArray[np.bool_]
-    stride: int
-    phase: float
-    drift: float
-    jitter: float
+    tick: IntArray  # cycle of each sample (T,), strictly increasing over the kept samples
+    raw: FloatArray  # the stamps themselves in cycles since the reference (T,)
+    keep: NDArray[np.bool_]  # (T,) False where two samples share a cycle and the later one counts
+    stride: int  # cycles between two samples; 0 where the stream does not keep to the grid
+    phase: float  # stamp of cycle 0 less the reference, s
+    drift: float  # share by which the cycle is longer on the stamps' clock than stated
+    jitter: float  # standard deviation of the stamps about the grid, s
 
 
 def sample_period(stamp: IntArray) -> float:
-    """Return the typical spacing of samples, s: robust against drops and jitter; 0 for one sample.
+    """Return the typical spacing of samples, s, by increasing stamps (T,), ns; 0 for one sample.
 
-    Args:
-        stamp: Stamps (T,), ns, increasing.
+    Drops and jitter hardly change it.
     """
     steps = np.diff(stamp)
     if not steps.size:
@@ -74,11 +63,9 @@ def sample_period(stamp: IntArray) -> float:
 
 
 def missing_samples(steps: NDArray[np.number], period: float) -> int | None:
-    """Return how many samples did not come, None where they come unevenly, so that none is due.
+    """Return how many samples did not come, by the steps (T,) and the usual one.
 
-    Args:
-        steps: From sample to sample (T,).
-        period: The usual step.
+    None where they come unevenly, so that none is due.
     """
     shares = steps / (period or 1.0)
     whole = np.maximum(np.round(shares), 1.0)
@@ -105,25 +92,21 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     Raises:
         IdentError: BAD_VALUES where the cycle is no positive time.
     """
+    time, text = (stamp - reference).astype(np.float64) * 1e-9, ''
     if not _SHORTEST_CYCLE < cycle < _LONGEST_CYCLE:
         text = f'controller cycle is {cycle} s; give a positive time in the machine file'
-        raise ErrorCode.BAD_VALUES.error(text)
-    time = (stamp - reference).astype(np.float64) * 1e-9
-    cycles = (time[-1] - time[0]) / cycle
-    if cycles > _MOST_CYCLES:
+    elif (cycles := (time[-1] - time[0]) / cycle) > _MOST_CYCLES:
         text = f'{time[-1] - time[0]:.4g} s are {cycles:.3g} controller cycles of {cycle:g} s, '
         text += f'more than {_MOST_CYCLES:g}; cut the log, or correct its stamps or the cycle'
+    if text:
         raise ErrorCode.BAD_VALUES.error(text)
-    period = sample_period(stamp)
-    if period:
+    if period := sample_period(stamp):
         stride = _stride(time, period, cycle)
         # stamps that are sharp on the cycles themselves need no help from an even spacing, and a
         # recorder that takes now every tenth, now every eleventh cycle would be bent by it
-        sharp = _regular(time, 1, cycle, _SHARP)
-        if sharp is not None:
+        if (sharp := _regular(time, 1, cycle, _SHARP)) is not None:
             return replace(sharp, stride=stride or max(1, round(period / cycle)))
-        even = _regular(time, stride, cycle, _CLUSTERED)
-        if even is not None:
+        if (even := _regular(time, stride, cycle, _CLUSTERED)) is not None:
             return even
     tick = np.round(time / cycle).astype(np.int64)
     keep = np.ones(stamp.size, dtype=np.bool_)
@@ -140,11 +123,10 @@ def _stride(time: FloatArray, period: float, cycle: float) -> int:
     slack = _RATE_TOLERANCE + min(0.25, 4.0 * scatter / float(np.sqrt(max(1, single.size))))
     slack = min(slack, _MOST_STRIDES * cycle / period)
     low = max(1, int(np.ceil(period / cycle * (1.0 - slack))))
-    high = int(np.floor(period / cycle * (1.0 + slack)))
-    candidates = range(low, high + 1)
-    if len(candidates) < 2:
-        return candidates[0] if candidates else 0
-    return max(candidates, key=lambda stride: _search(time, stride * cycle)[2])
+    able = range(low, int(np.floor(period / cycle * (1.0 + slack))) + 1)
+    if len(able) < 2:
+        return max(able, default=0)
+    return max(able, key=lambda stride: _search(time, stride * cycle)[2])
 
 
 def _regular(time: FloatArray, stride: int, cycle: float, least: float) -> Ticks | None:
@@ -174,21 +156,16 @@ def _regular(time: FloatArray, stride: int, cycle: float, least: float) -> Ticks
         number = again
     # numbers count from the cycle nearest to the reference
     shift = round(phase / (cycle * (1.0 + drift)))
-    tick = number * stride + shift
-    keep = np.ones(time.size, dtype=np.bool_)
     phase -= shift * cycle * (1.0 + drift)
+    tick, keep = number * stride + shift, np.ones(time.size, dtype=np.bool_)
     return Ticks(tick, time / cycle, keep, stride, phase, drift, jitter)
 
 
 def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
-    """Find the grid on which the times cluster best.
+    """Find the grid of a stated step, s, on which the times (T,), s, cluster best.
 
     The mean phase vector of short windows turns at a constant rate where the step is longer or
     shorter than stated; the strongest line of its spectrum is that rate.
-
-    Args:
-        time: Times (T,), s.
-        step: Stated step of the grid, s.
 
     Returns:
         Drift (a share of the step), phase of the grid, s, and the length of the mean phase vector,
@@ -222,30 +199,25 @@ def _number(position: FloatArray) -> IntArray:
         return rounded
     # strictly increasing integers less their index never decrease: isotonic regression, which
     # SciPy has from 1.12 on only, rounded
-    means: list[float] = []
-    sizes: list[int] = []
+    runs: list[tuple[float, int]] = []  # mean and size
     for mean in (position - order).tolist():
         size = 1
-        while means and means[-1] >= mean:
-            before = sizes.pop()
-            mean = (means.pop() * before + mean * size) / (before + size)
+        while runs and runs[-1][0] >= mean:
+            last, before = runs.pop()
+            mean = (last * before + mean * size) / (before + size)
             size += before
-        means.append(mean)
-        sizes.append(size)
+        runs.append((mean, size))
+    means, sizes = zip(*runs, strict=True)
     return np.asarray(np.round(np.repeat(means, sizes)).astype(np.int64) + order)
 
 
 def _line(model: FloatArray, time: FloatArray) -> tuple[float, float]:
     """Return slope less one and offset of the line through (model, time), outliers clipped."""
-    centre = model.mean()
+    centre, rest = model.mean(), time - model
     span = model - centre
-    power = float(span @ span)
-    rest = time - model
-    if power == 0.0:
-        return 0.0, float(np.median(rest))
-    spread = float(np.median(np.abs(rest - np.median(rest))))
     slope, level = 0.0, float(np.median(rest))
-    for _ in range(3):
+    spread = float(np.median(np.abs(rest - level)))
+    for _ in range(3 if span.any() else 0):
         off = rest - level - slope * span
         bound = max(5.0 * spread, 3.0 * float(np.median(np.abs(off))), 1e-12)
         inside = np.abs(off) <= bound

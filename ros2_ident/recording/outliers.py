@@ -50,12 +50,8 @@ def _lone(
 ) -> tuple[IntArray, float]:
     """Return the samples (N,) of a signal (T,) that jump away and back, and the largest jump.
 
-    None where they last as long as a machine could move, or are so many that the signal is like
-    that.
-
-    Args:
-        found: Where they may be, increasing.
-        least: What is no jump.
+    They are among those `found`, which increase; what is `least` is no jump. None where they last
+    as long as a machine could move, or are so many that the signal is like that.
     """
     rows: list[int] = []
     largest, longest = 0.0, 0.0
@@ -96,12 +92,8 @@ def _floor(x: FloatArray, rule: _Rule) -> float:
 def _candidates(x: FloatArray, rule: _Rule, least: FloatArray) -> tuple[IntArray, IntArray]:
     """Return where a cubic through two samples on each side is far off, and not so beside it.
 
-    Args:
-        x: Signals (T, D).
-        least: What is no jump of each (D,).
-
-    Returns:
-        Samples (N,), increasing, and their signals; none with a NaN among the samples around.
+    Of signals (T, D), and what is no jump of each (D,): samples (N,), increasing, and their
+    signals; none with a NaN among the samples around.
     """
     far, (size, joints) = 8, x.shape
     # a run of samples shows half its jump at its edges
@@ -131,12 +123,7 @@ def _candidates(x: FloatArray, rule: _Rule, least: FloatArray) -> tuple[IntArray
 
 
 def _judged(
-    time: IntArray,
-    x: FloatArray,
-    at: IntArray,
-    sides: tuple[int, int],
-    rule: _Rule,
-    least: float,
+    time: IntArray, x: FloatArray, at: IntArray, sides: tuple[int, int], rule: _Rule, least: float
 ) -> tuple[NDArray[np.bool_], FloatArray]:
     """Return which samples around some places (N,) are a lone jump (N, 7), and its size (N,).
 
@@ -169,9 +156,8 @@ def _judged(
     off = np.abs(y)
     judged = off[:, middle].copy()
     off[:, middle] = 0.0
-    bound = np.maximum(rule.ratio * off.max(axis=1), least)
-    bound = np.maximum(bound, np.abs(slope[:, 0]) * slip)[:, None]
-    wrong = (judged > bound) & np.isfinite(bound)
+    bound = np.maximum(np.maximum(rule.ratio * off.max(axis=1), least), np.abs(slope[:, 0]) * slip)
+    wrong = (judged > bound[:, None]) & np.isfinite(bound[:, None])
     first, final = wrong.argmax(axis=1), 2 * _JUDGED - wrong[:, ::-1].argmax(axis=1)
     size = np.where(wrong, judged, 0.0).max(axis=1)
     # a blow rings on, an oscillation sets in: only what leaves its neighbours alone is no motion
@@ -180,8 +166,7 @@ def _judged(
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    product: FloatArray = np.einsum('nw,nw->n', a, b)[:, None]
-    return product
+    return np.asarray(np.einsum('nw,nw->n', a, b)[:, None])
 
 
 def _found(
@@ -191,9 +176,8 @@ def _found(
     if stamp.size < 2 * _SIDE + 1:
         return
     whole = np.isfinite(values.sum(axis=0))
-    least = np.array(
-        [_floor(x, rule) if y else np.inf for x, y in zip(values.T, whole, strict=True)]
-    )
+    pairs = zip(values.T, whole, strict=True)
+    least = np.array([_floor(x, rule) if y else np.inf for x, y in pairs])
     at, of = _candidates(values, rule, least)
     for column, x in enumerate(values.T):
         if whole[column]:
@@ -210,16 +194,13 @@ def _found(
 def leave_out(
     role: str, stamp: IntArray, names: Sequence[str], fields: Sequence[FloatArray | None]
 ) -> list[str]:
-    """Set the lone jumps of a stream to NaN, in place.
+    """Set the lone jumps of a stream to NaN, in place; return a sentence on each signal with one.
 
     Args:
         role: `state`, `effort` or `command`.
         stamp: Stamps (T,), ns, increasing.
         names: The D joints.
         fields: Position, velocity and effort, each (T, D) or None.
-
-    Returns:
-        What was found, one sentence for each signal.
     """
     said = []
     for field, values in zip(FIELDS, fields, strict=True):
@@ -228,10 +209,10 @@ def leave_out(
         rule = _EXACT if role == 'command' else _FINE if field == 'position' else _ROUGH
         for column, rows, size in _found(stamp, values, rule):
             if rows.size:
-                signal, what = values[:, column], f'{role}: {field} of {names[column]}'
-                signal[rows] = np.nan
+                values[rows, column] = np.nan
                 few = 'a sample' if rows.size == 1 else f'{rows.size} samples'
                 at = (stamp[rows[0]] - stamp[0]) * 1e-9
                 where = f'jumps by up to {size:.3g} and back in {few}, first at {at:.4f} s'
-                said.append(f'{what} {where}; that is no motion and is left out')
+                text = f'{role}: {field} of {names[column]} {where}; that is no motion and is left'
+                said.append(f'{text} out')
     return said

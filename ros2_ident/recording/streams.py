@@ -50,13 +50,11 @@ class Stream:
             raise _fail(f'{text}; give at least one, and each its own name')
         stamp = np.array(self.stamp)
         if stamp.ndim != 1 or stamp.dtype.kind not in 'iu' or not stamp.size:
-            raise _fail(
-                f'stamps have to be integers [ns] of shape (T,), found {stamp.dtype} of shape '
-                f'{stamp.shape}; convert seconds with round(1e9 * t), leave out what is empty'
-            )
+            text = f'stamps have to be integers [ns] of shape (T,), found {stamp.dtype} of shape '
+            text += f'{stamp.shape}; convert seconds with round(1e9 * t), leave out what is empty'
+            raise _fail(text)
         stamp = stamp.astype(np.int64)
-        back = np.flatnonzero(np.diff(stamp) <= 0)
-        if back.size:
+        if (back := np.flatnonzero(np.diff(stamp) <= 0)).size:
             text = f'stamps have to increase, but sample {int(back[0]) + 1} does not'
             raise _fail(f'{text}; feed the messages to a RecordingBuilder')
         stamp.setflags(write=False)
@@ -104,14 +102,7 @@ class Stream:
         return Stream(self.names, self.stamp[rows], **fields)
 
     def column(self, field: str, name: str) -> FloatArray | None:
-        """Return one joint's samples of a field.
-
-        Args:
-            field: `position`, `velocity` or `effort`.
-
-        Returns:
-            Samples (T,), or None where the joint or the field was never measured.
-        """
+        """Return a joint's samples (T,) of a field by its name, None where never measured."""
         array = self.values(field)
         if array is None or name not in self.names:
             return None
@@ -119,12 +110,7 @@ class Stream:
         return None if np.isnan(column).all() else column
 
     def between(self, begin: int, end: int) -> 'Stream | None':
-        """Return the samples with begin <= stamp < end, or None where there are none.
-
-        Args:
-            begin: First stamp, ns.
-            end: Stamp after the last, ns.
-        """
+        """Return the samples with begin <= stamp [ns] < end, or None where there are none."""
         low, high = np.searchsorted(self.stamp, [begin, end])
         return self.taken(slice(int(low), int(high))) if low < high else None
 
@@ -153,7 +139,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         """Refuse a recording of nothing."""
-        if self.state is None and self.effort is None and self.command is None:
+        if not self.streams:
             text = f'{self.source or "recording"}: holds no stream at all; record joint states'
             raise ErrorCode.NO_DATA.error(text)
         object.__setattr__(self, 'warnings', tuple(self.warnings))
@@ -180,20 +166,16 @@ class Recording:
         return float(self.end - self.begin) * 1e-9
 
     def between(self, begin: int, end: int) -> 'Recording':
-        """Return the part with begin <= stamp < end.
-
-        Args:
-            begin: First stamp, ns.
-            end: Stamp after the last, ns.
+        """Return the part with begin <= stamp [ns] < end.
 
         Raises:
             IdentError: NO_DATA where no sample lies there.
         """
         cut = {role: stream.between(begin, end) for role, stream in self.streams.items()}
-        if all(stream is None for stream in cut.values()):
+        if not any(cut.values()):
             text = f'no sample between {begin} and {end} ns, only {self.begin} to {self.end} ns'
             raise ErrorCode.NO_DATA.error(f'{self.source or "recording"}: {text}')
-        return replace(self, **{role: cut.get(role) for role in ROLES})  # type: ignore[arg-type]
+        return replace(self, **cut)  # type: ignore[arg-type]
 
 
 def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> Recording:
@@ -213,18 +195,13 @@ def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> R
     if not all(math.isfinite(x) and x for x in gains):
         text = f'effort factor is {factor}; give the torque constant or the rated torque over 100'
         raise ErrorCode.WRONG_UNITS.error(text)
-    if set(gains) == {1.0}:
-        return recording
-
-    def scaled_of(stream: Stream) -> Stream:
-        if stream.effort is None:
-            return stream
-        own = factor if isinstance(factor, Mapping) else dict.fromkeys(stream.names, factor)
-        gain = np.array([own.get(name, 1.0) for name in stream.names])
-        return replace(stream, effort=stream.effort * gain)
-
-    scaled = {role: scaled_of(stream) for role, stream in recording.streams.items()}
-    return replace(recording, **scaled)  # type: ignore[arg-type]
+    scaled = {}
+    for role, stream in recording.streams.items() if set(gains) != {1.0} else ():
+        if stream.effort is not None:
+            own = factor if isinstance(factor, Mapping) else dict.fromkeys(stream.names, factor)
+            gain = np.array([own.get(name, 1.0) for name in stream.names])
+            scaled[role] = replace(stream, effort=stream.effort * gain)
+    return replace(recording, **scaled) if scaled else recording  # type: ignore[arg-type]
 
 
 def with_positions(
@@ -249,13 +226,11 @@ def with_positions(
     time = (state.stamp - state.stamp[0]) * 1e-9
     for d in found:
         there = np.isfinite(state.velocity[:, d])
-        position[there, d] = scipy.integrate.cumulative_trapezoid(
-            state.velocity[there, d], time[there], initial=0.0
-        )
-    if not found:
-        return recording, ()
-    state = replace(state, position=position)
-    return replace(recording, state=state), tuple(state.names[d] for d in found)
+        speed = state.velocity[there, d]
+        position[there, d] = scipy.integrate.cumulative_trapezoid(speed, time[there], initial=0.0)
+    if found:
+        recording = replace(recording, state=replace(state, position=position))
+    return recording, tuple(state.names[d] for d in found)
 
 
 # Fields that a model may see, and those of them that hold a value at every cycle.
@@ -326,24 +301,23 @@ class Dataset:
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
         shapes = set()
-        for name in (*_SEEN, 'command_effort'):
-            values = getattr(self, name)
-            if values is None:
-                continue
+        for name, values in self._arrays.items():
             array = np.array(values, dtype=np.float64, order='C')
             shapes.add(array.shape)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
             if name in _EVERY_CYCLE and not np.isfinite(array).all():
-                raise _fail(
-                    f'{name} has cycles without a value; interpolate the set-point to every cycle'
-                )
+                text = 'has cycles without a value; interpolate the set-point to every cycle'
+                raise _fail(f'{name} {text}')
         if [x[:1] for x in shapes] != [(len(self.names),)] or len(min(shapes)) != 2:
-            raise _fail(
-                f'the arrays of a data set have shapes {sorted(shapes)}, expected one '
-                f'({len(self.names)}, cycles)'
-            )
+            text = f'the arrays of a data set have shapes {sorted(shapes)}, expected one '
+            raise _fail(f'{text}({len(self.names)}, cycles)')
         object.__setattr__(self, 'names', tuple(self.names))
+
+    @property
+    def _arrays(self) -> dict[str, FloatArray]:
+        found = {name: getattr(self, name) for name in (*_SEEN, 'command_effort')}
+        return {name: values for name, values in found.items() if values is not None}
 
     @property
     def digest(self) -> bytes:
@@ -358,8 +332,7 @@ class Dataset:
     @property
     def cycles(self) -> int:
         """K, the number of controller cycles."""
-        rows = (getattr(self, name) for name in (*_SEEN, 'command_effort'))
-        return next(int(x.shape[1]) for x in rows if x is not None)
+        return next(int(x.shape[1]) for x in self._arrays.values())
 
     def coarse(self, least: int) -> 'Dataset':
         """Return it on a grid of at least `least` cycles a sample, for a log without set-point.
@@ -379,15 +352,10 @@ class Dataset:
         if by == 1:
             return self
         first = int(samples[0]) % by
-        rows = {x: getattr(self, x) for x in (*_SEEN[2:], 'command_effort')}
-        kept: dict[str, Any] = {x: row[:, first::by] for x, row in rows.items() if row is not None}
-        return replace(
-            self,
-            cycle=self.cycle * by,
-            start=self.start + round(first * self.cycle * 1e9),
-            beside={name: row[first::by] for name, row in self.beside.items()},
-            **kept,
-        )
+        kept: dict[str, Any] = {x: row[:, first::by] for x, row in self._arrays.items()}
+        kept['beside'] = {name: row[first::by] for name, row in self.beside.items()}
+        start = self.start + round(first * self.cycle * 1e9)
+        return replace(self, cycle=self.cycle * by, start=start, **kept)
 
     @property
     def time(self) -> FloatArray:

@@ -30,17 +30,11 @@ Window = tuple[int, int, int]  # number of the recording, first stamp, stamp aft
 
 @dataclass(frozen=True)
 class Windows:
-    """Parts of recordings, each in the order of the log.
+    """Parts of recordings, each in the order of the log."""
 
-    Attributes:
-        fit: To fit on.
-        check: As many others, spread evenly over the rest.
-        samples: Effort samples of the whole log.
-    """
-
-    fit: tuple[Window, ...]
-    check: tuple[Window, ...]
-    samples: int
+    fit: tuple[Window, ...]  # to fit on
+    check: tuple[Window, ...]  # as many others, spread evenly over the rest
+    samples: int  # effort samples of the whole log
 
 
 def effort_samples(recording: Recording, drives: Sequence[str]) -> int:
@@ -54,13 +48,9 @@ def effort_samples(recording: Recording, drives: Sequence[str]) -> int:
 def choose_windows(
     recordings: Sequence[Recording], drives: Sequence[str], samples: int = SAMPLES
 ) -> Windows | None:
-    """Choose what to fit on.
+    """Choose so many effort samples of all drives together to fit on, at least one window.
 
-    Args:
-        samples: Effort samples to fit on, all drives together; at least one window is taken.
-
-    Returns:
-        The windows, or None where the log has no more samples than that.
+    None where the log has no more samples than that.
     """
     whole = sum(effort_samples(x, drives) for x in recordings)
     if whole <= samples:
@@ -82,14 +72,12 @@ def choose_windows(
             sizes.append(density * (last - first) * _MEAN)
     if not windows:
         return None
-    order = _greedy(np.array(told), np.array(sizes), samples)
-    rest = [k for k in range(len(windows)) if k not in set(order)]
+    order = sorted(_greedy(np.array(told), np.array(sizes), samples))
+    rest = [k for k in range(len(windows)) if k not in order]
     spread = np.unique(np.linspace(0, len(rest) - 1, min(len(rest), len(order))).round())
-    return Windows(
-        tuple(windows[k] for k in sorted(order)),
-        tuple(windows[rest[int(k)]] for k in spread),
-        whole,
-    )
+    others = [rest[int(k)] for k in spread]
+    fit, check = (tuple(windows[k] for k in own) for own in (order, others))
+    return Windows(fit, check, whole)
 
 
 def _features(stream: Stream, drives: Sequence[str]) -> tuple[FloatArray, list[int], int]:
