@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded motion smoothed without delay, its derivatives, and the lag between two signals."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 import math
 import sys
@@ -27,25 +28,15 @@ _ORDER = 4
 
 @dataclass(frozen=True)
 class Motion:
-    """A drive's motion on an even grid, smoothed.
+    """A drive's motion on an even grid, smoothed."""
 
-    Attributes:
-        period: Time from sample to sample, s.
-        position: (T,), rad or m.
-        velocity: (T,), rad/s or m/s.
-        acceleration: (T,), rad/s^2 or m/s^2.
-        reported: The velocity that the drive reports (T,), NaN where none, or None.
-        effort: (T,), N m or N, NaN where none, or None.
-        beside: (M, T) positions of the other joints, rad or m.
-    """
-
-    period: float
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    reported: FloatArray | None
-    effort: FloatArray | None
-    beside: FloatArray
+    period: float  # time from sample to sample, s
+    position: FloatArray  # (T,), rad or m
+    velocity: FloatArray  # (T,), rad/s or m/s
+    acceleration: FloatArray  # (T,), rad/s^2 or m/s^2
+    reported: FloatArray | None  # the velocity that the drive reports (T,), NaN where none
+    effort: FloatArray | None  # (T,), N m or N, NaN where none
+    beside: FloatArray  # (M, T) positions of the other joints, rad or m
 
     @property
     def resting(self) -> NDArray[np.bool_]:
@@ -73,19 +64,14 @@ def motion_in(data: Dataset, name: str) -> Motion:
     assert data.position is not None
     d = data.names.index(name)
     cutoff = allowed_cutoff(data.position[d], data.cycle, CUTOFF)
-    position, velocity, acceleration = smooth_motion(data.position[d], data.cycle, cutoff)
+    position, velocity, acceleration = (
+        x[0] for x in smooth_motion(data.position[d], data.cycle, cutoff)
+    )
+    reported, effort = (None if x is None else x[d] for x in (data.velocity, data.effort))
     others = [*np.delete(data.position, d, axis=0), *data.beside.values()]
     rows = [fill_gaps(row) for row in others if np.isfinite(row).sum() > 1]
-    still = np.zeros((0, data.position.shape[1]))
-    return Motion(
-        data.cycle,
-        position[0],
-        velocity[0],
-        acceleration[0],
-        None if data.velocity is None else data.velocity[d],
-        None if data.effort is None else data.effort[d],
-        low_pass(np.stack(rows), data.cycle, cutoff) if rows else still,
-    )
+    beside = low_pass(np.array(rows).reshape(len(rows), data.cycles), data.cycle, cutoff)
+    return Motion(data.cycle, position, velocity, acceleration, reported, effort, beside)
 
 
 def count_reversals(velocity: FloatArray) -> int:
@@ -109,8 +95,7 @@ def fill_smoothly(values: FloatArray) -> FloatArray:
     if there.size == values.size or there.size < 4:
         return fill_gaps(values)
     spline = scipy.interpolate.make_interp_spline(there.astype(float), values[there], k=3)
-    inside = np.clip(np.arange(values.size, dtype=float), there[0], there[-1])
-    return np.asarray(spline(inside))
+    return np.asarray(spline(np.clip(np.arange(values.size), there[0], there[-1]).astype(float)))
 
 
 def samples_of(row: FloatArray, cycle: float) -> tuple[NDArray[np.intp], float]:
@@ -120,15 +105,14 @@ def samples_of(row: FloatArray, cycle: float) -> tuple[NDArray[np.intp], float]:
 
 
 def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
-    """Return the cutoff with which positions can be smoothed, as near to the wanted one as may be.
+    """Return the cutoff with which positions can be smoothed: as wanted, Hz, or what may be.
+
+    That is a fifth of the rate of the slowest drive's samples.
 
     Args:
         position: Measured positions (D, K), NaN at cycles without a sample.
         cycle: Time from cycle to cycle, s.
         wanted: Frequency up to which motion is wanted, Hz.
-
-    Returns:
-        The frequency wanted, or a fifth of the rate of the slowest drive's samples, Hz.
     """
     periods = (samples_of(row, cycle)[1] for row in np.atleast_2d(position))
     return min(wanted, ROOM / max(periods, default=cycle))
@@ -164,16 +148,17 @@ def smooth_motion(
             the rate.
     """
     position = np.atleast_2d(np.asarray(position, dtype=np.float64))
-    for row, samples in enumerate(position):
+    for row, samples in enumerate(position, 1):
         there, period = samples_of(samples, cycle)
+        rate, text = 1.0 / period, ''
         if there.size < 4:
-            text = f'drive {row + 1} of {position.shape[0]} has {there.size} position samples'
-            raise ErrorCode.BAD_VALUES.error(f'{text}, at least 4 are needed; record longer')
-        rate = 1.0 / period
-        if not 0.0 < cutoff < 0.5 * rate:
-            text = f'the smoothing cutoff is {cutoff:g} Hz but positions come at {rate:g} Hz'
-            remedy = f'choose one between 0 and {0.5 * rate:g} Hz'
-            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
+            text = f'drive {row} of {len(position)} has {there.size} position samples, at least 4 '
+            text += 'are needed; record longer'
+        elif not 0.0 < cutoff < 0.5 * rate:
+            text = f'the smoothing cutoff is {cutoff:g} Hz but positions come at {rate:g} Hz; '
+            text += f'choose one between 0 and {0.5 * rate:g} Hz'
+        if text:
+            raise ErrorCode.BAD_VALUES.error(text)
     smooth = low_pass(np.stack([fill_smoothly(row) for row in position]), cycle, cutoff)
     # time in cycles keeps the spline's knots well scaled
     time = np.arange(smooth.shape[1], dtype=np.float64)
@@ -182,8 +167,7 @@ def smooth_motion(
     if ahead:
         time += ahead
         smooth = np.ascontiguousarray(spline(time))
-    velocity = np.ascontiguousarray(spline(time, 1)) / cycle
-    acceleration = np.ascontiguousarray(spline(time, 2)) / cycle**2
+    velocity, acceleration = (np.ascontiguousarray(spline(time, n)) / cycle**n for n in (1, 2))
     return smooth, velocity, acceleration
 
 
@@ -249,7 +233,7 @@ def settling(cycle: float, cutoff: float) -> int:
 
 
 def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDER) -> FloatArray:
-    """Low-pass rows forwards and backwards: no delay.
+    """Return rows (..., K) after a low-pass that runs forwards and backwards: no delay.
 
     Args:
         values: Rows (..., K) without NaN.
@@ -257,9 +241,6 @@ def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDE
         cutoff: Frequency of gain one half, Hz; at or above half the rate the values come back as
             they are.
         order: Of the Butterworth filter that runs each way, even.
-
-    Returns:
-        The smooth rows (..., K).
     """
     if cutoff >= 0.499 / cycle:
         return np.array(values, dtype=np.float64)
@@ -280,12 +261,10 @@ def correlation(values: FloatArray, row: FloatArray) -> FloatArray:
 def best_lag(
     columns: FloatArray, target: FloatArray, period: float, earliest: float
 ) -> tuple[float, FloatArray, float]:
-    """Find the lag at which the columns explain the target best.
+    """Find the lag at which the columns (T, P) explain the target (T,) best.
 
     Args:
-        columns: (T, P).
-        target: (T,).
-        period: Time from sample to sample, s.
+        columns: (T, P), `period` s from sample to sample.
         earliest: Least lag, s; the target may precede the columns by so much.
 
     Returns:
@@ -345,12 +324,8 @@ _TURN = 3.0
 def told_band(data: Dataset) -> float:
     """Return the frequency below which motion tells efforts, Hz.
 
-    Args:
-        data: Positions and efforts of some joints; without efforts a tenth of the rate.
-
-    Returns:
-        Where the worst joint's readings ask for a third of the noise of its effort, or for a
-        thousandth of the effort if that is more; at most a tenth of the rate.
+    There the worst joint's readings ask for a third of the noise of its effort, or for a
+    thousandth of the effort if that is more; it is at most a tenth of the rate.
     """
     if data.position is None:
         return _HIGHEST / data.cycle
@@ -380,7 +355,11 @@ def standing(
     cutoff: float,
     least: FloatArray | None = None,
 ) -> NDArray[np.bool_]:
-    """Return where joints stand still or turn, as far as their readings tell.
+    """Return where joints stand still or turn (D, K), as far as their readings tell.
+
+    That is where the readings of a period of the cutoff differ by no more than their step, their
+    noise or the least speed, and the samples at a change of direction, whose instant they do not
+    tell; nowhere for a joint that never moves.
 
     Args:
         position: Measured (D, K), NaN at cycles without a sample.
@@ -388,11 +367,6 @@ def standing(
         cycle: Time from cycle to cycle, s.
         cutoff: Frequency up to which their motion is kept, Hz.
         least: (D,) speeds below which they stand all the same, rad/s or m/s.
-
-    Returns:
-        (D, K) where the readings of a period of the cutoff differ by no more than their step,
-        their noise or the least speed, and the samples at a change of direction, whose instant
-        they do not tell; nowhere for a joint that never moves.
     """
     out = np.zeros(position.shape, dtype=bool)
     slow = np.zeros(len(position)) if least is None else least
@@ -457,14 +431,11 @@ def _step(seen: FloatArray) -> float:
 def _inertia(position: FloatArray, effort: FloatArray, cycle: float) -> float:
     """Return how the slow effort of a joint grows with its own acceleration."""
     cutoff = min(_SLOW, _HIGHEST / cycle)
-    try:
-        place, speed, change = (x[0] for x in smooth_motion(position[None], cycle, cutoff))
-    except IdentError:
-        return 0.0
-    still = 0.02 * float(np.abs(speed).max())
-    if still <= 0.0:
-        return 0.0
-    columns = [change, np.tanh(speed / still), speed, np.sin(place), np.cos(place)]
-    system = np.stack([*columns, np.ones_like(place)], axis=1)
-    slow = low_pass(effort[None], cycle, cutoff)[0]
-    return abs(float(np.linalg.lstsq(system, slow, rcond=1e-9)[0][0]))
+    with suppress(IdentError):
+        place, speed, change = (x[0] for x in smooth_motion(position, cycle, cutoff))
+        if still := 0.02 * float(np.abs(speed).max()):
+            columns = [change, np.tanh(speed / still), speed, np.sin(place), np.cos(place)]
+            system = np.stack([*columns, np.ones_like(place)], axis=1)
+            slow = low_pass(effort, cycle, cutoff)
+            return abs(float(np.linalg.lstsq(system, slow, rcond=1e-9)[0][0]))
+    return 0.0

@@ -70,8 +70,7 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
 
     Returns:
         `unsigned` where the effort never changes its sign while the drive reverses, though its
-        friction does, `either` where it may be reversed as well; `open` where the log does not
-        show it.
+        friction does, `either` where it may be reversed as well; `open` where it does not show.
     """
     assert motion.effort is not None
     effort, place = fill_gaps(motion.effort), motion.position
@@ -98,15 +97,12 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
         if falls or (abs(power) < certain and not alone):
             return 'unsigned'
         # With the sign of the motion a size is an effort that the motion explains.
-        signed = np.sign(motion.velocity) * effort
-        shares = [effort_lag(motion, x)[1] for x in (effort, signed)]
-        plain, other = (
-            (1.0 - share) * float(np.var(motion.slowly(x)))
-            for share, x in zip(shares, (effort, signed), strict=True)
-        )
-        if other < _PLAINER * plain:
+        readings = effort, np.sign(motion.velocity) * effort
+        known, share = (effort_lag(motion, x)[1] for x in readings)
+        plain, other = (float(np.var(motion.slowly(x))) for x in readings)
+        if (1.0 - share) * other < _PLAINER * ((1.0 - known) * plain):
             return 'unsigned'
-        if power < -certain and shares[0] < _KNOWN:
+        if power < -certain and known < _KNOWN:
             return 'either'
     return 'right' if power > certain else 'reversed' if power < -certain else 'open'
 
@@ -157,12 +153,7 @@ _SIGN_BIT = 1024
 
 
 def repeats(recording: Recording, name: str) -> Iterator[tuple[str, str]]:
-    """Yield (code, sentence) for what is no measurement of a joint.
-
-    Args:
-        recording: A log with measured positions.
-        name: The joint.
-    """
+    """Yield (code, sentence) for what is no measurement of a joint of measured positions."""
     state, effort = recording.state, recording.effort or recording.state
     place = state.column('position', name) if state else None
     values = effort.column('effort', name) if effort else None
@@ -209,12 +200,11 @@ def _runs(values: FloatArray) -> NDArray[np.intp]:
 
 def _holding(place: FloatArray, stamp: NDArray[np.int64]) -> float:
     """Return how long each position is held, s; 0 where they are not held."""
-    runs = _runs(place)[1:-1]
-    lengths = runs[:, 1] - runs[:, 0]
-    few = lengths.size < 20 or np.median(lengths) < _HELD
-    if few or lengths.std() > _EVEN * lengths.mean():
-        return 0.0
-    return float(np.median(stamp[runs[:, 1]] - stamp[runs[:, 0]])) * 1e-9
+    first, last = _runs(place)[1:-1].T
+    size = last - first
+    few = size.size < 20 or np.median(size) < _HELD
+    uneven = few or size.std() > _EVEN * size.mean()
+    return 0.0 if uneven else float(np.median(stamp[last] - stamp[first])) * 1e-9
 
 
 # Shares of missing samples from which a warning, and an error, is due.
@@ -315,9 +305,6 @@ def check(
         wanted: Drives to be identified; every joint of the state is looked at where None.
         need: What will be compared; where no effort is, nothing is said of it.
         gravity: Gravity along the drives, m/s^2; 0 where it does not act or is not known.
-
-    Returns:
-        The report; its findings carry sentences with the remedy.
     """
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
@@ -328,10 +315,9 @@ def check(
         text = 'the stamps step back, or nothing came for long: each of the segments, '
         text += f'{len(recordings)}, is judged and used by itself'
         findings.append(Finding('warn', 'segments', '', text))
+    findings += [Finding('ok', 'topics', '', text) for text in recordings[0].notes]
     for number, recording in enumerate(recordings):
         findings += [Finding('warn', 'reading', '', text) for text in recording.warnings]
-        if not number:
-            findings += [Finding('ok', 'topics', '', text) for text in recording.notes]
         for role, stream in recording.streams.items():
             findings += about(role, _of_stream(role, stream))
         if recording.duration < _SHORT:
@@ -363,15 +349,11 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
     level: Level = 'ok'
     if missing is None:
         level = 'warn'
-        text += (
-            f' come unevenly, {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart: log at '
-            'a fixed rate, stamped where they are taken'
-        )
+        text += f' come unevenly, {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart: '
+        text += 'log at a fixed rate, stamped where they are taken'
     else:
-        text += (
-            f', at {1.0 / period if period else 0.0:.6g} Hz, {missing or "none"} missing, stamps '
-            f'scatter by {scatter * 1e3:.3g} ms'
-        )
+        text += f', at {1.0 / period if period else 0.0:.6g} Hz, {missing or "none"} missing, '
+        text += f'stamps scatter by {scatter * 1e3:.3g} ms'
     if share > _MISSING_WARN:
         level = 'error' if share > _MISSING_ERROR else 'warn'
         text += f'; {100.0 * share:.3g} % are missing, the longest gap lasts {steps.max():.3g} s: '
@@ -416,15 +398,14 @@ def _judge_drives(
         drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
         judged: list[Said] = [*_judged(drives[-1], motion, gravity, wanted is not None)]
         judged += [('warn', code, text) for code, text in repeats(recording, name)]
-        said = about(name, judged)
         # An integrated speed says nothing of the speed.
-        vacuous = name in integrated
-        findings += [f for f in said if not (vacuous and f.code.startswith('velocity'))]
+        said = (x for x in judged if name not in integrated or not x[1].startswith('velocity'))
+        findings += about(name, said)
     if still := standing({x.drive: x.stroke for x in drives}):
-        listed = ', '.join(still)
-        text = f'{listed}: stood still, so nothing is found of what moves there; the others count'
+        said_of = ', '.join(still)
+        text = 'stood still, so nothing is found of what moves there; the others count'
         findings = [f for f in findings if f.subject not in still]
-        findings.append(Finding('warn', 'no_motion', listed, text))
+        findings += about(said_of, [('warn', 'no_motion', text)])
     return drives, findings
 
 
@@ -437,9 +418,7 @@ def standing(strokes: Mapping[str, float]) -> tuple[str, ...]:
 def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -> Iterator[Said]:
     """Yield what is to be said of a drive's excitation and effort.
 
-    Args:
-        gravity: Gravity along the drive, m/s^2; 0 where it does not act or is not known.
-        wanted: Whether the drive is to be identified, so that standing still is an error.
+    Where it is `wanted` to identify the drive, that it stands still is an error.
     """
     moves = drive.stroke > 1e-6 * float(np.abs(motion.position).max())
     if moves:
@@ -463,10 +442,8 @@ def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -
 def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
     """Judge whether a drive moved in a way that tells its parameters apart."""
     turns = count_reversals(motion.velocity)
-    text = (
-        f'stroke {drive.stroke:.3g}, top speed {np.abs(motion.velocity).max():.3g}, {turns} '
-        f'reversals, {100.0 * motion.resting.mean():.0f} % of the time at rest'
-    )
+    text = f'stroke {drive.stroke:.3g}, top speed {np.abs(motion.velocity).max():.3g}, {turns} '
+    text += f'reversals, {100.0 * motion.resting.mean():.0f} % of the time at rest'
     if turns == 0:
         text += '; Coulomb friction cannot be told from a constant force: record the way back too'
         return 'warn', 'one_way', text
@@ -482,10 +459,8 @@ def _of_velocity(motion: Motion) -> Iterator[Said]:
         return
     reported = motion.slowly(fill_gaps(motion.reported))
     lag, gain, share = best_lag(motion.velocity[:, None], reported, motion.period, -0.02)
-    text = (
-        f'the reported velocity is {gain[0]:.3g} times the derivative of the position and '
-        f'explains {100.0 * share:.0f} % of it'
-    )
+    text = f'the reported velocity is {gain[0]:.3g} times the derivative of the position and '
+    text += f'explains {100.0 * share:.0f} % of it'
     if share < 0.5 or not 0.9 < gain[0] < 1.1:
         remedy = 'correct its unit, sign or source in the driver, or leave it out'
         yield 'warn', 'velocity', f'{text}; {remedy}'
@@ -497,10 +472,7 @@ def _of_velocity(motion: Motion) -> Iterator[Said]:
 
 
 def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:
-    """Return the lag of an effort, s, and what share of its variance the motion explains.
-
-    The lag is NaN where the motion tells none.
-    """
+    """Return the lag of an effort, s or NaN, and the share of it that the motion explains."""
     friction = np.tanh(motion.velocity / (0.02 * np.abs(motion.velocity).max()))
     place = motion.position - motion.position.mean()
     rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), place])
@@ -524,29 +496,27 @@ def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
     if np.abs(values - np.round(values)).max() < 1e-9 and np.unique(values).size >= 5:
         what = 'percent of the rated torque' if top <= 300.0 else 'milliamperes or counts'
         text = f'all efforts are whole numbers up to {top:g}, which looks like {what}; state '
-        remedy = 'effort_unit with torque_constant or rated_torque in the machine file'
-        yield 'warn', 'effort_unit', text + remedy
-    lag, explained = effort_lag(motion, effort)
-    share = f'{100.0 * explained:.0f} % of its effort'
-    text = f'inertia, friction and gravity of this joint explain {share}'
-    if explained < 0.3:
-        remedy = 'other joints load it, or the effort is no torque of this drive'
-        yield 'warn', 'effort_unexplained', f'{text}; {remedy}'
-        return
-    late = f', about {lag * 1e3:.2g} ms late' if lag > max(motion.period, 2e-3) else ''
-    yield 'ok', 'effort', text + late
+        text += 'effort_unit with torque_constant or rated_torque in the machine file'
+        yield 'warn', 'effort_unit', text
+    lag, share = effort_lag(motion, effort)
+    text = f'inertia, friction and gravity of this joint explain {100.0 * share:.0f} % of its '
+    if share < 0.3:
+        text += 'effort; other joints load it, or the effort is no torque of this drive'
+        yield 'warn', 'effort_unexplained', text
+    else:
+        late = f', about {lag * 1e3:.2g} ms late' if lag > max(motion.period, 2e-3) else ''
+        yield 'ok', 'effort', f'{text}effort{late}'
 
 
 def _of_gravity(at_rest: float, spread: float, gravity: float) -> Said:
     """Look for the weight in the effort at rest, where gravity acts along the drive."""
     text = f'gravity acts along this drive and the effort at rest is {at_rest:.3g}'
+    remedy = ''
     if abs(at_rest) < 0.05 * spread:
-        remedy = 'log the whole torque, not one with gravity compensated, or set gravity to 0'
+        remedy = '; log the whole torque, not one with gravity compensated, or set gravity to 0'
     elif at_rest * gravity < 0.0:
-        remedy = 'it has to hold the drive: check the signs of position and effort'
-    else:
-        return 'ok', 'effort_gravity', text
-    return 'warn', 'effort_gravity', f'{text}; {remedy}'
+        remedy = '; it has to hold the drive: check the signs of position and effort'
+    return 'warn' if remedy else 'ok', 'effort_gravity', text + remedy
 
 
 def render(report: Report) -> list[str]:
