@@ -10,14 +10,14 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.columns import Column, load_topics, summed, TopicMap
+from ros2_ident.recording.columns import load_topics, summed, TopicMap
 from ros2_ident.recording.content import Content, Messages, why
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.limits import listed, printable
 from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, nameless, roles_of
 from ros2_ident.recording.scan import scan
 from ros2_ident.recording.storage import Damage, damaged, digest, storage_files, SUFFIXES, unpacked
-from ros2_ident.recording.streams import Recording, ROLES
+from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
 from ros2_ident.recording.table import ARRAYS, read_arrays, read_table, TABLES
 
 
@@ -128,16 +128,14 @@ def read_bags(
             and make every interval too narrow.
     """
     found: list[Recording] = []
-    of: dict[str, str | Path] = {}
+    of: dict[str, str] = {}
     for path in paths:
-        recordings = read_bag(path, topics, travel, drives)
-        digest = recordings[0].sha256
+        found += (recordings := read_bag(path, topics, travel, drives))
+        name, digest = printable(str(path)), recordings[0].sha256
         if digest in of:
-            text = f'is the same log as {printable(str(of[digest]))} and would count twice; '
-            text = f'{printable(str(path))}: {text}name it once'
-            raise ErrorCode.INVALID_GOAL.error(text)
-        of[digest] = path
-        found += recordings
+            text = f'is the same log as {of[digest]} and would count twice; name it once'
+            raise ErrorCode.INVALID_GOAL.error(f'{name}: {text}')
+        of[digest] = name
     return found
 
 
@@ -170,25 +168,23 @@ def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording
     for (topic, role), messages in content.messages.items():
         _tell(builder, role, topic, content, messages)
         if topic in layouts:
-            _feed_columns(builder, topics.columns, layouts[topic].columns, messages)
+            columns = layouts[topic].columns
+            stamp, values = _joined(messages, len(columns))
+            rows = [x.scale * row for x, row in zip(columns, values.T, strict=True)]
+            builder.add_columns(stamp, summed(topics.columns, columns, stamp, rows))
         while messages.blocks:
             block = messages.blocks.popleft()
             builder.add_block(role, block.stamp, block.names, *block.fields)
     return builder.build()
 
 
-def _feed_columns(
-    builder: RecordingBuilder, path: str, columns: Sequence[Column], messages: Messages
-) -> None:
-    """Bring the fields of a topic into the builder that a column map names."""
+def _joined(messages: Messages, width: int) -> tuple[IntArray, FloatArray]:
+    """Take the stamps (T,) and first fields (T, width) of all blocks."""
     blocks = [*messages.blocks]
     messages.blocks.clear()
-    stamp = np.concatenate([x.stamp for x in blocks])
-    none = (np.full((x.stamp.size, len(columns)), np.nan) for x in blocks)
-    pairs = ((x.fields[0], y) for x, y in zip(blocks, none, strict=True))
-    values = np.concatenate([y if own is None else own for own, y in pairs])
-    rows = [x.scale * row for x, row in zip(columns, values.T, strict=True)]
-    builder.add_columns(stamp, summed(path, columns, stamp, rows))
+    pairs = ((x.fields[0], x.stamp.size) for x in blocks)
+    values = [np.full((size, width), np.nan) if own is None else own for own, size in pairs]
+    return np.concatenate([x.stamp for x in blocks]), np.concatenate(values)
 
 
 def supplemented(
@@ -223,9 +219,8 @@ def supplemented(
                 why = ', of joints of the machine' if len(able) > 1 else ''
                 notes.append(f'{role}: no {default}, {best[0]} is taken ({kind}{why})')
             else:
-                several.append(
-                    f'{role}: {listed(best)} hold one; name one of them by --{role}-topic'
-                )
+                text = f'{role}: {listed(best)} hold one; name one of them by --{role}-topic'
+                several.append(text)
             break
     for topic, kind, roles in offered:
         if topic in chosen.values() or kind == JOINT_STATE:
@@ -249,8 +244,7 @@ def _others(content: Content) -> list[str]:
 
     Names of numbers show whether a column map is worth writing.
     """
-    found: list[str] = []
-    bare = []
+    found, bare = list[str](), []
     for topic, kind in sorted(content.types.items()):
         if roles_of(kind) or map_of(kind) is not None:
             continue
@@ -272,9 +266,7 @@ def _is_open(topics: Topics, role: str, content: Content, chosen: Mapping[str, s
         about = map_of(content.types[chosen['state']])
         return about is None or 'effort' in about.roles
     state = content.messages.get((topics.topic('state'), 'state'))
-    if role != 'effort' or state is None:
-        return True
-    efforts = (block.fields[2] for block in state.blocks)
+    efforts = [x.fields[2] for x in state.blocks] if role == 'effort' and state else []
     return not any(x is not None and np.isfinite(x).any() for x in efforts)
 
 
@@ -285,11 +277,7 @@ def _scanned(
     mapped: Mapping[str, TopicMap] | None = None,
     titles: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Content:
-    """Return the messages of all files, one after the other, and in warnings what is lost.
-
-    Raises:
-        IdentError: DAMAGED_BAG where no file yields a message and one is damaged.
-    """
+    """Return the messages of all files, one after the other, and in warnings what is lost."""
     content = Content(topics.roles(), topics.names, drives, mapped or {}, titles or {})
     refused: list[IdentError] = []
     found = 0
@@ -344,12 +332,12 @@ def _check_topics(
     """Say what is wrong where no wanted topic, or not every named one, can be read."""
     for topic, several in roles.items():
         kind = raw.types.get(topic, JOINT_STATE)
-        unfit = [role for role in several if role not in roles_of(kind)]
-        if unfit:
-            holds = f'which holds no {unfit[0]}'
-            allowed = holds if roles_of(kind) else 'of which there is no map'
-            text = f'{topic} is of type {printable(kind)}, {allowed}; give another as {unfit[0]}'
-            text += '' if roles_of(kind) else ', or --columns with the fields that it is in'
+        for role in (x for x in several if x not in roles_of(kind)):
+            text = f'which holds no {role}; give another as {role}'
+            if not roles_of(kind):
+                text = f'of which there is no map; give another as {role}, or --columns with the '
+                text += 'fields that it is in'
+            text = f'{topic} is of type {printable(kind)}, {text}'
             raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
         about = map_of(kind)
         same = about is None or len({str(about.roles[x]) for x in several}) < len(several)
@@ -375,11 +363,7 @@ def _check_topics(
 def _tell(
     builder: RecordingBuilder, role: str, topic: str, content: Content, messages: Messages
 ) -> None:
-    """Say what is lost of a topic, what its times, names and gains are.
-
-    Raises:
-        IdentError: BAD_VALUES where no message is valid, with the reason.
-    """
+    """Say what is lost of a topic, what its times, names and gains are."""
     kind = content.types[topic]
     about = None if content.mapped else map_of(kind)
     named = kind.rpartition('/')[2]
@@ -395,12 +379,11 @@ def _tell(
         late = 'the time of recording is used, some milliseconds late'
         said.append(f'{named} has no stamp, {late}')
     elif messages.unstamped:
-        used = 'the time of recording is used; stamp the messages'
-        said.append(f'all header stamps are 0, {used}')
+        text = 'all header stamps are 0, the time of recording is used; stamp the messages'
+        said.append(text)
     said += messages.said
     names = messages.blocks[0].names if messages.blocks else ()
-    if about is not None and about.note:
-        said.append(about.note)
+    said += [about.note] if about is not None and about.note else []
     given = content.names or topic in content.titles
     if about is not None and role not in about.names and not given and messages.blocks:
         called = f'{listed(names, 4)} in their order; name others by --joint-names'

@@ -38,11 +38,10 @@ def total_of(size: int) -> int:
 
 
 def require_memory(what: str, size: float) -> None:
-    """Refuse values that would take too much memory.
+    """Refuse values that would take too many bytes of memory.
 
     Args:
         what: The subject of the sentence, with what it does, as `x: its grid takes`.
-        size: Bytes.
 
     Raises:
         IdentError: BAD_VALUES with the remedy.
@@ -83,12 +82,7 @@ def unfit(name: object) -> str:
 
 
 def printable(text: str, limit: int = 200) -> str:
-    """Return a text with all that is not printable escaped, as a terminal may be shown it.
-
-    Args:
-        text: Anything.
-        limit: Characters after which it is cut off with an ellipsis.
-    """
+    """Return a text with all that is not printable escaped, cut off after `limit` characters."""
     if not text.isprintable():
         text = ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: limit + 1])
     return text if len(text) <= limit else text[: limit - 1] + '…'
@@ -103,11 +97,7 @@ def short(value: object) -> str:
 
 
 def listed(texts: Iterable[str], most: int = 12) -> str:
-    """Return texts as a list for a sentence, with the number of those left out.
-
-    Args:
-        most: Entries shown.
-    """
+    """Return at most so many texts as a list for a sentence, with the number of those left out."""
     return enumerated([printable(x, 80) for x in texts], most)
 
 

@@ -48,10 +48,7 @@ _DAMAGED = (EndOfFile, OverflowError, struct.error, ValueError)
 
 
 def scan(path: Path, content: Content) -> Losses:
-    """Read the whole messages of a file into a bag's content.
-
-    Returns:
-        What is lost of the file; its text is empty where nothing is.
+    """Read the whole messages of a file into a bag's content; return what is lost of it.
 
     Raises:
         Damage: The file is not what its suffix states, or cannot be salvaged.
@@ -64,9 +61,13 @@ def scan(path: Path, content: Content) -> Losses:
     return kinds[path.suffix](path, content)
 
 
+def _mapped(path: Path) -> mmap.mmap:
+    with path.open('rb') as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+
+
 def _scan_mcap(path: Path, content: Content) -> Losses:
-    """Read an MCAP file; see `scan`."""
-    with path.open('rb') as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with _mapped(path) as data:
         if data[: len(MAGIC)] != MAGIC:
             raise Damage('no MCAP file: its first bytes are others')
         return _Walk(data, content).run()
@@ -89,20 +90,19 @@ def _run(raw: bytes, at: int, step: int) -> int:
 
 def _note(about: Summary, opcode: int, record: bytes) -> bool:
     """Keep a schema, a channel or the counts of messages; False where the record is damaged."""
-    try:
+    with suppress(*_DAMAGED):
         if opcode == Opcode.STATISTICS:
             about.statistics = _parsed(Statistics, record)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             schema = opcode == Opcode.SCHEMA
             found = _parsed(Schema if schema else Channel, record)
             (about.schemas if schema else about.channels)[found.id] = found
-    except _DAMAGED:
-        return False
-    return True
+        return True
+    return False
 
 
 class _Walk:
-    """The state of reading one file."""
+    """The state of reading one MCAP file."""
 
     def __init__(self, data: mmap.mmap, content: Content) -> None:
         self.data, self.size, self.content = data, len(data), content
@@ -114,8 +114,6 @@ class _Walk:
         self.found: Counter[str] = Counter()
         self.before = -1, 0  # channel and size of the last message
         self.starts = [_CHUNK_START, re.escape(_END_START)]
-
-    # ------------------------------------------------------------------ the records of the file
 
     def run(self) -> Losses:
         """Walk over the data section; return what is lost."""
@@ -143,8 +141,8 @@ class _Walk:
         # what the last chunk of a file that breaks off still holds
         self.losses.end = at
         data = self.data[at : at + self.budget.chunk]
-        if data[:1] == b'\x06':
-            with suppress(*_DAMAGED):
+        with suppress(*_DAMAGED):
+            if data[:1] == b'\x06':
                 chunk = _parsed(Chunk, data[HEAD.size :])
                 most = min(chunk.uncompressed_size, self.budget.chunk)
                 self._records(inflate(chunk.compression, chunk.data, most)[0])
@@ -219,11 +217,10 @@ class _Walk:
                 break
             if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
                 number, _, log_time, _ = unpack_message(raw, begin)
-                if (number, length) == self.before and (
-                    run := _run(raw, at, HEAD.size + length)
-                ) > 1:
+                step = HEAD.size + length
+                if (number, length) == self.before and (run := _run(raw, at, step)) > 1:
                     self._give(number, *found.pop(number, ([], [])))
-                    place, step = begin + _MESSAGE.size, HEAD.size + length
+                    place = begin + _MESSAGE.size
                     table = np.ndarray((run, end - place), np.uint8, raw, place, (step, 1))
                     times = np.ndarray((run,), '<u8', raw, begin + 6, (step,)).tolist()
                     self._give(number, times, table)
@@ -251,8 +248,6 @@ class _Walk:
         self.found[topic] += len(data)
         if target is not None and len(data):
             target(times, data)
-
-    # ------------------------------------------------------------------ topics and their counts
 
     def _summary(self) -> Summary | None:
         """Return what stands between the end of the data and the footer, None for no such."""
@@ -286,24 +281,22 @@ class _Walk:
                 form = schema.encoding if form in ('cdr', 'ros1', '') else form
                 target = self.content.open(channel.topic, schema.name, form, schema.data)
                 self.ways[number] = channel.topic, target
-                return self.ways[number]
-        return None
+                break
+        return self.ways.get(number)
 
     def _finish(self) -> Losses:
         """Return what is lost, after noting topics without a message."""
-        summary = self.summary or Summary()
+        summary, stated = self.summary or Summary(), Counter[str]()
         for number in [*self.defined.channels, *summary.channels]:
             if number not in self.ways:
                 self._way(number)
         for topic, count in self.found.items():
             self.content.counts[topic] += count
         self.losses.whole = self.found.total()
-        if summary.statistics is not None:
-            stated: Counter[str] = Counter()
-            for number, count in summary.statistics.channel_message_counts.items():
-                if number in self.ways:
-                    stated[self.ways[number][0]] += count
-            self.losses.messages = (stated - self.found).total()
+        counts = summary.statistics.channel_message_counts if summary.statistics else {}
+        for number in counts.keys() & self.ways.keys():
+            stated[self.ways[number][0]] += counts[number]
+        self.losses.messages = (stated - self.found).total()
         return self.losses
 
 
@@ -311,16 +304,10 @@ _METHODS = {unpack: '' if name == 'none' else name for name, unpack in decompres
 
 
 def _scan_ros1(path: Path, content: Content) -> Losses:
-    """Read a ROS 1 bag chunk by chunk; see `scan`."""
     losses = Losses(size=path.stat().st_size)
     reader = _Chunks(path)
-
-    def mapped(mode: str) -> mmap.mmap:
-        # no stated length makes its reader allocate more than is there
-        with path.open(mode) as file:
-            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-
-    reader.path = SimpleNamespace(open=mapped)
+    # no stated length makes its reader allocate more than is there
+    reader.path = SimpleNamespace(open=lambda _: _mapped(path))
     try:
         reader.open()
     except Exception as exc:  # the parser lets whatever damaged bytes cause through
@@ -339,12 +326,10 @@ class _Chunks(Reader):
 
     def read(self, content: Content, losses: Losses) -> None:
         """Fill a bag's content, and count what is lost."""
-        budget = Budget(losses.size)
-        topics = {x.id: x.topic for x in self.connections}
-        targets = {
-            x.id: content.open(x.topic, x.msgtype, 'ros1msg', x.msgdef.data.encode())
-            for x in self.connections
-        }
+        budget, ways = Budget(losses.size), dict[int, tuple[str, Sink | None]]()
+        for x in self.connections:
+            target = content.open(x.topic, x.msgtype, 'ros1msg', x.msgdef.data.encode())
+            ways[x.id] = x.topic, target
         found, stated = Counter[str](), Counter[int]()
         for info in self.chunk_infos:
             stated.update(info.connection_counts)
@@ -361,16 +346,16 @@ class _Chunks(Reader):
                     header = Header.read(stream)
                     data = read_bytes(stream, read_uint32(stream))
                     if header.get_uint8('op') == RecordType.MSGDATA:
-                        number = header.get_uint32('conn')
-                        found[topics[number]] += 1
-                        if (target := targets[number]) is not None:
+                        topic, target = ways[header.get_uint32('conn')]
+                        found[topic] += 1
+                        if target is not None:
                             target([header.get_time('time')], [data])
             except Damage as exc:
                 losses.blocks += 1
                 losses.say(str(exc))
             except Exception:  # the parser lets whatever damaged bytes cause through
                 losses.blocks += 1
-        for topic in topics.values():
+        for topic, _ in ways.values():
             content.counts[topic] = found[topic]
         losses.whole = found.total()
         losses.messages = max(0, stated.total() - losses.whole)
@@ -380,7 +365,6 @@ _SOUND_STEPS, _STEPS_PER_BYTE, _EVERY = 2_000_000, 20, 10_000
 
 
 def _scan_db3(path: Path, content: Content) -> Losses:
-    """Read a db3 file; see `scan`."""
     losses = Losses(size=path.stat().st_size)
     wal = path.with_name(path.name + '-wal')
     if wal.is_file() and wal.stat().st_size:

@@ -34,27 +34,16 @@ class Damage(Exception):
 
 @dataclass
 class Losses:
-    """Damage of one file.
+    """Damage of one file."""
 
-    Attributes:
-        size: The file's size, bytes.
-        whole: Messages read.
-        messages: Messages known to be lost; 0 where nothing in the file tells.
-        end: First byte that could not be read where the file breaks off, or None.
-        blocks: Compressed blocks inside the file that are damaged.
-        skipped: Bytes between the blocks that make no sense.
-        unknown: Messages of a topic that is described nowhere.
-        said: Whatever else was found, without subject.
-    """
-
-    size: int = 0
-    whole: int = 0
-    messages: int = 0
-    end: int | None = None
-    blocks: int = 0
-    skipped: int = 0
-    unknown: int = 0
-    said: list[str] = field(default_factory=list)
+    size: int = 0  # of the file, bytes
+    whole: int = 0  # messages read
+    messages: int = 0  # known to be lost; 0 where nothing in the file tells
+    end: int | None = None  # first byte that could not be read where the file breaks off
+    blocks: int = 0  # compressed blocks inside the file that are damaged
+    skipped: int = 0  # bytes between the blocks that make no sense
+    unknown: int = 0  # messages of a topic that is described nowhere
+    said: list[str] = field(default_factory=list)  # whatever else was found, without subject
 
     def say(self, text: str) -> None:
         """Add something found; the same twice is said once, and no more than a few things."""
@@ -91,22 +80,14 @@ _OPEN: dict[str, Callable[[bytes], Any]] = {
 
 
 class Budget:
-    """How much the blocks of one file may still decompress to.
-
-    Args:
-        size: The file's size, bytes.
-    """
+    """How much the blocks of one file of `size` bytes may still decompress to."""
 
     def __init__(self, size: int) -> None:
         self.chunk = limit('chunk')
         self._left = total_of(size)
 
     def take(self, size: int) -> None:
-        """Allow a block to decompress to `size` bytes.
-
-        Raises:
-            Damage: It may not.
-        """
+        """Allow a block to decompress to `size` bytes; raise `Damage` where it may not."""
         if size > self.chunk:
             text = f'a block claims to unpack to {size_text(size)}, more than the '
             raise Damage(f'{text}{size_text(self.chunk)} allowed ({variable_of("chunk")})')
@@ -147,10 +128,7 @@ _LOADER: type[yaml.SafeLoader] = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
-    """Find the files that hold a bag's messages.
-
-    Args:
-        path: A bag directory, or a bare `.mcap`, `.db3` or `.bag` file.
+    """Find the files that hold the messages of a bag directory, or of a bare file.
 
     Returns:
         The files in the order of recording, and sentences about what is missing around them.
@@ -212,12 +190,12 @@ def unpacked(files: list[Path]) -> Iterator[list[tuple[Path, bool]]]:
     with TemporaryDirectory() as room:
         plain = []
         for number, path in enumerate(files):
-            if path.suffix != '.zstd':
-                plain.append((path, True))
-                continue
-            target = Path(room, str(number), path.stem)
-            target.parent.mkdir()
-            plain.append((target, _unpack_file(path, target)))
+            target, whole = path, True
+            if path.suffix == '.zstd':
+                target = Path(room, str(number), path.stem)
+                target.parent.mkdir()
+                whole = _unpack_file(path, target)
+            plain.append((target, whole))
         yield plain
 
 
@@ -227,18 +205,15 @@ def _unpack_file(path: Path, target: Path) -> bool:
     # the disk is other programs' too
     free = shutil.disk_usage(target.parent).free // 2
     left = most = min(limit('unpacked'), total_of(size), free)
-    refusal = damaged(
-        path,
-        f'unpacks from {size_text(size)} to more than {size_text(most)}, the most that is allowed '
-        'or that the disk holds; unpack it by `zstd -d`, or raise '
-        f'{variable_of("unpacked")} (MiB) and {variable_of("ratio")}',
-    )
     with path.open('rb') as source, open_zstd(source) as pieces, target.open('wb') as sink:
         try:
             while piece := pieces.read(1 << 13):
                 left -= len(piece)
                 if left < 0:
-                    raise refusal
+                    text = f'unpacks from {size_text(size)} to more than {size_text(most)}, the '
+                    text += 'most that is allowed or that the disk holds; unpack it by `zstd -d`, '
+                    text += f'or raise {variable_of("unpacked")} (MiB) and {variable_of("ratio")}'
+                    raise damaged(path, text)
                 sink.write(piece)
         except FAILURES:
             return False

@@ -10,22 +10,9 @@ import struct
 from typing import Any
 import zlib
 
+from mcap import records as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    Message,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 import numpy as np
 from rosbags.typesys import TypesysError
 import yaml
@@ -41,12 +28,11 @@ from ros2_ident.recording.storage import MAGIC, NAME, read_metadata
 from ros2_ident.recording.streams import FIELDS, IntArray, Recording, Stream
 
 # Latched, as the messages that are still of use to those who come later.
-_LATCHED = {
-    **{'history': 'keep_last', 'depth': 1, 'reliability': 'reliable'},
-    **{'durability': 'transient_local', 'liveliness': 'system_default'},
-    **{x: {'sec': 0, 'nsec': 0} for x in ('deadline', 'lifespan', 'liveliness_lease_duration')},
-    'avoid_ros_namespace_conventions': False,
-}
+_LATCHED: dict[str, Any] = {'history': 'keep_last', 'depth': 1, 'reliability': 'reliable'}
+_LATCHED |= {'durability': 'transient_local', 'liveliness': 'system_default'}
+_FOREVER = ('deadline', 'lifespan', 'liveliness_lease_duration')
+_LATCHED |= {x: {'sec': 0, 'nsec': 0} for x in _FOREVER}
+_LATCHED |= {'avoid_ros_namespace_conventions': False}
 # Bytes of a chunk, and what stands before the bytes of a message and before the times and places
 # of a channel's messages in it (mcap.dev/spec).
 _CHUNK, _MESSAGE, _INDEX = 1 << 20, struct.Struct('<BQHIQQ'), struct.Struct('<BQHI')
@@ -56,21 +42,13 @@ MARK = 'ros2_ident'
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of any type beside the streams.
-
-    Attributes:
-        name: Its name.
-        kind: Message type, as `std_msgs/msg/String`; one of ROS 2 Jazzy's own.
-        times: Log time of each message, ns.
-        messages: Their CDR bytes.
-        latched: Whether the last one is of use to those who come later.
-    """
+    """A topic of any type beside the streams."""
 
     name: str
-    kind: str
-    times: Sequence[int] | IntArray
-    messages: Sequence[bytes]
-    latched: bool = True
+    kind: str  # message type, as `std_msgs/msg/String`; one of ROS 2 Jazzy's own
+    times: Sequence[int] | IntArray  # log time of each message, ns
+    messages: Sequence[bytes]  # their CDR bytes
+    latched: bool = True  # whether the last one is of use to those who come later
 
 
 def write_bag(
@@ -121,16 +99,19 @@ def _write(folder: Path, topics: Sequence[Topic], noted: Mapping[str, str]) -> N
     store, file = standard(), f'{folder.name}.mcap'
     kinds = list(dict.fromkeys(topic.kind for topic in topics))
     texts = [store.generate_msgdef(kind, ros_version=2)[0].encode() for kind in kinds]
-    schemas = [Schema(n, texts[n - 1], 'ros2msg', kind) for n, kind in enumerate(kinds, 1)]
+    schemas = [mcap.Schema(n, texts[n - 1], 'ros2msg', kind) for n, kind in enumerate(kinds, 1)]
     channels, stated = [], []
     for number, topic in enumerate(topics, 1):
         digest, qos = store.hash_rihs01(topic.kind), [_LATCHED] if topic.latched else []
         about = {'offered_qos_profiles': yaml.safe_dump(qos).strip(), 'topic_type_hash': digest}
         schema = kinds.index(topic.kind) + 1
-        channels.append(Channel(number, topic.name, 'cdr', about, schema))
-        told: dict[str, Any] = {'name': topic.name, 'type': topic.kind}
-        told |= {'serialization_format': 'cdr', 'type_description_hash': digest}
-        told |= {'offered_qos_profiles': qos}
+        channels.append(mcap.Channel(number, topic.name, 'cdr', about, schema))
+        told: dict[str, Any] = {
+            'name': topic.name,
+            'type': topic.kind,
+            'serialization_format': 'cdr',
+        }
+        told |= {'type_description_hash': digest, 'offered_qos_profiles': qos}
         stated.append({'topic_metadata': told, 'message_count': len(topic.messages)})
     when = np.concatenate([np.asarray(topic.times, dtype=np.int64) for topic in topics])
     first, last = int(when.min(initial=2**63 - 1)), int(when.max(initial=0))
@@ -153,7 +134,7 @@ def _write(folder: Path, topics: Sequence[Topic], noted: Mapping[str, str]) -> N
 
 
 def _mcap(
-    topics: Sequence[Topic], schemas: Sequence[Schema], channels: Sequence[Channel],
+    topics: Sequence[Topic], schemas: Sequence[mcap.Schema], channels: Sequence[mcap.Channel],
     when: IntArray, information: str,
 ) -> Iterator[bytes]:  # fmt: skip
     """Yield a file piece by piece, with all checksums and indexes."""
@@ -164,7 +145,7 @@ def _mcap(
         crc, at = zlib.crc32(data, crc), at + len(data)
         return data
 
-    yield of(MAGIC + _bytes(Header('ros2', 'ros2_ident')))
+    yield of(_BEGIN)
     messages = [data for topic in topics for data in topic.messages]
     channel = np.repeat(np.arange(len(topics)) + 1, [len(topic.messages) for topic in topics])
     order = np.argsort(when, kind='stable')
@@ -181,41 +162,33 @@ def _mcap(
         places = np.cumsum([len(x) for x in pieces])[:-1]
         data, first, last = b''.join(pieces), int(times.min()), int(times.max())
         packed, head, begin = ZstdCompressor().compress(data), b'', at
-        yield of(_bytes(Chunk('zstd', packed, last, first, zlib.crc32(data), len(data))))
+        yield of(_bytes(mcap.Chunk('zstd', packed, last, first, zlib.crc32(data), len(data))))
         found, middle = dict[int, int](), at
         for number in np.unique(channel[rows]).tolist():
             inside, found[number] = channel[rows] == number, at
             pairs = np.stack([times[inside], places[inside]], axis=1).astype('<u8').tobytes()
             index = _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(pairs), number, len(pairs))
             yield of(index + pairs)
-        size, length = len(packed), middle - begin
-        chunks.append(
-            ChunkIndex(length, begin, 'zstd', size, last, at - middle, found, first, len(data))
-        )
+        places_of = (middle - begin, begin, 'zstd', len(packed), last, at - middle, found)
+        chunks.append(mcap.ChunkIndex(*places_of, first, len(data)))
     begin = at
-    yield of(_bytes(Metadata('rosbag2', {'serialized_metadata': information.strip()})))
-    metadata = MetadataIndex(begin, at - begin, 'rosbag2')
-    yield of(_bytes(DataEnd(crc)))
+    yield of(_bytes(mcap.Metadata('rosbag2', {'serialized_metadata': information.strip()})))
+    metadata = mcap.MetadataIndex(begin, at - begin, 'rosbag2')
+    yield of(_bytes(mcap.DataEnd(crc)))
     counts = {n: len(topic.messages) for n, topic in enumerate(topics, 1) if topic.messages}
-    first, last = (int(when.min()), int(when.max())) if when.size else (0, 0)
-    statistics = Statistics(
-        0, len(channels), counts, len(chunks), when.size, last, first, 1, len(schemas)
-    )
-    summary, offsets, begin = b'', list[SummaryOffset](), at
-    for kind, group in (
-        (Opcode.SCHEMA, schemas),
-        (Opcode.CHANNEL, channels),
-        (Opcode.STATISTICS, [statistics]),
-        (Opcode.CHUNK_INDEX, chunks),
-        (Opcode.METADATA_INDEX, [metadata]),
-    ):
+    span = (int(when.max()), int(when.min())) if when.size else (0, 0)
+    told = (0, len(channels), counts, len(chunks), when.size, *span, 1, len(schemas))
+    summary, offsets, begin = b'', list[mcap.SummaryOffset](), at
+    groups: dict[Opcode, Sequence[Any]] = {Opcode.SCHEMA: schemas, Opcode.CHANNEL: channels}
+    groups |= {Opcode.STATISTICS: [mcap.Statistics(*told)], Opcode.CHUNK_INDEX: chunks}
+    for kind, group in (groups | {Opcode.METADATA_INDEX: [metadata]}).items():
         data = _bytes(*group)
-        offsets.append(SummaryOffset(kind, begin + len(summary), len(data)))
+        offsets.append(mcap.SummaryOffset(kind, begin + len(summary), len(data)))
         summary += data
     middle = begin + len(summary)
     summary += _bytes(*offsets)
-    crc = zlib.crc32(summary + _bytes(Footer(begin, middle, 0))[:-4])
-    yield summary + _bytes(Footer(begin, middle, crc)) + MAGIC
+    crc = zlib.crc32(summary + _bytes(mcap.Footer(begin, middle, 0))[:-4])
+    yield summary + _bytes(mcap.Footer(begin, middle, crc)) + MAGIC
 
 
 def require_room(path: str | Path, mark: str = '') -> None:
@@ -227,13 +200,10 @@ def require_room(path: str | Path, mark: str = '') -> None:
     Raises:
         IdentError: INVALID_GOAL with the remedy.
     """
-    path = Path(path)
-    if not path.exists() and not path.is_symlink():
-        return
-    text = 'exists already; remove it or give another directory'
+    path, text = Path(path), 'exists already; remove it or give another directory'
     if mark:
         text = f'is no {mark} that ident wrote and will not be replaced; move it away'
-    if not mark or not _is_marked(path, mark):
+    if (path.exists() or path.is_symlink()) and not (mark and _is_marked(path, mark)):
         raise ErrorCode.INVALID_GOAL.error(f'{path}: {text}')
 
 
@@ -268,29 +238,20 @@ def _bytes(*records: Any) -> bytes:
     return data
 
 
-_END = _bytes(DataEnd(0), Footer(0, 0, 0)) + MAGIC
+_BEGIN = MAGIC + _bytes(mcap.Header('ros2', 'ros2_ident'))
+_END = _bytes(mcap.DataEnd(0), mcap.Footer(0, 0, 0)) + MAGIC
 
 
 class Spool:
-    """A file of messages that grows.
-
-    Args:
-        path: The file; its directory is made. What it holds stays until `clear`.
-        limit: Most bytes of it.
-
-    Attributes:
-        path: The file.
-        problem: Why nothing more is written, in a sentence; empty while all is well.
+    """A file of messages that grows, to `limit` bytes; what it holds stays until `clear`.
 
     Raises:
         IdentError: INVALID_GOAL where the file cannot be written, or another process writes it.
     """
 
     def __init__(self, path: Path, limit: int) -> None:
-        self.path = path
-        self.problem = ''
-        self._limit = limit
-        self._file = Growing(path)
+        self.path, self._limit, self._file = path, limit, Growing(path)
+        self.problem = ''  # why nothing more is written, in a sentence
         self._channels: dict[str, int] = {}
         ends = max(0, self._file.size - len(_END))
         self._closed = self._file.read(ends, len(_END)) == _END
@@ -307,31 +268,24 @@ class Spool:
         self._write(b'', anew=True)
 
     def add(self, topic: str, kind: str, times: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Write messages of a topic, as far as there is room; a full disk or file is told once.
-
-        Args:
-            times: When they came, ns.
-            messages: Their bytes.
-        """
+        """Write messages of a topic that came at times, ns; a full disk or file is told once."""
         if self.problem:
             return
         records: list[Any] = []
+        number = self._channels.get(topic, len(self._channels) + 1)
         if topic not in self._channels:
-            self._channels[topic] = len(self._channels) + 1
-            number, definition = self._channels[topic], ''
+            self._channels[topic], definition = number, ''
             with contextlib.suppress(TypesysError, KeyError):  # a type that only its package knows
                 definition, _ = standard().generate_msgdef(kind)
-            records.append(Schema(number, definition.encode(), 'ros2msg', kind))
-            records.append(Channel(number, topic, 'cdr', {}, number))
-        number = self._channels[topic]
+            records.append(mcap.Schema(number, definition.encode(), 'ros2msg', kind))
+            records.append(mcap.Channel(number, topic, 'cdr', {}, number))
         for when, data in zip(times, messages, strict=True):
-            records.append(Message(number, when, data, when, 0))
+            records.append(mcap.Message(number, when, data, when, 0))
         out = _bytes(*records)
-        if self._file.size + len(out) > self._limit:
-            self.problem = f'{self.path}: holds {size_text(self._file.size)} and takes no more; '
-            self.problem += 'after a restart later messages will be missing: raise spool_size'
-            return
-        self._write(out)
+        if self._file.size + len(out) <= self._limit:
+            return self._write(out)
+        self.problem = f'{self.path}: holds {size_text(self._file.size)} and takes no more; '
+        self.problem += 'after a restart later messages will be missing: raise spool_size'
 
     def close(self) -> None:
         """End the file and let others write it."""
@@ -346,7 +300,7 @@ class Spool:
             elif self._closed:
                 self._file.cut(self._file.size - len(_END))
             if data and self.empty:
-                data = MAGIC + _bytes(Header('ros2', 'ros2_ident')) + data
+                data = _BEGIN + data
             self._file.write(data)
             self._closed = False
         except IdentError as exc:
