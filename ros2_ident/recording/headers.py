@@ -18,19 +18,8 @@ import re
 import shlex
 
 from ros2_ident.errors import ErrorCode
-from ros2_ident.recording.columns import (
-    EFFORT,
-    LENGTHS,
-    MAP_SUFFIX,
-    MOTION,
-    OPEN,
-    PERMIL,
-    plain_unit,
-    QUANTITIES,
-    refuse,
-    TIME_UNITS,
-    units_of,
-)
+from ros2_ident.recording import columns as maps
+from ros2_ident.recording.columns import EFFORT, MOTION, plain_unit, refuse, TIME_UNITS, units_of
 from ros2_ident.recording.limits import listed, printable, short
 from ros2_ident.recording.table import text_of
 
@@ -69,37 +58,23 @@ _HOLDS_WORDS = 'holds words'
 
 # What an effort in another unit than N or N m asks of the machine file.
 ASKED = dict.fromkeys(('a', 'ma'), 'A and torque_constant')
-ASKED |= dict.fromkeys(('%', 'percent', *PERMIL), 'percent and rated_torque')
+ASKED |= dict.fromkeys(('%', 'percent', *maps.PERMIL), 'percent and rated_torque')
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """Meaning of one column.
+    """Meaning of one column."""
 
-    Attributes:
-        name: The column's name.
-        joint: The joint; empty for the time.
-        quantity: `time`, a quantity of a joint, or empty where it is left out.
-        unit: Unit in the header, lower case; empty for none.
-        scale: Factor to the unit that is read; NaN where the header's unit does not say it.
-        why: Reason why it is left out.
-    """
-
-    name: str
-    joint: str = ''
-    quantity: str = ''
-    unit: str = ''
-    scale: float = 1.0
-    why: str = ''
+    name: str  # of the column
+    joint: str = ''  # empty for the time
+    quantity: str = ''  # `time`, a quantity of a joint, or empty where it is left out
+    unit: str = ''  # in the header, lower case; empty for none
+    scale: float = 1.0  # to the unit that is read; NaN where the header's unit does not say it
+    why: str = ''  # it is left out
 
 
 def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
-    """Return the meaning of each column.
-
-    Args:
-        names: Of the columns.
-        units: Units in a line of their own, in the same order.
-    """
+    """Return the meaning of each column by its name, and its unit in a line of their own."""
     # `qd` is the velocity, but where that is `dq`, the desired position.
     derived = any(re.search(r'(?<![a-z])(dq|qdot)(?![a-z])', name.lower()) for name in names)
     pairs = zip(names, units or [''] * len(names), strict=True)
@@ -112,28 +87,25 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     for row in rows:
         if row.quantity:
             spelled.setdefault(row.key, Counter())[row.joint] += 1
-    out, taken = [], dict[tuple[str, str], str]()
+    out, taken = [], dict[str, str]()
     for row in rows:
-        joint = spelled[row.key].most_common(1)[0][0] if row.quantity not in ('', 'time') else ''
-        if row.quantity not in ('', 'time'):
+        joint, quantity, why = '', row.quantity, row.why
+        if quantity not in ('', 'time'):
+            joint = spelled[row.key].most_common(1)[0][0]
             joint = f'joint_{joint}' if joint.isdigit() else joint or 'joint_1'
-        one = Meaning(row.name, joint, row.quantity, row.unit, row.scale, row.why)
-        if one.quantity and (joint, one.quantity) in taken:
-            place = f'{joint}.{one.quantity}'.lstrip('.')
-            why = f'{place} is {taken[joint, one.quantity]} already'
-            one = replace(one, joint='', quantity='', why=why)
-        elif one.quantity:
-            taken[joint, one.quantity] = row.name
-        out.append(one)
+        place = f'{joint}.{quantity}'.lstrip('.')
+        if quantity and place in taken:
+            joint, quantity, why = '', '', f'{place} is {taken[place]} already'
+        elif quantity:
+            taken[place] = row.name
+        out.append(Meaning(row.name, joint, quantity, row.unit, row.scale, why))
     return out
 
 
 class _Name:
     """Name of a column, taken apart.
 
-    Attributes:
-        key: Words of the joint that tell it from others, lower case.
-        joint: The joint as it is spelled here.
+    The words of `key` tell the joint from others, in lower case; `joint` is as spelled here.
     """
 
     def __init__(self, name: str, below: str, derived: bool) -> None:
@@ -144,15 +116,11 @@ class _Name:
         parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
         role = next((x for x in _ROLES if x in kinds), '')
-        named = [bool(part.quantity(role)) for part in parts]
         # The last part that names a quantity says it; what others name is of the joint's name.
-        says = len(named) - 1 - named[::-1].index(True) if any(named) else -1
-        self.quantity = parts[says].quantity(role) if says >= 0 else ''
-        rests = [
-            part.rest(role, self.quantity if n == says else '') for n, part in enumerate(parts)
-        ]
+        named = [(n, x) for n, part in enumerate(parts) if (x := part.quantity(role))]
+        says, quantity = named[-1] if named else (-1, '')
+        rests = [part.rest(role, quantity if n == says else '') for n, part in enumerate(parts)]
         # A role alone is one of a position, where its unit does not say otherwise.
-        quantity = self.quantity
         self.bare = not quantity and role != '' and 'time' not in kinds
         if self.bare:
             quantity = 'effort' if self.unit in EFFORT.keys() - MOTION.keys() else 'position'
@@ -197,9 +165,8 @@ class _Part:
 
     def quantity(self, role: str) -> str:
         """Return the quantity that it names last; by a letter only beside a role."""
-        faint = [
-            'position' if x == 'qd' and self._desired else _FAINT.get(x, '') for x in self.plain
-        ]
+        known = {**_FAINT, 'qd': 'position'} if self._desired else _FAINT
+        faint = [known.get(word, '') for word in self.plain]
         letters = [_LETTERS.get(word, '') for word in self.plain] if role else []
         for kinds in (self.kinds, faint, letters):
             if found := [kind for kind in kinds if kind in _QUANTITIES]:
@@ -209,9 +176,7 @@ class _Part:
     def rest(self, role: str, named: str) -> tuple[str, list[str]]:
         """Return what is left of it for the joint, as spelled, and the words that tell it.
 
-        Args:
-            role: Of the whole name.
-            named: The quantity, where this part says it.
+        Of a name with a `role`; `named` is the quantity, where this part says it.
         """
         letter = bool(self.quantity(role)) and not self.quantity('')
         strong = [n for n, kind in enumerate(self.kinds) if kind in _QUANTITIES]
@@ -225,25 +190,22 @@ class _Part:
             kept.append(kind == 'place' or not (gone or (kind and not quantity)))
             if kept[-1] and not kind and (named or not quantity or word == 'load'):
                 key.append(word)
+        whole = [w for w, keep in zip(self.words, kept, strict=True) if keep]
         if key and not named:
-            key = [
-                w
-                for w, keep, k in zip(self.plain, kept, self.kinds, strict=True)
-                if keep and k != 'place'
-            ]
+            kinds = zip(self.plain, kept, self.kinds, strict=True)
+            key = [word for word, keep, kind in kinds if keep and kind != 'place']
         if not self.words:
             return self.text.strip(), [self.text.strip()]
         if not key:
             return '', []
-        first, last = kept.index(True), len(kept) - 1 - kept[::-1].index(True)
-        if all(kept[first : last + 1]):
-            begin = self.words[first - 1][1] if first else 0
-            end = self.words[last + 1][0] if last + 1 < len(kept) else len(self.text)
-            text = self.text[begin:end]
-            text = text.lstrip(_BESIDE) if first else text
-            return (text.rstrip(_BESIDE) if last + 1 < len(kept) else text).strip(), key
-        words = zip(self.words, kept, strict=True)
-        return '_'.join(self.text[a:b] for (a, b, _), keep in words if keep), key
+        first, last = self.words.index(whole[0]), self.words.index(whole[-1])
+        if last - first + 1 > len(whole):
+            return '_'.join(self.text[a:b] for a, b, _ in whole), key
+        # as it stands, but for what joins it to the words before and after
+        begin = self.words[first - 1][1] if first else 0
+        text = self.text[begin : self.words[last + 1][0] if last + 1 < len(kept) else None]
+        text = text.lstrip(_BESIDE) if first else text
+        return (text.rstrip(_BESIDE) if last + 1 < len(kept) else text).strip(), key
 
 
 def _glued(word: str) -> int:
@@ -259,12 +221,11 @@ def _glued(word: str) -> int:
 def _without_unit(name: str) -> tuple[str, str]:
     """Return a name without the unit in brackets or behind the last _, and that unit."""
     found = re.fullmatch(r'(.*\S)\s*[\[(<]([^\[\]()<>]*)[\])>]\s*', name)
-    if found and _is_unit(found[2]):
-        return found[1], plain_unit(found[2])
     if found and found[2].strip().isdigit():
         return f'{found[1]} {found[2].strip()}', ''
-    found = re.fullmatch(r'(.+?)_([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
-    if found and _is_unit(found[2]) and len(_WORD.findall(found[1])) > 0:
+    behind = re.fullmatch(r'(.+?)_([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
+    found = found if found and _is_unit(found[2]) else behind
+    if found and _is_unit(found[2]) and (found is not behind or _WORD.search(found[1])):
         return found[1], plain_unit(found[2])
     return name, ''
 
@@ -275,30 +236,21 @@ def _is_unit(text: str) -> bool:
 
 @dataclass(frozen=True)
 class Header:
-    """Layout of a table, and the meaning of its columns.
-
-    Attributes:
-        columns: The columns' meanings.
-        cells: Their names, or numbers from 1 where a name is not unique.
-        delimiter: Between cells.
-        decimal: The decimal mark.
-        skip: Lines before the names.
-        units: Whether a line of units follows the names.
-    """
+    """Layout of a table, and the meaning of its columns."""
 
     columns: tuple[Meaning, ...]
-    cells: tuple[str | int, ...]
-    delimiter: str
-    decimal: str
-    skip: int
-    units: bool
+    cells: tuple[str | int, ...]  # their names, or numbers from 1 where a name is not unique
+    delimiter: str  # between cells
+    decimal: str  # the decimal mark
+    skip: int  # lines before the names
+    units: bool  # whether a line of units follows the names
 
     @property
     def travel(self) -> str:
         """Unit of the positions, `m` or `rad`; empty where the header does not say it."""
         units = {x.unit for x in self.columns if x.quantity in ('position', 'command_position')}
-        known = units & (MOTION.keys() - OPEN.keys())
-        found = {'m' if x in LENGTHS else 'rad' for x in known}
+        known = units & (MOTION.keys() - maps.OPEN.keys())
+        found = {'m' if x in maps.LENGTHS else 'rad' for x in known}
         return found.pop() if len(found) == 1 else ''
 
     def map(self) -> dict[str, object]:
@@ -347,28 +299,20 @@ class Header:
             place, _, factor = place.partition('*')
             joint, _, quantity = place.rpartition('.')
             at = next((i for i, x in enumerate(columns) if x.name == name), None)
+            scale = math.nan
             with suppress(ValueError):
                 scale = float(factor or 1.0)
-                if (
-                    at is not None
-                    and joint
-                    and quantity in QUANTITIES
-                    and math.isfinite(scale)
-                    and scale
-                ):
-                    columns = [
-                        replace(x, joint='', quantity='', why='another column was given for it')
-                        if (x.joint, x.quantity) == (joint, quantity)
-                        else x
-                        for x in columns
-                    ]
-                    columns[at] = Meaning(name, joint, quantity, columns[at].unit, scale)
-                    continue
-            raise ErrorCode.INVALID_GOAL.error(
-                f'--column {short(text)}: write NAME=JOINT.QUANTITY or NAME=JOINT.QUANTITY*SCALE, '
-                f'with a quantity of {", ".join(QUANTITIES)} and a column of '
-                f'{listed([x.name for x in columns], 30)}'
-            )
+            named = at is not None and joint and quantity in maps.QUANTITIES
+            if at is None or not named or not math.isfinite(scale) or not scale:
+                form = 'write NAME=JOINT.QUANTITY or NAME=JOINT.QUANTITY*SCALE, with a quantity of'
+                able = f'{", ".join(maps.QUANTITIES)} and a column of '
+                able += listed([x.name for x in columns], 30)
+                raise ErrorCode.INVALID_GOAL.error(f'--column {short(text)}: {form} {able}')
+            for n, x in enumerate(columns):
+                if (x.joint, x.quantity) == (joint, quantity):
+                    other = 'another column was given for it'
+                    columns[n] = replace(x, joint='', quantity='', why=other)
+            columns[at] = Meaning(name, joint, quantity, columns[at].unit, scale)
         return replace(self, columns=tuple(columns))
 
     def require_scales(self) -> None:
@@ -381,10 +325,8 @@ class Header:
             if x.quantity and math.isnan(x.scale):
                 per = 'N m, N, A or percent' if x.quantity == 'effort' else 'rad or m'
                 option = shlex.quote(f'{x.name}={x.joint}.{x.quantity}*SCALE')
-                raise ErrorCode.INVALID_GOAL.error(
-                    f'the column {short(x.name)} is in {x.unit}; say how many {per} one is: '
-                    f'--column {option}'
-                )
+                text = f'the column {short(x.name)} is in {x.unit}; say how many {per} one is'
+                raise ErrorCode.INVALID_GOAL.error(f'{text}: --column {option}')
 
 
 def header_of(path: Path) -> Header:
@@ -417,7 +359,7 @@ def header_of(path: Path) -> Header:
         held.append(plain or (sum(last) > 1 and known == last))
     first = held.index(True) if any(held) else 0
     values = [row for row in rows[first:] if len(row) == len(rows[first])]
-    where = f'write {path.stem}{MAP_SUFFIX}, as in docs/logs.md'
+    where = f'write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
     # A line of names may begin with the mark of a comment.
     above = [row[1:] if len(row) > 1 and row[0] == '#' else row for row in rows[:first]]
     wide = [n for n, row in enumerate(above) if values and len(row) == len(values[0])]
@@ -458,29 +400,24 @@ def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Seque
     """Refuse a table with a row for each quantity or joint instead of one for each time."""
     words = [n for n, x in enumerate(columns) if x.why == _HOLDS_WORDS]
     others = [x for x in columns if x.why != _HOLDS_WORDS and x.quantity != 'time' and x.name]
-    times = next(
-        ([row[n] for row in values] for n, x in enumerate(columns) if x.quantity == 'time'), []
-    )
+    times = [n for n, x in enumerate(columns) if x.quantity == 'time'][:1]
     if words and len(others) == 1 and not others[0].quantity:
         text = 'holds one value a row; make it a table with a column for each of its quantities'
         raise refuse(path, f'{text}, as by the pivot of pandas')
-    kinds = [n for n in words if len({row[n] for row in values}) > 1]
-    if kinds and times and len({*times}) <= len(times) / 2:
-        name, shown = columns[kinds[0]].name, listed(sorted({row[kinds[0]] for row in values}), 5)
-        text = f'holds several rows for each time, by {short(name)}: {shown}'
-        raise refuse(
-            path, f'{text}; write a column map that chooses one by `where`, as in docs/logs.md'
-        )
+    held = [{row[n] for row in values} for n in range(len(columns))]
+    kinds = [n for n in words if len(held[n]) > 1]
+    if kinds and any(len(held[n]) <= len(values) / 2 for n in times):
+        name, shown = columns[kinds[0]].name, listed(sorted(held[kinds[0]]), 5)
+        text = f'holds several rows for each time, by {short(name)}: {shown}; write a column map '
+        raise refuse(path, f'{text}that chooses one by `where`, as in docs/logs.md')
 
 
 def _wordy(names: Sequence[str], below: Iterable[str], decimal: str) -> str:
     """Return which of the cells below names holds words: one does."""
     cells = zip(names, below, strict=False)
     name, cell = next(x for x in cells if x[1] and not _is_number(x[1], decimal))
-    return (
-        f'holds words where numbers belong, {short(cell)} below {short(name)}: write numbers '
-        'alone, a time in s from any instant and units in the names'
-    )
+    said = f'holds words where numbers belong, {short(cell)} below {short(name)}: write numbers '
+    return f'{said}alone, a time in s from any instant and units in the names'
 
 
 def _is_number(text: str, decimal: str) -> bool:
