@@ -19,24 +19,10 @@ EFFECT = Effect(
     equation='M_a + V_a |v| added to the friction torque in either direction',
     source='Janot, Gautier, Brunot 2019; Elhami and Brookfield, Proc. IMechE C 210, 1996',
     parameters=(
-        EffectParameter(
-            'coulomb',
-            'effort',
-            -0.5,
-            0.5,
-            0.0,
-            symbol='M_a',
-            meaning='half the difference in Coulomb friction',
-        ),
-        EffectParameter(
-            'viscous',
-            'effort s/m',
-            -0.5,
-            0.5,
-            0.0,
-            symbol='V_a',
-            meaning='half the difference in viscous friction',
-        ),
+        EffectParameter('coulomb', 'effort', -0.5, 0.5, 0.0, symbol='M_a',
+                        meaning='half the difference in Coulomb friction'),
+        EffectParameter('viscous', 'effort s/m', -0.5, 0.5, 0.0, symbol='V_a',
+                        meaning='half the difference in viscous friction'),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,
@@ -45,4 +31,4 @@ EFFECT = Effect(
     separated_by='turn {drive} over: a force turns with it; go at several speeds both ways',
     # Its Coulomb part moves both ends of the friction, at rest too, as a force does.
     holds=('constant_force',),
-)
+)  # fmt: skip

@@ -172,28 +172,18 @@ class EffectParameter:
 
 def pressing(unit: str, high: float, sign: str) -> tuple[EffectParameter, ...]:
     """Return coefficients of the motor's torque and of the load, which press a gear together."""
+    each = ('motor', 'M', 'the motor torque'), ('load', 'F', 'the load')
+    box = unit, 0.0, high, 0.0, (0.1,)
     return tuple(
-        EffectParameter(
-            name,
-            unit,
-            0.0,
-            high,
-            0.0,
-            (0.1,),
-            'size',
-            '',
-            'add',
-            f'{sign}_{of}',
-            f'coefficient of {what}',
-        )
-        for name, of, what in (('motor', 'M', 'the motor torque'), ('load', 'F', 'the load'))
+        EffectParameter(name, *box, symbol=f'{sign}_{of}', meaning=f'coefficient of {what}')
+        for name, of, what in each
     )
 
 
-def fading(starts: tuple[float, ...] = (0.03, 0.1, 0.3)) -> EffectParameter:
+def fading() -> EffectParameter:
     """Return the speed over which friction fades, of Stribeck."""
     return EffectParameter(
-        'velocity', 'm/s', 0.005, 1.0, 0.03, starts, 'shape', symbol='v_S',
+        'velocity', 'm/s', 0.005, 1.0, 0.03, (0.03, 0.1, 0.3), 'shape', symbol='v_S',
         meaning='speed over which it fades',
     )  # fmt: skip
 

@@ -21,16 +21,8 @@ EFFECT = Effect(
     equation='friction direction h instead of sgn v: dh/dx = (1 - h sgn v)/delta',
     source='Dahl, A solid friction model, 1968',
     parameters=(
-        EffectParameter(
-            'way',
-            'm',
-            1e-5,
-            0.03,
-            1e-5,
-            starts=(3e-4, 2e-3, 0.01),
-            symbol='delta',
-            meaning='distance over which friction builds up',
-        ),
+        EffectParameter('way', 'm', 1e-5, 0.03, 1e-5, starts=(3e-4, 2e-3, 0.01), symbol='delta',
+                        meaning='distance over which friction builds up'),
     ),
     hook=Hook.SIGN,
     kernel=_kernel,
@@ -38,4 +30,4 @@ EFFECT = Effect(
     family='friction at reversals',
     confusable=('stribeck', 'backlash'),
     separated_by='reverse {drive} over strokes growing from 20 um to 2 mm',
-)
+)  # fmt: skip

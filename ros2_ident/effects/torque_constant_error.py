@@ -19,17 +19,8 @@ EFFECT = Effect(
     equation='logged effort times g; motor torque a times the commanded one',
     source='MuJoCo dcmotor note; gap between current and torque',
     parameters=(
-        EffectParameter(
-            'factor',
-            '1',
-            0.7,
-            1.4,
-            1.0,
-            target='log_gain',
-            how='scale',
-            symbol='g',
-            meaning='factor on the logged effort',
-        ),
+        EffectParameter('factor', '1', 0.7, 1.4, 1.0, target='log_gain', how='scale', symbol='g',
+                        meaning='factor on the logged effort'),
         EffectParameter(
             'actuator', '1', 0.7, 1.4, 1.0, symbol='a', meaning='factor on the motor torque'
         ),
@@ -39,4 +30,4 @@ EFFECT = Effect(
     family='scale of effort',
     confusable=('velocity_gain_error', 'load_dependent_friction'),
     separated_by='repeat the motion of {drive} with a weighed mass added',
-)
+)  # fmt: skip

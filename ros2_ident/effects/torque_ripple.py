@@ -23,18 +23,11 @@ EFFECT = Effect(
         # The whole effort: it may be all that a motor without a load makes effort for.
         EffectParameter('sine', 'effort', -1.0, 1.0, 0.0, symbol='A', meaning='sine part'),
         EffectParameter('cosine', 'effort', -1.0, 1.0, 0.0, symbol='B', meaning='cosine part'),
-        EffectParameter(
-            'order',
-            '1',
-            0.5,
-            24.5,
-            1.0,
-            starts=tuple(float(n) for n in (*range(1, 9), *range(10, 21, 2), 24)),
-            role='order',
-            symbol='n',
-            meaning='periods per motor turn; where no gear is stated, per turn of the joint, as '
-            'many as the log resolves',
-        ),
+        EffectParameter('order', '1', 0.5, 24.5, 1.0,
+                        starts=tuple(float(n) for n in (*range(1, 9), *range(10, 21, 2), 24)),
+                        role='order', symbol='n',
+                        meaning='periods per motor turn; where no gear is stated, per turn of the '
+                        'joint, as many as the log resolves'),
     ),
     hook=Hook.TORQUE,
     kernel=_kernel,
@@ -43,4 +36,4 @@ EFFECT = Effect(
     separated_by='turn {drive} slowly at constant speed over many motor turns',
     # Those of slots, of poles and of both together. By hand.
     most=3,
-)
+)  # fmt: skip
