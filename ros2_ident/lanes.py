@@ -99,28 +99,18 @@ def _flagged(name):
 
 
 _TWO = lanes_type, lanes_type
-_operator(operator.add, _flagged('fadd'), lanes_type, *_TWO)
-_operator(operator.sub, _flagged('fsub'), lanes_type, *_TWO)
-_operator(operator.mul, _flagged('fmul'), lanes_type, *_TWO)
-_operator(operator.truediv, _flagged('fdiv'), lanes_type, *_TWO)
+for _op, _name in (('add', 'fadd'), ('sub', 'fsub'), ('mul', 'fmul'), ('truediv', 'fdiv')):
+    _operator(getattr(operator, _op), _flagged(_name), lanes_type, *_TWO)
 _operator(operator.neg, lambda builder, x: builder.fneg(x), lanes_type, lanes_type)
-for _op, _symbol in (
-    (operator.lt, '<'),
-    (operator.le, '<='),
-    (operator.gt, '>'),
-    (operator.ge, '>='),
-):
-    _operator(_op, lambda b, x, y, s=_symbol: b.fcmp_ordered(s, x, y), mask_type, *_TWO)
+for _op, _symbol in (('lt', '<'), ('le', '<='), ('gt', '>'), ('ge', '>=')):
+    _compare = lambda b, x, y, s=_symbol: b.fcmp_ordered(s, x, y)  # noqa: E731
+    _operator(getattr(operator, _op), _compare, mask_type, *_TWO)
 _operator(operator.and_, lambda b, x, y: b.and_(x, y), mask_type, mask_type, mask_type)
 _operator(operator.or_, lambda b, x, y: b.or_(x, y), mask_type, mask_type, mask_type)
 
 
 def _function(doc, emit, result, *operands):
-    """Return a function for kernels; where it takes lanes, a number is spread.
-
-    Args:
-        emit: Gets the builder and the operands, and returns the value.
-    """
+    """Return a function for kernels, emitted by builder and operands; numbers are spread."""
 
     def define(typingctx, *given):
         return result(*operands), lambda context, builder, sig, args: emit(builder, *args)
@@ -193,10 +183,11 @@ _power_of_two = _function(
 )
 
 
-def _pointer(context, builder, array_type, array, offset, offset_type):
-    data = context.make_array(array_type)(context, builder, array).data
-    index = context.cast(builder, offset, offset_type, types.intp)
-    return builder.gep(data, [index])
+def _pointer(context, builder, sig, args):
+    """Return where `WIDTH` neighbours begin, by an array and an offset."""
+    data = context.make_array(sig.args[0])(context, builder, args[0]).data
+    index = context.cast(builder, args[1], sig.args[1], types.intp)
+    return builder.bitcast(builder.gep(data, [index]), _VECTOR.as_pointer())
 
 
 @intrinsic
@@ -204,9 +195,7 @@ def load(typingctx, array, offset):
     """Return `WIDTH` neighbours of the flat float64 `array` from `offset` on, unchecked."""
 
     def codegen(context, builder, sig, args):
-        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
-        pointer = builder.bitcast(pointer, _VECTOR.as_pointer())
-        return builder.load(pointer, align=8)
+        return builder.load(_pointer(context, builder, sig, args), align=8)
 
     return lanes_type(array, offset), codegen
 
@@ -216,9 +205,7 @@ def store(typingctx, array, offset, value):
     """Write `value` to `WIDTH` neighbours of the flat float64 `array`, unchecked."""
 
     def codegen(context, builder, sig, args):
-        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
-        pointer = builder.bitcast(pointer, _VECTOR.as_pointer())
-        builder.store(args[2], pointer, align=8)
+        builder.store(args[2], _pointer(context, builder, sig, args), align=8)
         return context.get_dummy_value()
 
     return types.none(array, offset, lanes_type), codegen
@@ -370,18 +357,13 @@ def room(*shape: int) -> np.ndarray:
     return raw[start : start + size].reshape(shape)
 
 
-def padded(values: np.ndarray, fill: str = 'edge') -> np.ndarray:
-    """Pad candidates to whole vectors.
+def padded(values: np.ndarray) -> np.ndarray:
+    """Return candidates (S, N) in whole vectors (G, N, WIDTH), C-contiguous.
 
-    Args:
-        values: (S, N) one candidate a row.
-        fill: `numpy.pad` mode; the last candidate is repeated by default, so no lane diverges.
-
-    Returns:
-        (G, N, WIDTH) C-contiguous: candidate g * WIDTH + k is in lane k of block g.
+    Candidate g * WIDTH + k is in lane k of block g; the last one is repeated, so no lane diverges.
     """
     groups = -(-values.shape[0] // WIDTH)
-    whole = np.pad(values, ((0, groups * WIDTH - values.shape[0]), (0, 0)), mode=fill)
+    whole = np.pad(values, ((0, groups * WIDTH - values.shape[0]), (0, 0)), mode='edge')
     out = room(groups, values.shape[1], WIDTH)
     out[:] = whole.reshape(groups, WIDTH, -1).transpose(0, 2, 1)
     return out

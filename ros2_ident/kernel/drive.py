@@ -9,9 +9,9 @@ rows. `on` holds the flags of a drive's effects; None leaves their hooks out of 
 from numba import types
 from numba.extending import overload
 
-from ros2_ident.effects import DriveState, Hook
+from ros2_ident.effects import DriveState
 from ros2_ident.kernel import hooks
-from ros2_ident.kernel.hooks import mask_of
+from ros2_ident.kernel.hooks import KEEPING, MASK
 from ros2_ident.kernel.rows import DRIVE, MEMORY
 from ros2_ident.lanes import (
     absolute,
@@ -39,14 +39,6 @@ VELOCITY_FROM_STATE, VELOCITY_FROM_POSITIONS, POSITION, PID = range(4)
 FAST = 8.0
 # Rounds to where a motor stands at rest: a wavering gear leaves a tenth of the error each.
 STANDING = 6
-
-SIGN_MASK = mask_of(Hook.SIGN)
-TORQUE_MASK = mask_of(Hook.TORQUE)
-DEFLECTION_MASK = mask_of(Hook.DEFLECTION)
-STIFFNESS_MASK = mask_of(Hook.STIFFNESS)
-CARRIAGE_MASK = mask_of(Hook.CARRIAGE_FORCE)
-READING_MASK = mask_of(Hook.READING)
-COMMAND_MASK = mask_of(Hook.COMMAND)
 
 
 def flags_of(on, d):
@@ -100,11 +92,11 @@ def gear_force(par, first, mem, own, on, z, v, s, w, time):
     x = z - s
     c = load(par, (first + DRIVE.gear_stiffness) * W)
     d = load(par, (first + DRIVE.gear_damping) * W)
-    if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
+    if on is not None and on & (MASK.DEFLECTION | MASK.STIFFNESS):
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, s, zero, zero, time, zero)
         c = hooks.stiffness_hook(c, state, on, par, first, mem, own)
-        if on & DEFLECTION_MASK:
+        if on & MASK.DEFLECTION:
             x, lever = hooks.deflection_hook((x, spread(1.0)), state, on, par, first, mem, own)
             # Teeth that do not touch do not damp.
             d = where(absolute(x) > zero, d, zero)
@@ -123,7 +115,7 @@ def stand(par, first, mem, own, on, s, hold, far):
     """
     c = load(par, (first + DRIVE.gear_stiffness) * W)
     z = s + hold / c
-    if on is not None and on & (DEFLECTION_MASK | STIFFNESS_MASK):
+    if on is not None and on & (MASK.DEFLECTION | MASK.STIFFNESS):
         zero = spread(0.0)
         z = z + with_sign(spread(far), hold)
         for _ in range(STANDING):
@@ -149,13 +141,13 @@ def motor_torque(par, first, mem, own, on, z, v, s, force, time, elapsed, held):
         + load(par, (first + DRIVE.viscous) * W) * v
     )
     if on is not None and on:
-        if on & SIGN_MASK:
+        if on & MASK.SIGN:
             state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed)
             direction = hooks.sign_hook(direction, state, on, par, first, mem, own)
             friction = state.coulomb * direction + state.viscous * v
         state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed)
         friction = hooks.friction_hook(friction, state, on, par, first, mem, own)
-        if on & TORQUE_MASK:
+        if on & MASK.TORQUE:
             state = drive_state(par, first, mem, own, z, v, s, force, direction, time, elapsed)
             torque = hooks.torque_hook(torque, state, on, par, first, mem, own)
     return torque - friction
@@ -219,7 +211,7 @@ def prescribed_torque(
 def carriage_force(par, first, mem, own, on, z, v, s, time):
     """Return the force [N] on the carriage besides gear, gravity and rod."""
     force = -load(par, (first + DRIVE.constant_load) * W)
-    if on is not None and on & CARRIAGE_MASK:
+    if on is not None and on & MASK.CARRIAGE_FORCE:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, s, zero, zero, time, zero)
         force = hooks.carriage_hook(force, state, on, par, first, mem, own)
@@ -229,7 +221,7 @@ def carriage_force(par, first, mem, own, on, z, v, s, time):
 @inlined
 def keep_step(par, first, mem, own, on, z, v, active):
     """Write, after a step, what effects on friction's direction remember, in active lanes."""
-    if on & hooks.SIGN_KEEPING:
+    if on & KEEPING.SIGN:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, zero, zero)
         direction = tanh(v * load(par, (first + DRIVE.friction_slope) * W))
@@ -241,7 +233,7 @@ def keep_step(par, first, mem, own, on, z, v, active):
 @inlined
 def keep_cycle(par, first, mem, own, on, z, v, s, time, cycle):
     """Write, at a cycle's end, what effects on friction remember."""
-    if on & hooks.FRICTION_KEEPING:
+    if on & KEEPING.FRICTION:
         zero = spread(0.0)
         direction = tanh(v * load(par, (first + DRIVE.friction_slope) * W))
         state = drive_state(par, first, mem, own, z, v, s, zero, direction, time, spread(cycle))
@@ -317,7 +309,7 @@ def control(
     vc = set_point(command, (drives + d) * count, count, k, delay, cycle, delayed)
     read = z
     rate = v
-    if on is not None and on & READING_MASK:
+    if on is not None and on & MASK.READING:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, zero)
         read = hooks.reading_hook(z, state, on, par, first, mem, own)
@@ -350,7 +342,7 @@ def control(
     limit = load(par, (first + DRIVE.torque_limit) * W)
     torque = clip(torque, -limit, limit)
     asked = torque
-    if on is not None and on & COMMAND_MASK:
+    if on is not None and on & MASK.COMMAND:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, spread(step))
         asked = hooks.command_hook(torque, state, on, par, first, mem, own)

@@ -6,10 +6,13 @@ nothing and nothing is compiled again when another effect is tried.
 """
 # mypy: ignore-errors
 
+from collections import namedtuple
 import functools
 import hashlib
+import itertools
 from pathlib import Path
 
+from ros2_ident.compiled import digest_of
 from ros2_ident.effects import DriveState, Hook, SOURCES
 from ros2_ident.kernel.rows import bit, effect_row, KEEPING_EFFECTS, KERNEL_EFFECTS, memory_row
 from ros2_ident.lanes import inlined, load, store, where, WIDTH
@@ -35,6 +38,11 @@ def _gather3(par, row):
 _GATHER = {1: _gather1, 2: _gather2, 3: _gather3}
 
 
+def _of(effect):
+    """Return what gathers an effect's parameters, its flag and its first row."""
+    return _GATHER[len(effect.parameters)], bit(effect.id), effect_row(effect.id)
+
+
 @inlined
 def _remembering(drive, memory):
     """Return the state with an effect's own memory in it."""
@@ -58,31 +66,20 @@ def _unbegun(mem, own, value):
 
 def _link(before, effect):
     """Return the chain `before` with an effect behind it."""
-    gather = _GATHER[len(effect.parameters)]
-    mask = bit(effect.id)
-    row = effect_row(effect.id)
+    gather, mask, row = _of(effect)
     kernel = effect.kernel
-    if effect.keeps is None:
-
-        @inlined
-        def after(value, drive, on, par, first, mem, own):
-            value = before(value, drive, on, par, first, mem, own)
-            if on & mask:
-                value = kernel(value, drive, gather(par, first + row))
-            return value
-
-        return after
-    kept = memory_row(effect.id)
+    kept = None if effect.keeps is None else memory_row(effect.id)
 
     @inlined
-    def after_with_memory(value, drive, on, par, first, mem, own):
+    def after(value, drive, on, par, first, mem, own):
         value = before(value, drive, on, par, first, mem, own)
         if on & mask:
-            state = _remembering(drive, load(mem, (own + kept) * W))
-            value = kernel(value, state, gather(par, first + row))
+            if kept is not None:
+                drive = _remembering(drive, load(mem, (own + kept) * W))
+            value = kernel(value, drive, gather(par, first + row))
         return value
 
-    return after_with_memory
+    return after
 
 
 def _link_keeping(before, effect):
@@ -90,11 +87,8 @@ def _link_keeping(before, effect):
 
     What goes on to the next is what the effect makes of the value with the memory it had.
     """
-    gather = _GATHER[len(effect.parameters)]
-    mask = bit(effect.id)
-    row = effect_row(effect.id)
-    kept = memory_row(effect.id)
-    kernel, keeps = effect.kernel, effect.keeps
+    gather, mask, row = _of(effect)
+    kernel, keeps, kept = effect.kernel, effect.keeps, memory_row(effect.id)
 
     @inlined
     def after(value, drive, on, par, first, mem, own, active):
@@ -133,17 +127,15 @@ def _compose(hook):
     return _chain(_link, _unchanged, KERNEL_EFFECTS, hook)
 
 
-def _compose_keeps(hook):
-    """Return the function that writes the memories of a hook's effects, and their flags."""
-    mask = sum(bit(e.id) for e in KEEPING_EFFECTS if e.hook is hook)
-    return _chain(_link_keeping, _unkept, KEEPING_EFFECTS, hook), mask
+def _masks(effects):
+    """Return the flags of the effects in each hook, by its name: `MASK.SIGN`."""
+    names = [hook.name for hook in Hook]
+    return namedtuple('Masks', names)(
+        *(sum(bit(e.id) for e in effects if e.hook is hook) for hook in Hook)
+    )
 
 
-def mask_of(hook):
-    """Return the flags of all effects in a hook."""
-    return sum(bit(e.id) for e in KERNEL_EFFECTS if e.hook is hook)
-
-
+MASK, KEEPING = _masks(KERNEL_EFFECTS), _masks(KEEPING_EFFECTS)
 sign_hook = _compose(Hook.SIGN)
 friction_hook = _compose(Hook.FRICTION)
 torque_hook = _compose(Hook.TORQUE)
@@ -152,9 +144,11 @@ stiffness_hook = _compose(Hook.STIFFNESS)
 carriage_hook = _compose(Hook.CARRIAGE_FORCE)
 reading_hook = _compose(Hook.READING)
 command_hook = _compose(Hook.COMMAND)
-sign_keeps, SIGN_KEEPING = _compose_keeps(Hook.SIGN)
-friction_keeps, FRICTION_KEEPING = _compose_keeps(Hook.FRICTION)
-command_keeps, COMMAND_KEEPING = _compose_keeps(Hook.COMMAND)
+# What writes the memories of a hook's effects.
+sign_keeps, friction_keeps, command_keeps = (
+    _chain(_link_keeping, _unkept, KEEPING_EFFECTS, hook)
+    for hook in (Hook.SIGN, Hook.FRICTION, Hook.COMMAND)
+)
 command_begun = _chain(_link_begun, _unbegun, KEEPING_EFFECTS, Hook.COMMAND)
 
 
@@ -166,18 +160,9 @@ def sources_digest():
     change in an effect or in the lanes makes a new entry.
     """
     package = Path(__file__).parents[1]
-    files = [
-        package / 'lanes.py',
-        *(package / 'effects').glob('*.py'),
-        *(package / 'kernel').glob('*.py'),
-        *(package / 'models').rglob('kernel*.py'),
-        *(package / 'models').rglob('linkage.py'),
-    ]
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        digest.update(path.read_bytes())
+    models = (sorted((package / 'models').rglob(name)) for name in ('kernel*.py', 'linkage.py'))
+    folders = package / 'lanes.py', package / 'effects', package / 'kernel'
+    parts = [digest_of(*folders, *itertools.chain(*models))]
     # Files of users come in the order in which their effects lie in the rows.
-    for path, module in SOURCES.items():
-        digest.update(module.encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    parts += [f'{module} {digest_of(path)}' for path, module in SOURCES.items()]
+    return hashlib.sha256(' '.join(parts).encode()).hexdigest()[:16]
