@@ -12,14 +12,13 @@ from functools import partial
 import math
 from pathlib import Path
 
-from numba import njit
 import numpy as np
 from numpy.typing import NDArray
 
 from ros2_ident import lanes
 from ros2_ident.arrays import Array
 from ros2_ident.compiled import compiled, digest_of
-from ros2_ident.lanes import load, spread, store, WIDTH
+from ros2_ident.lanes import inlined, load, spread, store, WIDTH
 
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
@@ -163,79 +162,53 @@ def _fill(constants: Array, first: int, cycle: float, table: Array, ok: Flags) -
     return least
 
 
-@njit(nogil=True, inline='always')
-def _recurrence(
-    t: Array, at: int, phi1: Array, torque: Array, step_at: Index, step_by: Array, sums: Array
-) -> None:
-    """Sum the candidates' squared residuals; three multiplications a sample move the modes."""
+@inlined
+def _three(t, row, at):  # type: ignore[no-untyped-def]
+    """Return a number of each mode."""
+    return load(t, row + at), load(t, row + BLOCK + at), load(t, row + 2 * BLOCK + at)
+
+
+@inlined
+def _squares(t, at, phi1, torque, step_at, step_by, sums, turning):  # type: ignore[no-untyped-def]
+    """Sum the candidates' squared residuals; three multiplications a sample move the modes.
+
+    Where `turning` is True and not None, their phase planes turn: for restless set-points, and any
+    sine.
+    """
     zero = spread(0.0)
-    c0 = load(t, COS + at)
-    c1 = load(t, COS + BLOCK + at)
-    c2 = load(t, COS + 2 * BLOCK + at)
+    c0, c1, c2 = _three(t, COS, at)
+    s0, s1, s2 = _three(t, SIN, at)
+    w0, w1, w2 = _three(t, WEIGHT, at)
     gain = load(t, GAIN + at)
     double0, double1, double2 = c0 + c0, c1 + c1, c2 + c2
     d0, d1, d2 = zero, zero, zero
     v0, v1, v2 = zero, zero, zero
+    n0, n1, n2 = zero, zero, zero
     sum_phi1, sum_torque = zero, zero
     k = 0
     for segment in range(step_at.size):
-        n0 = c0 * d0 + load(t, SIN + at) * v0
-        n1 = c1 * d1 + load(t, SIN + BLOCK + at) * v1
-        n2 = c2 * d2 + load(t, SIN + 2 * BLOCK + at) * v2
+        if turning is None:
+            n0, n1, n2 = c0 * d0 + s0 * v0, c1 * d1 + s1 * v1, c2 * d2 + s2 * v2
         for j in range(k, step_at[segment]):
             y = d0 + d1 + d2
             error = spread(phi1[j]) - y
             sum_phi1 = sum_phi1 + error * error
             error = spread(torque[j]) + gain * y
             sum_torque = sum_torque + error * error
-            d0, n0 = n0, double0 * n0 - d0
-            d1, n1 = n1, double1 * n1 - d1
-            d2, n2 = n2, double2 * n2 - d2
+            if turning is None:
+                d0, n0 = n0, double0 * n0 - d0
+                d1, n1 = n1, double1 * n1 - d1
+                d2, n2 = n2, double2 * n2 - d2
+            else:
+                d0, v0 = c0 * d0 + s0 * v0, c0 * v0 - s0 * d0
+                d1, v1 = c1 * d1 + s1 * v1, c1 * v1 - s1 * d1
+                d2, v2 = c2 * d2 + s2 * v2, c2 * v2 - s2 * d2
         k = step_at[segment]
         by = spread(step_by[segment])
-        # Back to the phase plane, where the step is a shift.
-        v0 = (n0 - c0 * d0) / load(t, SIN + at)
-        v1 = (n1 - c1 * d1) / load(t, SIN + BLOCK + at)
-        v2 = (n2 - c2 * d2) / load(t, SIN + 2 * BLOCK + at)
-        d0 = d0 - by * load(t, WEIGHT + at)
-        d1 = d1 - by * load(t, WEIGHT + BLOCK + at)
-        d2 = d2 - by * load(t, WEIGHT + 2 * BLOCK + at)
-    store(sums, at, sum_phi1)
-    store(sums, BLOCK + at, sum_torque)
-
-
-@njit(nogil=True)
-def _rotation(
-    t: Array, at: int, phi1: Array, torque: Array, step_at: Index, step_by: Array, sums: Array
-) -> None:
-    """Do the same by turning the phase planes: for restless set-points, and any sine."""
-    zero = spread(0.0)
-    c0 = load(t, COS + at)
-    c1 = load(t, COS + BLOCK + at)
-    c2 = load(t, COS + 2 * BLOCK + at)
-    s0 = load(t, SIN + at)
-    s1 = load(t, SIN + BLOCK + at)
-    s2 = load(t, SIN + 2 * BLOCK + at)
-    gain = load(t, GAIN + at)
-    d0, d1, d2 = zero, zero, zero
-    v0, v1, v2 = zero, zero, zero
-    sum_phi1, sum_torque = zero, zero
-    k = 0
-    for segment in range(step_at.size):
-        for j in range(k, step_at[segment]):
-            y = d0 + d1 + d2
-            error = spread(phi1[j]) - y
-            sum_phi1 = sum_phi1 + error * error
-            error = spread(torque[j]) + gain * y
-            sum_torque = sum_torque + error * error
-            d0, v0 = c0 * d0 + s0 * v0, c0 * v0 - s0 * d0
-            d1, v1 = c1 * d1 + s1 * v1, c1 * v1 - s1 * d1
-            d2, v2 = c2 * d2 + s2 * v2, c2 * v2 - s2 * d2
-        k = step_at[segment]
-        by = spread(step_by[segment])
-        d0 = d0 - by * load(t, WEIGHT + at)
-        d1 = d1 - by * load(t, WEIGHT + BLOCK + at)
-        d2 = d2 - by * load(t, WEIGHT + 2 * BLOCK + at)
+        if turning is None:
+            # Back to the phase plane, where the step is a shift.
+            v0, v1, v2 = (n0 - c0 * d0) / s0, (n1 - c1 * d1) / s1, (n2 - c2 * d2) / s2
+        d0, d1, d2 = d0 - by * w0, d1 - by * w1, d2 - by * w2
     store(sums, at, sum_phi1)
     store(sums, BLOCK + at, sum_torque)
 
@@ -267,10 +240,10 @@ def modal_cost(
         least = _fill(constants, first, cycle, table, ok)
         if restless or least < LEAST_SINE:
             for at in range(0, BLOCK, WIDTH):
-                _rotation(table, at, phi1, torque, step_at, step_by, sums)
+                _squares(table, at, phi1, torque, step_at, step_by, sums, True)
         else:
             for at in range(0, BLOCK, WIDTH):
-                _recurrence(table, at, phi1, torque, step_at, step_by, sums)
+                _squares(table, at, phi1, torque, step_at, step_by, sums, None)
         for lane in range(min(BLOCK, count - first)):
             cost = math.sqrt(sums[lane] / samples) + math.sqrt(sums[BLOCK + lane] / samples)
             out[first + lane] = 0.5 * cost if ok[lane] else math.inf

@@ -91,37 +91,23 @@ class BeltDrive:
         return full
 
     def simulate(self, theta: Array) -> Array:
-        """Simulate candidates.
+        """Return (S, 2, K) phi1 [rad] and M1 [Nm] at every sample of candidates (S, N).
 
-        Args:
-            theta: (S, N) parameters, physical units.
-
-        Returns:
-            (S, 2, K): phi1 [rad] and M1 [Nm] at every sample; inf where a candidate is no stable
-            drive (a stiffness, inertia or gain that is not positive).
+        inf where one is no stable drive (a stiffness, inertia or gain that is not positive).
         """
         return belt_kernels.modal_response(
             self.constants(theta), self.cycle, self.reference, self._step_at, self._step_by
         )
 
     def cost(self, theta: Array, measured: Array) -> Array:
-        """Return the cost of candidates, eq. 2, without storing a trajectory.
+        """Return (S,) costs of candidates (S, N), eq. 2, without storing a trajectory.
 
-        Args:
-            theta: (S, N) parameters, physical units.
-            measured: (2, K) phi1 [rad] and M1 [Nm], finite.
-
-        Returns:
-            (S,) RMS error averaged over the two outputs; inf as in `simulate`.
+        RMS error of measured (2, K) phi1 [rad] and M1 [Nm], averaged; inf as in `simulate`.
         """
         return belt_kernels.modal_cost(
-            self.constants(theta),
-            self.cycle,
-            np.ascontiguousarray(measured[0] - self.reference),
-            np.ascontiguousarray(measured[1]),
-            self._step_at,
-            self._step_by,
-        )
+            self.constants(theta), self.cycle, measured[0] - self.reference,
+            np.ascontiguousarray(measured[1]), self._step_at, self._step_by,
+        )  # fmt: skip
 
 
 class RecordedBelt(MachineModel):
@@ -139,7 +125,6 @@ class RecordedBelt(MachineModel):
     compares = KIND.compares
 
     def __post_init__(self) -> None:
-        """Judge what was asked for."""
         super().__post_init__()
         self.extended(self.effects)
         data, self.noise = self.data, self.machine.effort_noise
