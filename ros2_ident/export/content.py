@@ -67,16 +67,14 @@ class Content:
                 yield body.name, *body.inertial(own)
 
     def missed(self, holds: Collection[str]) -> dict[str, dict[str, Any]]:
-        """Return RMS of measured less simulated effort of each joint of an arm.
+        """Return RMS of measured less simulated effort of each joint of an arm with links.
 
-        Args:
-            holds: What the target has a place for, of `PARTS` and `laws`.
+        By a target that has a place for what it `holds`, of `PARTS` and `laws`.
 
         Returns:
             By joint its `unit`, N m or N; with links as the description has them and no friction;
             with what the target can say; with links that bodies can be; with all that was
-            identified; the whole effort, and `cost`, what each part asks of it that the target has
-            no place for. Nothing where there are no links.
+            identified; the whole effort, and `cost`, what each part asks that has no place there.
         """
         if self.links is None or not isinstance(self.model, Serial):
             return {}
@@ -129,7 +127,8 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         raise ErrorCode.INVALID_GOAL.error(
             f'a {model.name} has no joints with friction and gains; export machines of drives'
         )
-    if isinstance(model, Serial) and (model.transmission.coupled or model.transmission.balanced):
+    through = model.log.transmission if isinstance(model, Serial) else None
+    if through is not None and (through.coupled or through.balances.size):
         raise ErrorCode.INVALID_GOAL.error(
             'none of the files has a place for couplings and counterbalances, and without them '
             'the arm would be another one; take the result from result.json'
@@ -199,11 +198,11 @@ def _taken(
     laws: Mapping[str, Sequence[Law]], joints: Sequence[Joint], place: Array, speed: Array
 ) -> Array:
     """Return (D, K) what effects take of joints at positions and speeds (D, K)."""
-    each = zip(joints, place, speed, strict=True)
-    efforts = [[law.effort(q, v) for law in laws.get(joint.name, ())] for joint, q, v in each]
-    return np.array(
-        [np.sum([0.0 * v, *own], axis=0) for own, v in zip(efforts, speed, strict=True)]
-    )
+    out = []
+    for joint, q, v in zip(joints, place, speed, strict=True):
+        own = [law.effort(q, v) for law in laws.get(joint.name, ())]
+        out.append(np.sum([0.0 * v, *own], axis=0))
+    return np.array(out)
 
 
 def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:

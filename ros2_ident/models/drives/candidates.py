@@ -111,7 +111,7 @@ class Candidates:
         free: The parameters, in the order of theta's columns.
         on: (D,) flags of the effects that have a kernel.
         flexible: (D,) where an effect hangs a share of a rigid drive's mass on a spring.
-        delayed: Whether an effect delays set-points.
+        delayed: Whether set-points may be late.
         frame: Whether an effect lets the frame move.
         smoothed: (D,) where an effect smooths the logged effort.
 
@@ -137,11 +137,10 @@ class Candidates:
         self._targets = [target for _, target in free]
         self.on = np.zeros(len(self.machine.drives), dtype=np.int64)
         for at in self.effects:
-            effect = get_effect(at.effect)
-            if effect.hook is not Hook.PARAMETER:
-                for d in self._places(at):
-                    self.on[d] |= rows.bit(effect.id)
-        self.delayed = bool(self._acting('set_point_delay'))
+            if get_effect(at.effect).hook is not Hook.PARAMETER:
+                self.on[self._places(at)] |= rows.bit(at.effect)
+        late = 'set_point_delay'
+        self.delayed = bool(self._acting(late)) or self.machine.known(late)
         self.frame = bool(self._acting('frame_frequency'))
         self.smoothed = self._where(self._acting('log_smoothing'))
         sprung = self._acting('load_share')
@@ -208,21 +207,19 @@ class Candidates:
         return declared
 
     def _of_effect(self, effect: Effect, at: EffectAt) -> list[tuple[Parameter, Target]]:
-        places = self._places(at)
+        place = self._places(at)[0]
         kind: Kind = 'measurement' if effect.group == 'measurement' else 'physical'
-        turns = self.travels[places[0]] == 'rad'
+        turns = self.travels[place] == 'rad'
         # A machine of joints that turn may have one that slides.
         linear = 'N' if self.machine.travel_unit == 'rad' else self.machine.model_unit
-        effort = 'N m' if turns else linear
         out: list[tuple[Parameter, Target]] = []
         for p in self.scaled(at):
-            name = f'{at.prefix}{p.name}'
-            unit = p.unit.replace('effort', effort).replace('force', 'N m' if turns else 'N')
+            name, target = f'{at.prefix}{p.name}', f'{effect.id}.{p.name}'
+            unit = p.unit.replace('effort', 'N m' if turns else linear)
+            unit = unit.replace('force', 'N m' if turns else 'N')
             absent = p.neutral if p.role == 'size' else None
             declared = Parameter(name, unit, p.low, p.high, kind, effect.source, absent)
-            out.append(
-                (declared, (f'{effect.id}.{p.name}', None if at.where == 'all' else places[0]))
-            )
+            out.append((declared, (target, None if at.where == 'all' else place)))
         return out
 
     def _known_names(self) -> None:
@@ -264,17 +261,13 @@ class Candidates:
             factor = 1.0 if own else factors.get(p.unit, 1.0)
             first = float(most.lowest.min()) if p.role == 'position' else 0.0
             least = slow if p.unit == 'm/s' else -math.inf
-            starts = (max(first + start * factor, least) for start in p.starts)
-            out.append(
-                replace(
-                    p,
-                    unit=angular(p.unit) if turns and not own else p.unit,
-                    low=max(first + p.low * factor, least),
-                    high=max(first + p.high * factor, dense if p.role == 'order' else -math.inf),
-                    neutral=max(first + p.neutral * factor, least),
-                    starts=tuple(dict.fromkeys(starts)),
-                )
+            top = max(first + p.high * factor, dense if p.role == 'order' else -math.inf)
+            low, neutral, *starts = (
+                max(first + x * factor, least) for x in (p.low, p.neutral, *p.starts)
             )
+            unit = angular(p.unit) if turns and not own else p.unit
+            once = tuple(dict.fromkeys(starts))
+            out.append(replace(p, unit=unit, low=low, high=top, neutral=neutral, starts=once))
         return tuple(out)
 
     def full_effort(self, drive: int) -> float:
@@ -310,23 +303,33 @@ class Candidates:
         for (name, d), value in values.items():
             if name in SLOTS:
                 self._at(of(SLOTS[name].row), d)[...] = value
-        self._convert(of, values)
+        gear = of('gear')
+        of('constant_load')[:] *= gear  # stated as what it asks of the motor
+        for name, d in values:
+            if name in SLOTS and SLOTS[name].force and d is not None:
+                of(SLOTS[name].row)[:, d] /= gear[:, d]
+        if 'gear_factor' in self.machine.bounds and not self.machine.stated('travel_per_turn'):
+            of('motor_turn')[:] = gear
         derive(block)
         # The motors' inertia at the rail; a damping ratio becomes a constant, eq. 23 of the paper.
-        motor, rail = of('drive_inertia') * of('gear') ** 2, of('rail_mass')
+        motor, rail = of('drive_inertia') * gear**2, of('rail_mass')
         of('motor_mass')[:] = motor
         reduced = of('gear_stiffness') * motor * rail / np.maximum(motor + rail, 1e-12)
         of('gear_damping')[:] *= 2.0 * np.sqrt(np.maximum(reduced, 0.0))
         for at in self.effects:
-            self._add_effect(block, at, values)
+            effect, places = get_effect(at.effect), self._places(at)
+            place = None if at.where == 'all' else places[0]
+            for number, p in enumerate(effect.parameters):
+                value = values[f'{effect.id}.{p.name}', place]
+                if p.target:
+                    self._shift(block, p.target, p.how, places, value)
+                else:
+                    row = rows.of_effect(block, effect.id, number, len(self.machine.drives))
+                    self._at(row, place)[...] = value
         self._split(of)
-        # Divided here, not in every cycle.
-        for derived, divisor in (
-            ('gear_inverse', of('gear')),
-            ('friction_slope', of('regularisation')),
-        ):
-            # Along a recorded motion, too, a regularisation may be 0.
-            of(derived)[:] = 1.0 / np.where(divisor == 0.0, _NARROW, divisor)
+        # Divided here, not in every cycle; along a recorded motion a regularisation may be 0.
+        for derived, name in (('gear_inverse', 'gear'), ('friction_slope', 'regularisation')):
+            of(derived)[:] = 1.0 / np.where(of(name) == 0.0, _NARROW, of(name))
         return block
 
     @staticmethod
@@ -344,25 +347,24 @@ class Candidates:
 
         What does not depend on the speed alone; viscous friction is not stiff.
         """
-        total = self.of(block, 'coulomb').copy()
         per_unit = {'effort': np.ones_like(torque), '1': torque, '1/(effort)': torque**2}
-        for at in self.effects:
-            effect, places = get_effect(at.effect), self._places(at)
-            for number, p in enumerate(effect.parameters):
-                if effect.hook is Hook.FRICTION and p.role == 'size' and p.unit in per_unit:
-                    size = rows.of_effect(block, effect.id, number, total.shape[1])
-                    total[:, places] += (np.abs(size) * per_unit[p.unit])[:, places]
-        return total
+        return self._with_sizes(self.of(block, 'coulomb').copy(), block, Hook.FRICTION, per_unit)
 
     def contact(self, block: Array) -> Array:
         """Return (S, D) the largest stiffness [N/m] of springs between frame and carriages."""
-        total = np.zeros((len(block), len(self.machine.drives)))
+        none = np.zeros((len(block), len(self.machine.drives)))
+        return self._with_sizes(none, block, Hook.CARRIAGE_FORCE, {'force/m': none + 1.0})
+
+    def _with_sizes(
+        self, total: Array, block: Array, hook: Hook, per_unit: Mapping[str, Array]
+    ) -> Array:
+        """Add the sizes of a hook's effects, each times the (S, D) of its unit."""
         for at in self.effects:
             effect, places = get_effect(at.effect), self._places(at)
             for number, p in enumerate(effect.parameters):
-                if effect.hook is Hook.CARRIAGE_FORCE and p.unit == 'force/m':
+                if effect.hook is hook and p.role == 'size' and p.unit in per_unit:
                     size = rows.of_effect(block, effect.id, number, total.shape[1])
-                    total[:, places] += np.abs(size)[:, places]
+                    total[:, places] += (np.abs(size) * per_unit[p.unit])[:, places]
         return total
 
     def _values(self, theta: Array) -> dict[Target, Array]:
@@ -377,44 +379,15 @@ class Candidates:
                 values[target] = np.full(len(theta), self.fixed[parameter.name])
         for column, target in enumerate(self._targets):
             values[target] = theta[:, column]
-        self._follow(values)
-        return values
-
-    def _follow(self, values: dict[Target, Array]) -> None:
-        """Give drives that only follow the mean of the identified ones, unless they are known.
-
-        Their gears still move the carriages: with those of the nominal machine, stiff, the torque
-        of the others would be far off. What the machine file says of them holds.
-        """
+        # Drives that only follow have the mean of the identified ones unless they are known: their
+        # gears still move the carriages, and with stiff ones the torque of the others is far off.
         chosen = [self.machine.drives.index(name) for name in self.drives]
         for d, drive in enumerate(self.machine.drives):
-            if d in chosen:
-                continue
-            for name in set(self.machine.bounds) - set(self.own):
+            for name in set(self.machine.bounds) - set(self.own) if d not in chosen else ():
                 own = self.machine.stated(name) or f'{drive}.{name}' in self.machine.own_bounds
                 if not (own or SLOTS[name].shared or f'{drive}.{name}' in self.fixed):
                     values[name, d] = np.mean([values[name, c] for c in chosen], axis=0)
-
-    def _convert(self, of: Callable[[str], Array], values: Mapping[Target, Array]) -> None:
-        """Refer to the motor what is stated at the carriage, and to the gear what follows it."""
-        gear = of('gear')
-        of('constant_load')[:] *= gear  # stated as what it asks of the motor
-        for name, d in values:
-            if name in SLOTS and SLOTS[name].force and d is not None:
-                of(SLOTS[name].row)[:, d] /= gear[:, d]
-        if 'gear_factor' in self.machine.bounds and not self.machine.stated('travel_per_turn'):
-            of('motor_turn')[:] = gear
-
-    def _add_effect(self, block: Array, at: EffectAt, values: Mapping[Target, Array]) -> None:
-        effect, places = get_effect(at.effect), self._places(at)
-        place = None if at.where == 'all' else places[0]
-        for number, p in enumerate(effect.parameters):
-            value = values[f'{effect.id}.{p.name}', place]
-            if p.target:
-                self._shift(block, p.target, p.how, places, value)
-            else:
-                row = rows.of_effect(block, effect.id, number, len(self.machine.drives))
-                self._at(row, place)[...] = value
+        return values
 
     def _split(self, of: Callable[[str], Array]) -> None:
         """Hang a share of rigid drives' masses on springs behind the motors."""
@@ -437,9 +410,4 @@ class Candidates:
             if d is not None and how == 'scale' and target == 'torque_limit':
                 # An unstated limit is none, but a share of it is one.
                 here[np.isinf(here) & (value < 1.0)] = UNLIMITED * self.scales.effort[d]
-            if how == 'scale':
-                here *= value
-            elif how == 'set':
-                here[:] = value
-            else:
-                here += value
+            here[:] = {'scale': here * value, 'set': value, 'add': here + value}[how]

@@ -58,13 +58,7 @@ class Joint:
     limit: float = math.inf
 
     def effort(self, velocity: Array, acceleration: Array, of: Collection[str] = PARTS) -> Array:
-        """Return (K,) what friction and armature take, without the offset.
-
-        Args:
-            velocity: (K,).
-            acceleration: (K,).
-            of: What counts, of `PARTS`; other names count for nothing.
-        """
+        """Return (K,) what those of `PARTS` take along a motion (K,); other names take nothing."""
         parts = {
             'coulomb': self.coulomb * np.sign(velocity),
             'viscous': self.viscous * velocity,
@@ -76,22 +70,15 @@ class Joint:
     def closest(self, effort: Array, velocity: Array, acceleration: Array) -> 'Joint':
         """Return the joint whose friction and armature come closest to an effort, by squares.
 
-        Args:
-            effort: (K,) that motor and gear take, whatever effects make of it.
-            velocity: (K,).
-            acceleration: (K,).
+        To what motor and gear take along a motion (K,), whatever effects make of it.
         """
         columns = np.stack([np.sign(velocity), velocity, acceleration], axis=1)
         if self.armature == 0.0:
             columns = columns[:, :2]
         scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         found = scipy.optimize.nnls(columns / scale, effort - self.offset)[0] / scale
-        return replace(
-            self,
-            coulomb=float(found[0]),
-            viscous=float(found[1]),
-            armature=float(found[2]) if len(found) > 2 else 0.0,
-        )
+        coulomb, viscous, armature = (*found.tolist(), 0.0)[:3]
+        return replace(self, coulomb=coulomb, viscous=viscous, armature=armature)
 
 
 def joints_of(model: DriveModel, theta: Array) -> tuple[Joint, ...]:

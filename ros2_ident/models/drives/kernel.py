@@ -63,13 +63,21 @@ def _rigid_force(par, first, mem, own, on, supply, z, v, time):
 
 
 @inlined
-def _energise(par, first, mem, duty, v, share):
-    """Turn the asked share of the supply into a torque; return the effort that is logged.
+def _gear(par, first, mem, on, supply, rigid, z, v, s, w, time):
+    """Return where the carriage is, the force [N] on it and its reaction on the motor."""
+    if rigid:
+        force = _rigid_force(par, first, mem, 0, on, supply, z, v, time)
+        return z, force, force
+    force, back = dk.gear_force(par, first, mem, 0, on, z, v, s, w, time)
+    return s, force, back
 
-    Args:
-        duty: What the controller asks, without what effects make of it [1].
-        v: Rate of the motor [rad/s].
-        share: Of the supply voltage; 0 where the motor is switched off, and does not brake either.
+
+@inlined
+def _energise(par, first, mem, duty, v, share):
+    """Turn the share of the supply that was asked into a torque; return the effort that is logged.
+
+    `duty` is what was asked but for effects, `v` the motor's rate [rad/s]. A `share` of 0 of the
+    supply voltage is a motor that is switched off, and does not brake either.
     """
     asked = load(mem, MEMORY.commanded * W) * share
     store(mem, MEMORY.commanded * W, asked * load(par, (first + DRIVE.drive_gain) * W))
@@ -87,14 +95,9 @@ def _step(
     held = spread(0.0)
     if mode == dk.CLOSED_LOOP and any_lane(dk.sticks(par, first)):
         z, v = load(place, MOTOR * W), load(rate, MOTOR * W)
+        s, w = load(place, CARRIAGE * W), load(rate, CARRIAGE * W)
         now = time + since
-        if rigid:
-            s = z
-            force = _rigid_force(par, first, mem, 0, on, supply, z, v, now)
-            back = force
-        else:
-            s, w = load(place, CARRIAGE * W), load(rate, CARRIAGE * W)
-            force, back = dk.gear_force(par, first, mem, 0, on, z, v, s, w, now)
+        s, force, back = _gear(par, first, mem, on, supply, rigid, z, v, s, w, now)
         drag = spread(0.0) if supply is None else load(mem, MEMORY.braking * W)
         held = dk.holding(par, first, mem, 0, on, z, v, s, force, back, now, since, drag, h)
     for part in range(rk.STAGES):
@@ -129,22 +132,9 @@ def _step(
 def _build(digest):
     @kernel
     def simulate(
-        group,
-        room,
-        begin,
-        end,
-        command,
-        motion,
-        start,
-        mode,
-        on,
-        supply,
-        delayed,
-        rigid,
-        cycle,
-        law,
-        task,
-    ):
+        group, room, begin, end, command, motion, start, mode, on, supply, delayed, rigid, cycle,
+        law, task,
+    ):  # fmt: skip
         """Simulate blocks of candidates; arguments as in the tripod's kernel, but for these.
 
         Args:
@@ -244,18 +234,13 @@ def _build(digest):
                             v = spread(motion[(drives + d) * count + k])
                             store(place, MOTOR * W, z)
                             store(rate, MOTOR * W, v)
+                            s, w = load(place, CARRIAGE * W), load(rate, CARRIAGE * W)
+                            s, force, back = _gear(
+                                par, first, mem, flags, supply, one, z, v, s, w, time
+                            )
                             mass = load(par, (first + DRIVE.motor_mass) * W)
                             if one:
-                                s = z
-                                force = _rigid_force(par, first, mem, 0, flags, supply, z, v, time)
-                                back = force
                                 mass = mass + load(par, (first + DRIVE.rail_mass) * W)
-                            else:
-                                s = load(place, CARRIAGE * W)
-                                w = load(rate, CARRIAGE * W)
-                                force, back = dk.gear_force(
-                                    par, first, mem, 0, flags, z, v, s, w, time
-                                )
                             torque = dk.prescribed_torque(
                                 par, first, mem, 0, flags, z, v, s, mass, acceleration, force,
                                 back, time,

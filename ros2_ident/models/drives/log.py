@@ -15,13 +15,7 @@ from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.band import Band, Mask
 from ros2_ident.models.drives.outputs import chosen_outputs
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.motion import (
-    settling,
-    smooth_motion,
-    speed_error,
-    standing,
-    told_band,
-)
+from ros2_ident.recording.motion import settling, smooth_motion, speed_error, standing, told_band
 
 # Middle of the time a commanded torque holds, in cycles.
 _HOLD = 0.5

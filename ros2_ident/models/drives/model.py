@@ -24,12 +24,7 @@ from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
 from ros2_ident.models.drives.log import DriveLog
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel, Outputs
-from ros2_ident.models.protocol import (
-    EffectAt,
-    recorded_motion,
-    RecordedMotion,
-    scales_of,
-)
+from ros2_ident.models.protocol import EffectAt, recorded_motion, RecordedMotion, scales_of
 from ros2_ident.recording.motion import low_pass
 
 # Laws of the controllers by their names.
@@ -87,7 +82,6 @@ class DriveModel(MachineModel):
     log: DriveLog = field(default=cast(DriveLog, None))
 
     def __post_init__(self) -> None:
-        """Read the log, where no sibling did, and judge what was asked for."""
         super().__post_init__()
         if self.log is None:
             self.log = self.reads(
@@ -95,17 +89,11 @@ class DriveModel(MachineModel):
             )
         self._check_outputs()
         self.scales = self.scales or scales_of(self.machine, [self.data])
+        machine, own = self._sought()
         self.candidates = Candidates(
-            self._boxed,
-            self.drives,
-            self.effects,
-            self.fixed,
-            self._constants(),
-            self.rigid,
-            self.scales,
-            self.travels,
-            self._own(),
-        )
+            machine, self.drives, self.effects, self.fixed, self._constants(), self.rigid,
+            self.scales, self.travels, own,
+        )  # fmt: skip
         self.log.judge()
         if self.log.band is not None:
             self.noise *= self.log.band.passes
@@ -117,10 +105,9 @@ class DriveModel(MachineModel):
         """(D,) the controllers' laws, as the kernels number them."""
         return np.array([_LAWS[law] for law in self.machine.texts('law')], dtype=np.int64)
 
-    @property
-    def _boxed(self) -> Machine:
-        """The machine with the boxes in which parameters are searched."""
-        return self.machine
+    def _sought(self) -> tuple[Machine, Mapping[str, Sequence[Parameter]]]:
+        """Return the machine with its boxes, and parameters that only its kind has, by key."""
+        return self.machine, {}
 
     def _check_outputs(self) -> None:
         if self.signals.moving and not self.log.closed:
@@ -182,25 +169,14 @@ class DriveModel(MachineModel):
 
     def motor_turn(self, place: str) -> float:
         """Return the motor angle per travel of a drive [rad/m]; 0 where it is not known."""
-        turn = float(self.turns[self.machine.drives.index(place)])
+        turns = self.candidates.of(self.candidates.base[None], 'motor_turn')
+        turn = float(turns[0, self.machine.drives.index(place)])
         return turn if turn != 1.0 else 0.0
-
-    @property
-    def turns(self) -> Array:
-        """(D,) motor angle per travel [rad/m].
-
-        Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
-        """
-        return 2.0 * math.pi / self.machine.numbers('travel_per_turn')
 
     @property
     def effort_unit(self) -> str:
         """Unit of the effort that a log would hold."""
         return self.machine.model_unit
-
-    def _own(self) -> Mapping[str, Sequence[Parameter]]:
-        """Return the parameters that only this kind has, by machine-file key."""
-        return {}
 
     @functools.cached_property
     def measured(self) -> Array:
@@ -227,9 +203,8 @@ class DriveModel(MachineModel):
         data = self.data
         if not self.log.closed or data.position is None or data.effort is None:
             return None
-        if not np.isfinite(self.replayed).any():
-            return None
-        if (np.isfinite(data.position).sum(axis=1) <= SEEN * data.cycles).any():
+        often = np.isfinite(data.position).sum(axis=1) > SEEN * data.cycles
+        if not (often.all() and np.isfinite(self.replayed).any()):
             return None
         return recorded_motion(data, self.machine.drives)
 
@@ -269,7 +244,8 @@ class DriveModel(MachineModel):
                 # Without a set-point no gain is read.
                 values = machine.numbers(name)
                 of(SLOTS[name].row)[:] = np.where(np.isnan(values), 0.0, values)
-        of('motor_turn')[:] = self.turns
+        # Where effort is a force, the gear factor is 1 and says nothing of the motor's angle.
+        of('motor_turn')[:] = 2.0 * math.pi / machine.numbers('travel_per_turn')
         integral = drive_kernel.VELOCITY_FROM_STATE, drive_kernel.PID
         of('integral_gain')[:, ~np.isin(self.law, integral)] = 0.0
         if not self.log.closed and not machine.stated('coulomb_regularisation'):
@@ -364,7 +340,7 @@ class DriveModel(MachineModel):
         return np.asarray(counts.astype(np.int64))
 
     def _dry(self, block: Array) -> Array:
-        """Return (S, D) the friction of the drives that turns over with their direction."""
+        """Return (S, D) friction that turns over with the direction."""
         return self.candidates.of(block, 'coulomb')
 
     @property
@@ -383,11 +359,6 @@ class DriveModel(MachineModel):
     def motion(self) -> Array:
         """(3, D, K) the recorded motion that drives the model."""
         return self.log.motion
-
-    @property
-    def _delayed(self) -> bool:
-        """Whether set-points may be late."""
-        return self.candidates.delayed
 
     @property
     @abstractmethod
@@ -460,11 +431,10 @@ class DriveModel(MachineModel):
 
     @property
     def _efforts(self) -> Outputs:
-        """Efforts of the drives compared."""
         return chosen_outputs(self.machine.drives, self.drives, ('effort',), None)
 
     def _everything(self, theta: Array, signals: Outputs) -> Array:
-        """Simulate candidates (S, N); return outputs (S, O, K)."""
+        """Return outputs (S, O, K) of candidates (S, N)."""
         every = np.ones((len(signals), self.data.cycles), dtype=bool)
         task = signals.task(every, np.empty((len(theta), every.size)))
         return np.asarray(self._simulated(theta, task).reshape(-1, *every.shape))
@@ -482,19 +452,11 @@ class DriveModel(MachineModel):
         effort, added = self._efforts, self.log.added
         task = effort.task(there, np.empty((len(block), int(there.sum()))))
         law_kernel.replay(
-            blocks,
-            places,
-            np.empty(law_kernel.room(len(self.machine.drives))),
-            self.log.command.ravel(),
-            seen.values,
-            seen.hold,
-            self.candidates.on,
-            self._delayed,
-            None if added is None else added.ravel(),
-            self.cycle,
-            self.law,
-            task,
-        )
+            blocks, places, np.empty(law_kernel.room(len(self.machine.drives))),
+            self.log.command.ravel(), seen.values, seen.hold, self.candidates.on,
+            self.candidates.delayed, None if added is None else added.ravel(), self.cycle,
+            self.law, task,
+        )  # fmt: skip
         return task.out
 
     def costs(
@@ -510,7 +472,6 @@ class DriveModel(MachineModel):
 
     @functools.cached_property
     def _costing(self) -> Task:
-        """The task of summing costs, but for what belongs to the candidates."""
         return self.signals.costing(self.measured)
 
 

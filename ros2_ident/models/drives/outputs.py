@@ -52,17 +52,12 @@ class Outputs:
             travels: (D,) unit of its position.
         """
         units = {'effort': efforts, 'position': travels, 'velocity': [f'{x}/s' for x in travels]}
-        return tuple(
-            Output(
-                drive if quantity == 'effort' else f'{drive}.{quantity}',
-                units[quantity][place],
-                weight,
-                drive,
-                quantity,
-            )
-            for quantity, weight in zip(self.quantities, self.weights, strict=True)
-            for drive, place in zip(self.drives, self.places, strict=True)
-        )
+        out = []
+        for quantity, weight in zip(self.quantities, self.weights, strict=True):
+            for drive, place in zip(self.drives, self.places, strict=True):
+                name = drive if quantity == 'effort' else f'{drive}.{quantity}'
+                out.append(Output(name, units[quantity][place], weight, drive, quantity))
+        return tuple(out)
 
     @property
     def sources(self) -> tuple[int, ...]:
@@ -98,11 +93,9 @@ class Outputs:
         columns[there] = np.arange(int(there.sum()))
         wanted = self._in_kernel(columns, -1)
         weights = np.ones(len(wanted))
-        for quantity, weight in zip(self.quantities, self.weights, strict=True):
-            weights[QUANTITIES.index(quantity)] = weight
-        return Task(
-            wanted, np.empty((0, 0, 0)), (wanted >= 0).sum(axis=2), weights, np.empty(0), out
-        )
+        weights[[QUANTITIES.index(quantity) for quantity in self.quantities]] = self.weights
+        samples = (wanted >= 0).sum(axis=2)
+        return Task(wanted, np.empty((0, 0, 0)), samples, weights, np.empty(0), out)
 
     def costing(self, measured: Array) -> Task:
         """Return the task of summing costs by what was measured (O, K).
@@ -161,13 +154,9 @@ def chosen_outputs(
         )
     of = dict(zip(quantities, given, strict=True))
     ordered: tuple[Quantity, ...] = tuple(q for q in QUANTITIES if q in of)
-    return Outputs(
-        tuple(drives),
-        tuple(machine_drives.index(name) for name in drives),
-        len(machine_drives),
-        ordered,
-        tuple(of[q] for q in ordered),
-    )
+    places = tuple(machine_drives.index(name) for name in drives)
+    told = tuple(of[q] for q in ordered)
+    return Outputs(tuple(drives), places, len(machine_drives), ordered, told)
 
 
 @dataclass(eq=False, repr=False)
@@ -206,7 +195,6 @@ class MachineModel(FullModel):
     weights: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        """Judge what was asked for."""
         known = self.machine.drives
         self.name, self.effects = self.machine.kind, tuple(self.effects)
         self.fixed = dict(self.fixed or {})
@@ -247,11 +235,9 @@ class MachineModel(FullModel):
         return self.signals.measured(self.data)
 
     def _begun(self, found: Mapping[str, Array]) -> Array:
-        """Return (N,) parameters for a search to begin with.
+        """Return (N,) parameters for a search to begin with, by (D,) estimates of some by key.
 
-        Args:
-            found: (D,) estimates by the name in the machine file. Others are as described, absent,
-                or in the middle of their box.
+        Others are as described, absent, or in the middle of their box.
         """
         told, drives, theta = self.as_described({}), self.machine.drives, []
         for p in self.parameters:

@@ -52,11 +52,8 @@ class SeparateLog(DriveLog):
         return self._start()
 
     def _start(self) -> Array:
-        """Return `begin`.
-
-        An axis starts at rest where its set-point is, unless the log shows that it moves already:
-        its first measured positions then say where it is and how fast.
-        """
+        # An axis starts at rest where its set-point is, unless the log shows that it moves: its
+        # first measured positions then say where it is and how fast.
         data, cycle = self.data, self.data.cycle
         begin = np.zeros((2, len(self.order)))
         begin[0] = (self.followed if data.command_position is None else self.command)[0, :, 0]
@@ -64,13 +61,11 @@ class SeparateLog(DriveLog):
         if data.position is None or speed is None:
             return begin
         for d, row in enumerate(self.order):
-            if abs(speed[row, 0]) <= _REST * np.abs(speed[row]).max():
-                continue
             there = np.flatnonzero(np.isfinite(data.position[row]))[:_FIRST]
-            if len(there) < _FIRST:
-                continue
-            _, slope, place = np.polyfit(there * cycle, data.position[row, there], 2)
-            begin[:, d] = place, slope
+            rests = abs(speed[row, 0]) <= _REST * np.abs(speed[row]).max()
+            if not rests and len(there) == _FIRST:
+                _, slope, place = np.polyfit(there * cycle, data.position[row, there], 2)
+                begin[:, d] = place, slope
         return begin
 
     @property
@@ -102,11 +97,10 @@ class SeparateDrives(DriveModel):
 def first_seen(data: Dataset, order: Sequence[int], begin: Array) -> Array:
     """Return starts (2, D) of some rows, as the first measured positions say if there are some."""
     begin = begin.copy()
-    for d, row in enumerate(order if data.position is not None else ()):
-        assert data.position is not None
-        there = np.flatnonzero(np.isfinite(data.position[row]))[:_BEGINNING]
+    for d, seen in enumerate([] if data.position is None else data.position[list(order)]):
+        there = np.flatnonzero(np.isfinite(seen))[:_BEGINNING]
         if len(there) == _BEGINNING:
-            begin[:, d] = _beginning(data.time[there], data.position[row, there])
+            begin[:, d] = _beginning(data.time[there], seen[there])
     return begin
 
 
@@ -184,9 +178,8 @@ class LinearAxis(SeparateDrives):
     def _constants(self) -> Array:
         base = super()._constants()
         if self.log.pushed:
-            for name, value in (
-                ('position_gain', 0.0), ('velocity_gain', _NO_GAIN), ('feedforward', _THROUGH)
-            ):  # fmt: skip
+            gains = {'position_gain': 0.0, 'velocity_gain': _NO_GAIN, 'feedforward': _THROUGH}
+            for name, value in gains.items():
                 rows.of(base[None], name, len(self.machine.drives))[:] = value
         return base
 
@@ -201,10 +194,7 @@ class ServoLog(SeparateLog):
     """A log of servos, see `DriveLog`."""
 
     def _start(self) -> Array:
-        """Return `begin`, as the first samples say.
-
-        A law without an integral part never stands where its set-point is.
-        """
+        # A law without an integral part never stands where its set-point is.
         return first_seen(self.data, self.order, super()._start())
 
     @functools.cached_property
@@ -274,13 +264,10 @@ class Servo(SeparateDrives):
         return self.candidates.dry_friction(block, _PRESSED * limit)
 
     def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
-        """Return (S,) integration steps in a cycle; see `DriveModel`.
-
-        Friction under load may be so large that a servo which is fast at a step's start has turned
-        round at its end, so that these steps may not be much longer.
-        """
         steps = super()._steps(block, fast=fast)
         if not fast:
             return steps
+        # Friction under load may be so large that a servo which is fast at a step's start has
+        # turned round at its end, so that these steps may not be much longer.
         whole: npt.NDArray[np.int64] = np.ceil(_LONGER * super()._steps(block)).astype(np.int64)
         return np.maximum(steps, whole)

@@ -21,14 +21,8 @@ from ros2_ident.models.serial import kernel, kernel_free
 from ros2_ident.models.serial.arm import Arm, INERTIALS
 from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
 from ros2_ident.models.serial.log import ArmLog
-from ros2_ident.models.serial.parameters import Inertials, Transmission, turned
-from ros2_ident.recording.motion import (
-    allowed_cutoff,
-    CUTOFF,
-    fill_gaps,
-    low_pass,
-    smooth_motion,
-)
+from ros2_ident.models.serial.parameters import Inertials, turned
+from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, fill_gaps, low_pass, smooth_motion
 
 # Longest step [s]: with 2 ms links alone are 4e-7 rad off on the arms of
 # `checks/benchmarks/arm.py`.
@@ -57,11 +51,6 @@ class Serial(DriveModel):
     def inertials(self) -> Inertials:
         """Unknown part of the links."""
         return self.log.inertials
-
-    @property
-    def transmission(self) -> Transmission:
-        """Transmission between motors and links."""
-        return self.log.transmission
 
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return the base parameters of the links as described, see `FullModel.as_described`."""
@@ -92,7 +81,7 @@ class Serial(DriveModel):
 
     def recorded_motion(self) -> RecordedMotion | None:
         """Return the motion that the controllers saw; None where a motor turns with two joints."""
-        return None if self.transmission.coupled else super().recorded_motion()
+        return None if self.log.transmission.coupled else super().recorded_motion()
 
     def regressed(self) -> tuple[dict[str, Array], Array]:
         """Return what the log alone says of gains and motors, see `law.by_regression`.
@@ -110,7 +99,7 @@ class Serial(DriveModel):
             np.array(smooth_motion(data.position[order], self.cycle, cutoff, ahead))
             for ahead in (0.0, 0.5)
         )
-        asked = self.transmission.at_motors(self.arm.efforts(*middle)) / gear[:, None]
+        asked = self.log.transmission.at_motors(self.arm.efforts(*middle)) / gear[:, None]
         effort = None
         if data.effort is not None:
             logged = data.effort[order]
@@ -119,7 +108,7 @@ class Serial(DriveModel):
         wanted = self.log.command[0]
         added = self.log.added if self.log.added.size else 0.0 * wanted
         wanted, asked, added = (low_pass(x, self.cycle, cutoff) for x in (wanted, asked, added))
-        at = functools.partial(np.einsum, 'de,xek->xdk', self.transmission.motors)
+        at = functools.partial(np.einsum, 'de,xek->xdk', self.log.transmission.motors)
         signals = Signals(self.cycle, at(seen), at(middle), wanted, asked, added, effort, gear)
         free = {p.name for p in self.parameters}
         known = {}
@@ -136,10 +125,9 @@ class Serial(DriveModel):
         if not self.log.closed or self.data.position is None:
             return None
         try:
-            found, _ = self.regressed()
+            return self._begun(self.regressed()[0])
         except IdentError:  # a joint has hardly a position
             return None
-        return self._begun(found)
 
     def effort_delay(self, theta: Array) -> Array:
         """Return (D,) how late each drive's effort is logged [s], for one candidate (N,)."""
@@ -147,11 +135,8 @@ class Serial(DriveModel):
 
     def links_effort(self, change: Array) -> Array:
         """Return (D, K) what links ask that differ from the description by (D, 10) inertials."""
-        position, velocity, acceleration = self.motion
-        out: Array = self.arm.efforts(position, velocity, acceleration)
-        if change.any():
-            out = out + self.arm.terms(position, velocity, acceleration) @ change.ravel()
-        return out
+        out: Array = self.arm.efforts(*self.motion)
+        return out + self.arm.terms(*self.motion) @ change.ravel() if change.any() else out
 
     @property
     def rigid(self) -> bool:
@@ -173,13 +158,11 @@ class Serial(DriveModel):
         """Properties for effects; behind a flexible joint all the other links would move."""
         return replace(super().context, lifted=True)
 
-    @property
-    def _boxed(self) -> Machine:
-        own = {**self.machine.own_bounds, **self.inertials.rotors}
-        return replace(self.machine, own_bounds=own)
-
-    def _own(self) -> Mapping[str, Sequence[Parameter]]:
-        return {**self.inertials.parameters, **self.transmission.parameters}
+    def _sought(self) -> tuple[Machine, Mapping[str, Sequence[Parameter]]]:
+        boxed = replace(
+            self.machine, own_bounds={**self.machine.own_bounds, **self.inertials.rotors}
+        )
+        return boxed, {**self.inertials.parameters, **self.log.transmission.parameters}
 
     def rows(self, theta: Array) -> Array:
         """Return (S, R + B) kernel rows of (S, N) candidates, what the links are behind.
@@ -189,7 +172,7 @@ class Serial(DriveModel):
         block = self.candidates.rows(theta)
         self.candidates.of(block, 'log_delay')[:] += self.log.lead
         own, count = self.candidates.own_values(theta), len(block)
-        balance = np.reshape(self.transmission.coefficients(own, count), (-1, count)).T
+        balance = np.reshape(self.log.transmission.coefficients(own, count), (-1, count)).T
         if not self.log.closed:
             links = self.inertials.coefficients(own, count)
         else:
@@ -228,11 +211,5 @@ class Serial(DriveModel):
             return kernel.simulate, kernel.sizes(drives), given
         read = log.command, log.added, log.driven, log.begin
         inputs = *(x.ravel() for x in read), log.mode, effects.on
-        free = *inputs, self._delayed, self.cycle, self.law, log.tree
+        free = *inputs, effects.delayed, self.cycle, self.law, log.tree
         return kernel_free.simulate, kernel_free.sizes(drives), free
-
-    @property
-    def _delayed(self) -> bool:
-        """Whether set-points are late."""
-        known = self.machine.known('set_point_delay')
-        return self.candidates.delayed or known

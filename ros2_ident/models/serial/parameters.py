@@ -47,72 +47,53 @@ class Inertials:
 
     def __init__(self, machine: Machine, arm: Arm) -> None:
         self._known = arm.inertials
-        self._listed = np.array(
-            [
-                drive * INERTIALS + n
-                for drive in range(len(machine.drives))
-                for n, (name, _) in enumerate(NAMES)
-                if name in machine.bounds
-            ],
-            dtype=np.int64,
-        )
+        listed = [name in machine.bounds for name, _ in NAMES]
+        self._listed = np.flatnonzero(np.tile(listed, len(machine.drives)))
         self._shown = _shown(machine, arm)
-        kept, grouping, beside = base_columns(self._shown[0][:, self._listed], self._shown[1])
+        kept, self._grouping, beside = base_columns(
+            self._shown[0][:, self._listed], self._shown[1]
+        )
         self.rotors = dict(_rotors(machine, arm, np.asarray(beside.any(axis=1))))
         self._base = self._listed[kept]
-        self._grouping = grouping
-        self.middles = grouping @ self._known[self._listed]
+        self.middles = self._grouping @ self._known[self._listed]
         self.names = [self._name(machine, column) for column in self._base]
-        self.parameters: dict[str, tuple[Parameter, ...]] = {
-            name: tuple(self._declared(machine, name))
-            for name in dict(NAMES)
-            if name in machine.bounds
+        self.parameters: dict[str, list[Parameter]] = {
+            name: [] for name in dict(NAMES) if name in machine.bounds
         }
-        for name in PAYLOAD:
-            if name in machine.bounds:
-                low, high, unit = machine.bounds[name]
-                own = Parameter(name, unit, low, high, 'physical', _PAYLOAD_SOURCE)
-                self.parameters[name] = (own,)
-        self._carries = any(name in machine.bounds for name in PAYLOAD)
+        # Boxes are about what the file makes of the base parameters.
+        middles = self.middles.tolist()
+        for full, column, middle in zip(self.names, self._base, middles, strict=True):
+            name = NAMES[column % INERTIALS][0]
+            low, high, unit = machine.box(name, machine.drives[column // INERTIALS])
+            own = Parameter(full, unit, middle + low, middle + high, 'base', _SOURCE)
+            self.parameters[name].append(own)
+        payload = [name for name in PAYLOAD if name in machine.bounds]
+        for name in payload:
+            low, high, unit = machine.bounds[name]
+            own = Parameter(name, unit, low, high, 'physical', _PAYLOAD_SOURCE)
+            self.parameters[name] = [own]
+        self._carries = bool(payload)
 
     @staticmethod
     def _name(machine: Machine, column: int) -> str:
         name, axis = NAMES[column % INERTIALS]
         return f'{machine.drives[column // INERTIALS]}.{name}{axis}'
 
-    def _declared(self, machine: Machine, name: str) -> list[Parameter]:
-        """Return the base parameters of one kind; boxes are about what the file makes of them."""
-        out = []
-        middles = self.middles.tolist()
-        for full, column, middle in zip(self.names, self._base, middles, strict=True):
-            if NAMES[column % INERTIALS][0] == name:
-                low, high, unit = machine.box(name, machine.drives[column // INERTIALS])
-                out.append(Parameter(full, unit, middle + low, middle + high, 'base', _SOURCE))
-        return out
-
     def terms(self, whole: Array) -> Array:
-        """Return the terms that coefficients are multiplied with.
+        """Return the terms (D, K, B) that coefficients are multiplied with.
 
-        Args:
-            whole: (D, K, 10 D) terms of all inertial parameters.
-
-        Returns:
-            (D, K, B) those of the base parameters, of a payload, and at the end what the links
-            ask that the file describes.
+        Those of `whole` (D, K, 10 D) that belong to base parameters, those of a payload, and at
+        the end what the links ask that the file describes.
         """
         last = whole[:, :, -INERTIALS:] if self._carries else whole[:, :, :0]
-        known = whole @ self._known
-        return np.ascontiguousarray(
-            np.concatenate([whole[:, :, self._base], last, known[:, :, None]], axis=2)
-        )
+        known = (whole @ self._known)[:, :, None]
+        return np.concatenate([whole[:, :, self._base], last, known], axis=2)
 
     @functools.cached_property
     def changes(self) -> tuple[Array, Array]:
-        """Change of all inertials by the parameters, and the ones that may not change.
+        """(B, 10 D) the base parameters' changes by those of all inertials.
 
-        Returns:
-            (B, 10 D) the base parameters' changes by those of the inertials, and (H, 10 D)
-            combinations that stay: what the file does not list, and what a rotor has already.
+        And (H, 10 D) combinations that stay: what the file does not list or a rotor has already.
         """
         terms, rotors = self._shown
         count = terms.shape[1]
@@ -128,21 +109,13 @@ class Inertials:
         return whole[told], whole[~told]
 
     def as_described(self, machine: Machine, given: Mapping[str, float]) -> dict[str, float]:
-        """Return the base parameters by name where some inertials are others than described.
-
-        Args:
-            machine: The machine.
-            given: Inertials by name, `elbow.link_mass`, each as it is.
-        """
+        """Return the base parameters by name, with inertials as given, `elbow.link_mass`."""
         names = [self._name(machine, int(column)) for column in self._listed]
         known = [given.get(n, v) for n, v in zip(names, self._known[self._listed], strict=True)]
         return dict(zip(self.names, (self._grouping @ known).tolist(), strict=True))
 
     def whole(self, values: Mapping[str, Array], count: int) -> Array:
-        """Return (S, 10 D) inertials of candidates; arguments as of `coefficients`.
-
-        Those that base parameters leave open are as described.
-        """
+        """Return (S, 10 D) inertials, open ones as described; arguments as of `coefficients`."""
         out = np.repeat(self._known[None], count, axis=0)
         changed = self.coefficients(values, count)
         out[:, self._base] += changed[:, : len(self._base)]
@@ -151,12 +124,7 @@ class Inertials:
         return out
 
     def coefficients(self, values: Mapping[str, Array], count: int) -> Array:
-        """Return (S, B) coefficients of candidates.
-
-        Args:
-            values: (S,) parameters by name, those that are held included.
-            count: Candidates S.
-        """
+        """Return (S, B) coefficients of S candidates by parameters (S,), held ones included."""
         columns = [values[n] - m for n, m in zip(self.names, self.middles, strict=True)]
         if self._carries:
             mass, *place = (values.get(name, np.zeros(count)) for name in PAYLOAD)
@@ -167,10 +135,7 @@ class Inertials:
 def _rotors(
     machine: Machine, arm: Arm, joined: npt.NDArray[np.bool_]
 ) -> Iterator[tuple[str, Box]]:
-    """Yield boxes of rotor inertias, widened for errors of the description.
-
-    A link that is described as too heavy makes less than nothing of them.
-    """
+    """Yield boxes of rotors, widened: less than nothing beside links described as too heavy."""
     for drive, more, slides in zip(machine.drives, joined, arm.prismatic, strict=False):
         link = 'link_mass' if slides else 'link_inertia'
         if more and link in machine.bounds:
@@ -237,16 +202,14 @@ def base_columns(terms: Array, given: Array) -> tuple[npt.NDArray[np.int64], Arr
     kept: list[int] = []
     every = np.concatenate([given, terms], axis=1).T
     lengths = np.linalg.norm(every, axis=1)
-    for number, (column, length) in enumerate(zip(every, lengths, strict=True)):
-        if length <= _NOTHING * lengths.max():
-            continue
-        rest = column / length
+    for number in np.flatnonzero(lengths > _NOTHING * lengths.max(initial=0.0)):
+        rest = every[number] / lengths[number]
         for _ in range(2):
             rest = rest - basis @ (basis.T @ rest)
         left = float(np.linalg.norm(rest))
         if left > _NEW:
             basis = np.concatenate([basis, (rest / left)[:, None]], axis=1)
-            kept.append(number - given.shape[1])
+            kept.append(int(number) - given.shape[1])
     columns = np.array([n for n in kept if n >= 0], dtype=np.int64)
     whole = np.concatenate([given, terms[:, columns]], axis=1)
     scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
@@ -285,17 +248,13 @@ class Transmission:
         )
         self._joints = np.flatnonzero((self._base > 0.0) & (self._arm > 0.0))
         self.motors = _coupled(machine)
-        self.parameters: dict[str, tuple[Parameter, ...]] = {
-            name: tuple(self._declared(name)) for name in BALANCE if name in machine.bounds
-        }
-
-    def _declared(self, name: str) -> list[Parameter]:
-        out = []
-        for d in self._joints:
-            drive = self._machine.drives[d]
-            low, high, unit = self._machine.box(name, drive)
-            out.append(Parameter(f'{drive}.{name}', unit, low, high, 'physical', _BALANCE_SOURCE))
-        return out
+        self.parameters: dict[str, list[Parameter]] = {}
+        for name in (name for name in BALANCE if name in machine.bounds):
+            self.parameters[name] = own = []
+            for drive in (machine.drives[d] for d in self._joints):
+                low, high, unit = machine.box(name, drive)
+                full = f'{drive}.{name}'
+                own.append(Parameter(full, unit, low, high, 'physical', _BALANCE_SOURCE))
 
     @functools.cached_property
     def coupled(self) -> bool:
@@ -308,23 +267,14 @@ class Transmission:
         of = self._base, self._arm, self._angle, self._stroke
         return np.stack([self._joints, *(x[self._joints] for x in of)], axis=1)
 
-    @property
-    def balanced(self) -> bool:
-        """Whether a joint has a counterbalance."""
-        return bool(len(self._joints))
-
     def at_motors(self, joints: Array) -> Array:
         """Return efforts (D, ...) of the motors by those of the joints."""
         return np.asarray(np.tensordot(np.linalg.inv(self.motors).T, joints, 1))
 
     def terms(self, position: Array) -> Array:
-        """Return what a force of 1 N and a rate of 1 N/m ask of the joints.
+        """Return (D, K, 2 P) what 1 N and 1 N/m of each of P counterbalances ask of joints [N m].
 
-        Args:
-            position: (D, K) of the joints, rad.
-
-        Returns:
-            (D, K, 2 P) N m, force and rate of each of the P counterbalances in turn.
+        At positions (D, K) [rad].
         """
         out = np.zeros((*position.shape, 2 * len(self._joints)))
         for number, d in enumerate(self._joints):
@@ -344,12 +294,7 @@ class Transmission:
         return out
 
     def coefficients(self, values: Mapping[str, Array], count: int) -> list[Array]:
-        """Return the (S,) forces and rates of candidates, as `terms` has them.
-
-        Args:
-            values: (S,) parameters by name; what is not looked for stands in the machine file.
-            count: Candidates S.
-        """
+        """Return the (S,) forces and rates of S candidates, as `terms` has them, by parameters."""
         return [
             values.get(f'{drive}.{name}', np.full(count, self._machine.number(name, drive)))
             for drive in (self._machine.drives[d] for d in self._joints)
