@@ -38,17 +38,16 @@ _ENDLESS = 100.0
 _STEEP = 0.05
 # Half the side of the base, as a share of how far the arm reaches.
 _BASE = 0.12
-_NO_PINOCCHIO = (
-    'an arm needs pinocchio, which is not installed; `pip install pin`, or the package '
-    'ros-jazzy-pinocchio'
-)
 
 
 def _pinocchio() -> Any:
     try:
         import pinocchio
     except ImportError as error:
-        raise ErrorCode.UNKNOWN_MODEL.error(_NO_PINOCCHIO) from error
+        raise ErrorCode.UNKNOWN_MODEL.error(
+            'an arm needs pinocchio, which is not installed; `pip install pin`, or the package '
+            'ros-jazzy-pinocchio'
+        ) from error
     return pinocchio
 
 
@@ -69,10 +68,9 @@ class Body:
     inertials: Array
 
     def inertial(self, inertials: Array) -> tuple[float, Array, Array]:
-        """Return mass, centre (3,) and inertia about it (3, 3), in the body's frame.
+        """Return mass, centre (3,) and inertia about it (3, 3) in the body's frame.
 
-        Args:
-            inertials: (10,) in the joint's frame, of a mass above 0.
+        Of inertials (10,) in the joint's frame, of a mass above 0.
         """
         pin = _pinocchio()
         there = pin.SE3(self.turn, self.place).actInv(pin.Inertia.FromDynamicParameters(inertials))
@@ -92,6 +90,12 @@ class Arm:
     model: Any
     joints: npt.NDArray[np.int64]
     bodies: tuple[Body, ...] = ()
+
+    @property
+    def orders(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Pinocchio's order as a permutation of ours, and ours of pinocchio's."""
+        order = np.argsort(self.joints)
+        return order, np.argsort(order)
 
     @property
     def prismatic(self) -> npt.NDArray[np.bool_]:
@@ -118,76 +122,56 @@ class Arm:
         )
 
     def terms(self, position: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return what inertial parameters of 1 ask of the joints.
+        """Return (D, K, 10 D) what inertial parameters of 1 ask of the joints [N m or N].
 
-        Args:
-            position: (D, K) of the drives, rad or m.
-            velocity: (D, K).
-            acceleration: (D, K).
-
-        Returns:
-            (D, K, 10 D) N m or N.
+        Along a motion (D, K) of the drives [rad or m].
         """
         pin = _pinocchio()
         data = self.model.createData()
-        # pinocchio's order, as a permutation of ours.
-        order = np.argsort(self.joints)
-        places = self._places(position)
-        speeds, accelerations = velocity[order].T, acceleration[order].T
         drives, count = position.shape
+        order, back = self.orders
+        states = zip(self._places(position), velocity[order].T, acceleration[order].T, strict=True)
         out = np.empty((count, drives, INERTIALS * drives))
-        for k in range(count):
-            out[k] = pin.computeJointTorqueRegressor(
-                self.model, data, places[k], speeds[k], accelerations[k]
-            )
-        back = np.argsort(order)
+        for k, state in enumerate(states):
+            out[k] = pin.computeJointTorqueRegressor(self.model, data, *state)
         links = out.reshape(count, drives, drives, INERTIALS)[:, back][:, :, back]
         return np.ascontiguousarray(links.transpose(1, 0, 2, 3)).reshape(drives, count, -1)
 
     def efforts(self, position: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (D, K) what the described links ask of the joints, by recursive Newton-Euler."""
-        pin = _pinocchio()
         data = self.model.createData()
-        order = np.argsort(self.joints)
-        places = self._places(position)
-        rows = [
-            pin.rnea(self.model, data, place, velocity[order, k], acceleration[order, k])
-            for k, place in enumerate(places)
-        ]
-        return np.array(rows).T[np.argsort(order)]
+        order, back = self.orders
+        states = zip(self._places(position), velocity[order].T, acceleration[order].T, strict=True)
+        rows = [_pinocchio().rnea(self.model, data, *state) for state in states]
+        return np.array(rows).T[back]
 
     def mass(self, position: Array) -> Array:
         """Return the (D, D) mass matrix of the described links at positions (D,), kg m^2 or kg."""
-        data = self.model.createData()
-        order = np.argsort(self.joints)
+        data, (_, back) = self.model.createData(), self.orders
         found = _pinocchio().crba(self.model, data, self._places(position[:, None])[0])
-        back = np.argsort(order)
         whole = np.triu(found) + np.triu(found, 1).T
         return np.asarray(whole[np.ix_(back, back)])
 
     @property
     def hangs(self) -> tuple[Array, Array, Array]:
-        """Return how each joint's frame hangs in that of the joint which carries it.
+        """How each joint's frame hangs in that of the joint which carries it.
 
-        Its z axis is turned into the one that the joint acts along.
-
-        Returns:
-            (D, 3, 3) orientation at position 0, (D, 3) origin [m], and (D, 3, 3) the turn of each
-            frame from that in which `inertials` are.
+        (D, 3, 3) orientation at position 0, (D, 3) origin [m], and (D, 3, 3) the turn of each
+        frame from that in which `inertials` are: its z axis is the one that the joint acts along.
         """
         pin = _pinocchio()
         z = np.array([0.0, 0.0, 1.0])
-        turns = {0: np.eye(3)}
-        for number in self.joints.tolist():
+        turns, numbers = {0: np.eye(3)}, self.joints.tolist()
+        for number in numbers:
             joint = self.model.joints[number]
             data = joint.createData()
             joint.calc(data, pin.neutral(self.model), np.zeros(self.model.nv))
             along = np.abs(data.S).ravel() > 0.0
             axis = data.S.ravel()[:3] if along[:3].any() else data.S.ravel()[3:]
             turns[number] = pin.Quaternion.FromTwoVectors(z, axis).matrix()
-        places = [self.model.jointPlacements[number] for number in self.joints.tolist()]
-        before = [turns[int(self.model.parents[number])] for number in self.joints.tolist()]
-        own = [turns[number] for number in self.joints.tolist()]
+        places = [self.model.jointPlacements[number] for number in numbers]
+        before = [turns[int(self.model.parents[number])] for number in numbers]
+        own = [turns[number] for number in numbers]
         return (
             np.array([b.T @ x.rotation @ o for b, x, o in zip(before, places, own, strict=True)]),
             np.array([b.T @ x.translation for b, x in zip(before, places, strict=True)]),
@@ -208,16 +192,10 @@ class Arm:
         return max(d for d in range(len(self.joints)) if d not in carriers)
 
     def stations(self, position: Array) -> tuple[Array, Array]:
-        """Return where the joints and the tool are.
+        """Return joints (K, D, 3) and tool (K, 3) [m] in the base's frame, at positions (D, K).
 
         The tool is the farthest of the frames that the last joint carries, the joint itself where
         a table describes the arm.
-
-        Args:
-            position: (D, K) of the drives, rad or m.
-
-        Returns:
-            Joints (K, D, 3) and tool (K, 3) in the base's frame, m.
         """
         pin = _pinocchio()
         data = self.model.createData()
@@ -295,13 +273,13 @@ def extent_of(text: str) -> tuple[float, float]:
         IdentError: As `arm_of`.
     """
     model = _whole(_pinocchio(), text, ())
-    way, most = np.zeros(model.njoints), 0.0
-    for j in range(1, model.njoints):
+    way, most, joints = np.zeros(model.njoints), 0.0, range(1, model.njoints)
+    for j in joints:
         parent = int(model.parents[j])
         step = float(np.linalg.norm(model.jointPlacements[j].translation))
         way[j] = way[parent] + step if parent else 0.0
         most = max(most, way[j] + float(np.linalg.norm(model.inertias[j].lever)))
-    return sum(model.inertias[j].mass for j in range(1, model.njoints)), most
+    return sum(model.inertias[j].mass for j in joints), most
 
 
 def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
@@ -315,11 +293,10 @@ def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
         raise ErrorCode.BAD_MACHINE_FILE.error(
             f'geometry.description cannot be read ({reason}); give a URDF or an MJCF file'
         ) from error
-    missing = [name for name in drives if not whole.existJointName(name)]
-    if missing:
-        known = ', '.join(list(whole.names)[1:])
+    for missing in (name for name in drives if not whole.existJointName(name)):
         raise ErrorCode.BAD_MACHINE_FILE.error(
-            f'geometry.description has no joint {missing[0]}; its joints are {known}'
+            f'geometry.description has no joint {missing}; its joints are '
+            f'{", ".join(list(whole.names)[1:])}'
         )
     return whole
 
@@ -407,12 +384,7 @@ def _by_table(pin: Any, machine: Machine) -> Any:
 
 
 def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
-    """Say of the first joint that is so far, or so fast, that its log is not in rad.
-
-    Args:
-        machine: An arm.
-        position: (D, K) of its drives [rad or m], NaN where there is no sample.
-    """
+    """Say of a joint that is so far, or so fast, that the arm's log (D, K) is not in rad."""
     arm, cycle = arm_of(machine), machine.number('cycle')
     limits, apart = arm.limits, max(1, round(_WHILE / cycle))
     ways = np.abs(position[:, apart:] - position[:, :-apart])
@@ -422,12 +394,12 @@ def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
     for d in np.flatnonzero(~arm.prismatic & (found[0] > _A_TURN)):
         for what, size, limit in zip(('position', 'speed'), found, most, strict=True):
             if size[d] > _NEARER * limit[d] > 0.0:
-                text = (
+                yield Remark(
+                    (),
                     f'{machine.drives[d]}: its {what} reaches {size[d]:.3g}, the description '
                     f'allows {limit[d]:.3g} in rad and s, so the log looks like degrees; log rad, '
-                    'or write `scale: 0.0174533` in the column map'
+                    'or write `scale: 0.0174533` in the column map',
                 )
-                yield Remark((), text)
                 return
 
 
@@ -449,17 +421,11 @@ def ends(machine: Machine) -> tuple[Array, Array]:
 
 
 def figure(machine: Machine, position: Array) -> Figure | None:
-    """Return an arm in space, z upwards however its base is tilted.
+    """Return an arm in space at positions (D, F), z upwards however its base is tilted.
 
-    Args:
-        machine: An arm.
-        position: (D, F) of its joints [rad or m].
-
-    Returns:
-        What to draw; None where all of it is at one place, as in a table without lengths.
+    None where all of it is at one place, as in a table without lengths.
     """
-    arm = arm_of(machine)
-    turn = base_turn(machine)
+    arm, turn = arm_of(machine), base_turn(machine)
     joints, tool = arm.stations(position)
     joints, tool = joints @ turn.T, tool @ turn.T
     reach = float(np.linalg.norm(np.concatenate([joints, tool[:, None]], axis=1), axis=2).max())

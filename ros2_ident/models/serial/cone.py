@@ -79,8 +79,7 @@ for _n, (_i, _j) in enumerate(zip(*np.triu_indices(4), strict=True)):
 class _Around:
     """Bodies around described ones: P = L (1 + X) L', P_0 = L L', X by ten coordinates each.
 
-    Args:
-        described: (L, 10) inertials that bodies can have, or without mass.
+    The described inertials (L, 10) are what bodies can have, or without mass.
     """
 
     def __init__(self, described: Array) -> None:
@@ -97,16 +96,12 @@ class _Around:
             out[10 * body : 10 * body + 10, 10 * n : 10 * n + 10] = each
         return out
 
-    def shapes(self, x: Array) -> Array:
-        """Return (B, 4, 4) the 1 + X of coordinates (C,)."""
-        return np.asarray(np.eye(4) + np.einsum('bn,nij->bij', x.reshape(-1, 10), _BASIS))
-
     def divergence(self, x: Array) -> tuple[float, Array, Array]:
         """Return the sum of the bodies' divergences, (C,) its slope, (C, C) its curvature.
 
         Infinite where a body leaves the cone.
         """
-        shapes = self.shapes(x)
+        shapes = np.asarray(np.eye(4) + np.einsum('bn,nij->bij', x.reshape(-1, 10), _BASIS))
         try:
             roots = np.linalg.cholesky(shapes)
         except np.linalg.LinAlgError:
@@ -117,10 +112,7 @@ class _Around:
         slope = np.einsum('nij,bij->bn', _BASIS, np.eye(4) - inverse)
         turned = np.einsum('bij,njk->bnik', inverse, _BASIS)
         each = np.einsum('bnij,bmji->bnm', turned, turned)
-        curve = np.zeros((len(x), len(x)))
-        for b, part in enumerate(each):
-            curve[10 * b : 10 * b + 10, 10 * b : 10 * b + 10] = part
-        return value, slope.ravel(), curve
+        return value, slope.ravel(), scipy.linalg.block_diag(*each)
 
 
 def nearest(

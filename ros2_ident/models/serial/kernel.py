@@ -26,16 +26,9 @@ def sizes(drives: int) -> tuple[int, int]:
 
 @inlined
 def _loads(par, base, terms, first, begun, cycles, loads):
-    """Write what the links ask of a joint in `cycles` cycles from `begun` on.
+    """Write what the links ask of a joint [N m or N] in `cycles` cycles from `begun` on.
 
-    Args:
-        par: (R * W,) rows of the candidates.
-        base: Row of the first coefficient.
-        terms: (K, B) terms of the joint.
-        first: The first of them that is not zero.
-        begun: First cycle.
-        cycles: How many.
-        loads: (PIECE * W,) what is asked, N m or N.
+    By its terms (K, B), of which those before `first` are zero; coefficients begin at row `base`.
     """
     count = terms.shape[1]
     whole = cycles - cycles % SIDE_BY_SIDE

@@ -53,12 +53,9 @@ def sizes(drives: int) -> tuple[int, int]:
 
 @inlined
 def _push(par, mem, on, z, v, carried, aim, push, pulls, d, now, elapsed):
-    """Write the force [N m or N] on joint `d` besides what its links ask.
+    """Write the force [N m or N] on joint `d` besides what its links ask, and its part `pulls`.
 
-    What a gear carries is that of the evaluation before.
-
-    Args:
-        elapsed: Since the cycle's beginning, s.
+    What a gear carries is that of the evaluation before; `elapsed` [s] is the cycle's time.
     """
     first = MACHINE_COUNT + d * DRIVE_COUNT
     own = d * MEMORY_COUNT
@@ -112,12 +109,8 @@ def _stage(
     """Write the force on each joint, as `_pushes` does, at a later stage of a step.
 
     From the step's beginning on a controller's torque changes by its gains. Of a joint without
-    effects so does all else.
-
-    Args:
-        first: (D * W,) force at the first stage, N m or N.
-        asked: (D * W,) torque of the controllers there.
-        commanded: (D * W,) likewise as effects leave it.
+    effects so does all else. At the first stage, `first` was the force, `asked` the controllers'
+    torque, and `commanded` what effects left of it.
     """
     elapsed = since + rk.ahead(part) * h
     for d in range(len(size)):
@@ -173,10 +166,8 @@ def _hold(
 
     Those that stop as many joints at the step's end as friction can, all of them together:
     Coulomb's set-valued law in an implicit Euler step, by projected Gauss-Seidel. Source:
-    Kikuuwe et al., Fixed-step friction simulation, IROS 2005.
-
-    Args:
-        most: (D * W,) largest friction, N m or N; room, as `push` and `pulls`.
+    Kikuuwe et al., Fixed-step friction simulation, IROS 2005. Room: `push`, `pulls` and `most`,
+    for the largest friction [N m or N].
     """
     drives = len(size)
     zero = spread(0.0)
@@ -218,14 +209,10 @@ def _step(
     par, base, mem, on, mode, law, cycle, command, ahead, motion, delayed, tree, place, rate,
     drift, carried, room, torques, k, time, since, step, active,
 ):  # fmt: skip
-    """Integrate over a step that begins `since` seconds into cycle `k`.
+    """Integrate over `step` seconds from `since` seconds into cycle `k` on, in active lanes.
 
-    Args:
-        drift: (D * W,) accelerations at the end of the step before.
-        carried: (D * W,) what the gears carry, N m or N.
-        room: To work in, see `sizes`.
-        torques: (D * W,) gets what the controllers ask for at the step's beginning.
-        step: Its length [s]; lanes that are not `active` stay as they are.
+    `drift` holds the accelerations at the end of the step before, `carried` what the gears carry;
+    `torques` gets what the controllers ask for at its beginning.
     """
     size = tree.size
     drives = len(size)

@@ -18,12 +18,8 @@ from ros2_ident.arrays import Array
 _SLOW = 0.05
 # What is asked of the controllers, and what of a motor.
 GAINS = (
-    'position_gain',
-    'integral_gain',
-    'velocity_gain',
-    'velocity_feedforward',
-    'set_point_delay',
-)
+    'position_gain', 'integral_gain', 'velocity_gain', 'velocity_feedforward', 'set_point_delay',
+)  # fmt: skip
 JOINT = 'drive_inertia', 'coulomb_torque', 'viscous_torque'
 
 
@@ -68,8 +64,10 @@ def by_regression(seen: Signals, known: Mapping[str, Array]) -> tuple[dict[str, 
     left = np.empty(len(seen.gear))
     for d in range(len(seen.gear)):
         held, names, rest = _law(seen, seen.middle[:, d], known, d)
-        needs = _needs(seen, d)
-        moves = np.abs(needs[2]) >= _SLOW * np.abs(needs[2]).max()
+        # What rotor, Coulomb and viscous friction of 1 need.
+        _, speed, acceleration = seen.middle[:, d]
+        needs = np.stack([seen.gear[d] * acceleration, np.sign(speed), speed])
+        moves = np.abs(speed) >= _SLOW * np.abs(speed).max()
         asked = seen.links[d] - seen.added[d]
         logged = None if seen.effort is None else seen.effort[d]
         if logged is None or not np.isfinite(logged).all():
@@ -129,19 +127,13 @@ def _law(
     return np.array(columns).reshape(len(names), place.size), tuple(names), rest
 
 
-def _needs(seen: Signals, d: int) -> Array:
-    """Return (3, K) what rotor, Coulomb and viscous friction of 1 need."""
-    _, speed, acceleration = seen.middle[:, d]
-    return np.stack([seen.gear[d] * acceleration, np.sign(speed), speed])
-
-
 def _fill(
     found: Mapping[str, Array], d: int, names: tuple[str, ...], columns: Array, values: Array
 ) -> Array:
     """Write what columns (C, K) make of values (K,), where it is not known; return it (C,)."""
-    known = [0.0 if not name or np.isnan(found[name][d]) else found[name][d] for name in names]
-    free = np.array([not name or bool(np.isnan(found[name][d])) for name in names], dtype=bool)
-    whole = np.array(known)
+    whole = np.array([found[name][d] if name else np.nan for name in names])
+    free = np.isnan(whole)
+    whole[free] = 0.0
     whole[free] = _solved(columns[free], values - whole @ columns)
     for name, value in zip(names, whole.tolist(), strict=True):
         if name:

@@ -20,15 +20,11 @@ _HELD = 1e-6
 
 
 def information_of(model: DriveModel, theta: Array, deviations: Mapping[str, float]) -> Array:
-    """Return (N, N) what the log says of the parameters: the inverse of their covariance.
+    """Return (N, N) what a model's log says of parameters (N,): the inverse of their covariance.
 
     Joints count by what is left of them. As a whole it is as sure as the estimate's own intervals,
     which allow for what the model lacks; the box is all that is known where the log says nothing.
-
-    Args:
-        model: The model along the log.
-        theta: (N,) the estimate.
-        deviations: Its standard deviations by name, inf where the log sets no limit.
+    By name, deviations are inf where the log sets no limit.
     """
     width = np.array([p.high - p.low for p in model.parameters])
     step = np.diag(_STEP * width)
@@ -76,13 +72,12 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     """Return the links that a fit and the description make most probable together.
 
     The fit says what it knows of base parameters; the description says the rest, a link's mass
-    with the standard deviation `spread` and its shape likewise. What else was identified moves
-    with the base parameters to where the log wants it then.
+    with the standard deviation `spread`, a share of it, and its shape likewise. What else was
+    identified moves with the base parameters to where the log wants it then.
 
     Args:
         theta: (N,) the fit.
         information: (N, N) the inverse of its covariance, positive definite.
-        spread: Share of a link's mass.
 
     Raises:
         IdentError: INVALID_GOAL where no description says what the links are.
@@ -97,9 +92,7 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     free = {p.name: n for n, p in enumerate(model.parameters)}
     columns = np.array([free[name] for name in names if name in free], dtype=np.int64)
     sought = np.array([name in free for name in names], dtype=np.bool_)
-    value = np.array(
-        [theta[free[n]] if n in free else model.fixed[n] for n in names], dtype=np.float64
-    )
+    value = np.array([theta[free[n]] if n in free else model.fixed[n] for n in names], dtype=float)
     described = np.array([body.inertials for body in arm.bodies])
     believed = mended(described)
     told, held = inertials.changes
@@ -123,13 +116,8 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     out = theta.copy()
     out[columns] += shift
     out[others] -= follow @ shift
-    return Links(
-        found,
-        out,
-        tuple(
-            x.name for x, off in zip(arm.bodies, believed - described, strict=True) if off.any()
-        ),
-    )
+    changed = (believed != described).any(axis=1)
+    return Links(found, out, tuple(x.name for x, y in zip(arm.bodies, changed, strict=True) if y))
 
 
 def effort_of(model: Serial, links: Links) -> Array:

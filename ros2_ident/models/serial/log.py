@@ -76,9 +76,8 @@ class ArmLog(DriveLog):
         if not self.lead:
             return self.followed
         time = np.arange(self.followed.shape[2]) * self.data.cycle
-        rows = self.followed.reshape(-1, len(time))
-        back = [np.interp(time - self.lead, time, row) for row in rows]
-        return np.array(back).reshape(self.followed.shape)
+        back = functools.partial(np.interp, time - self.lead, time)
+        return np.apply_along_axis(back, 2, self.followed)
 
     @functools.cached_property
     def driven(self) -> Array:
@@ -155,8 +154,7 @@ class ArmLog(DriveLog):
     @functools.cached_property
     def tree(self) -> Tree:
         """The links as the kernel has them, each behind the one that carries it."""
-        arm, order = self.arm, np.argsort(self.arm.joints)
-        back = np.argsort(order)
+        arm, (order, back) = self.arm, self.arm.orders
         hung, places, _ = arm.hangs
         drives = np.linalg.inv(self.transmission.motors)
         plain = not self.transmission.coupled and (order == np.arange(len(order))).all()
