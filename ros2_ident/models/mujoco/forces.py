@@ -34,13 +34,10 @@ HOOKS = frozenset({Hook.FRICTION, Hook.TORQUE, Hook.CARRIAGE_FORCE})
 
 
 @inlined
-def _at_joint(par: Any, first: Any, mem: Any, on: Any, q: Any, v: Any, a: Any, effort: Any,
-              friction: Any, time: Any, step: Any) -> Any:  # fmt: skip
-    """Return the size of friction and the force besides, N m or N, on a joint of a candidate.
+def _at_joint(par, first, mem, on, q, v, a, effort, friction, time, step):  # type: ignore[no-untyped-def]
+    """Return the size of friction and the force besides, N m or N, on a joint.
 
-    Args:
-        effort: What the actuator does.
-        friction: Size of friction in the step before.
+    By the actuator's effort and the size of friction in the step before.
     """
     zero = spread(0.0)
     still = absolute(v) <= zero
@@ -53,7 +50,7 @@ def _at_joint(par: Any, first: Any, mem: Any, on: Any, q: Any, v: Any, a: Any, e
         par, first, mem, 0, q, v, q, carried, direction, spread(time), spread(step)
     )
     nominal = state.coulomb * direction + drag
-    if on & hooks.FRICTION_KEEPING:
+    if on & hooks.KEEPING.FRICTION:
         hooks.friction_keeps(nominal, state, on, par, first, mem, 0, None)
     sized = hooks.friction_hook(nominal, state, on, par, first, mem, 0) - drag
     force = hooks.torque_hook(effort, state, on, par, first, mem, 0) - effort
@@ -119,11 +116,7 @@ class Forces:
     def at(self, time: float, position: Array, velocity: Array, effort: Array) -> Array:
         """Return (2, S, D) size of friction and other forces at a step's beginning, N m or N.
 
-        Args:
-            time: Since the log's start, s.
-            position: (S, D), as the log counts.
-            velocity: (S, D).
-            effort: (S, D) of the actuators.
+        By the time since the log's start [s] and (S, D), as the log counts; effort of actuators.
         """
         seen = self._seen[:, :, : self._count]
         seen[2] = (velocity.T - seen[1]) / self._step if time > 0.0 else 0.0

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording beside what MuJoCo makes of an MJCF, by the set-points alone."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import functools
@@ -35,6 +36,8 @@ _EXPRESSED = frozenset(
 _SHARED = frozenset(('measurement_delay', 'free_fall'))
 # What `law.by_regression` calls them.
 _WORDS = {**OWN_WORDS, 'set_point_delay': 'set_point_delay'}
+# What effects add to, and the rows in which they do.
+_ADDED = ('frictionloss', 'coulomb'), ('damping', 'viscous')
 # Parameters that are no attribute of the simulator.
 _OUTSIDE = frozenset(('measurement_delay', 'joint_zero', 'set_point_delay'))
 # How far a joint moves to either side by default, rad or m; speed and
@@ -56,7 +59,6 @@ class Mujoco(MachineModel):
     compares = KIND.compares
 
     def __post_init__(self) -> None:
-        """Compile the description, and judge what was asked for."""
         data, machine = self.data, self.machine
         if data.command_position is None:
             raise ErrorCode.MISSING_STREAM.error(
@@ -74,6 +76,7 @@ class Mujoco(MachineModel):
         self._command = data.command_position[order]
         still = np.stack([self._command[:, 0], np.zeros(len(order))])
         self._begin = first_seen(data, order, still)
+        self._sense = np.array([at.sense for at in self.plant.places])
 
     @functools.cached_property
     def plant(self) -> Plant:
@@ -81,47 +84,36 @@ class Mujoco(MachineModel):
         return _plant(self.machine)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what is compiled: another process compiles the description itself."""
+        # Another process compiles the description itself.
         return {name: value for name, value in vars(self).items() if name != 'plant'}
 
     def _sizes(self, scales: Scales) -> Scales:
         """Return scales with the actuators' limits for efforts that are not logged."""
         if self.data.effort is not None:
             return scales
-        limits = [self.plant.stated('force_limit', d) for d in range(len(self.machine.drives))]
-        limits = [limit if math.isfinite(limit) else 1.0 for limit in limits]
-        return scales._replace(effort=np.array(limits))
+        limits = np.array([self.effort_limit(name) for name in self.machine.drives])
+        return scales._replace(effort=np.where(np.isfinite(limits), limits, 1.0))
 
     @property
     def _base(self) -> Array:
         """(R,) neutral rows, gains as factors of the description's."""
-        base: Array = rows.neutral_rows(1, len(self.machine.drives))[0]
-        for d in range(len(self.machine.drives)):
-            for name in _FACTORS:
-                base[rows.row_of(name, d)] = 1.0
-            base[rows.row_of('torque_limit', d)] = math.inf
-            for name in ('gear', 'motor_turn', 'regularisation'):
-                base[rows.row_of(name, d)] = 1.0
-        return base
+        base = rows.neutral_rows(1, len(self.machine.drives))
+        for name in (*_FACTORS, 'gear', 'motor_turn', 'regularisation'):
+            rows.of(base, name, len(self.machine.drives))[:] = 1.0
+        rows.of(base, 'torque_limit', len(self.machine.drives))[:] = math.inf
+        return np.asarray(base[0])
 
     def _declared(self) -> dict[str, list[Parameter]]:
         """Return the parameters of each name in the machine file: one, or one of each drive."""
         meaning = {key.name: key.meaning for key in KIND.keys if key.section == 'parameters'}
-        found = {}
-        for name in self.machine.bounds:
-            places: tuple[str | None, ...] = (None,) if name in _SHARED else self.drives
+        found: dict[str, list[Parameter]] = {name: [] for name in self.machine.bounds}
+        for name, several in found.items():
+            source, absent = f'MuJoCo: {meaning[name]}', 0.0 if name in MAY_BE_ZERO else None
             kind: Any = 'measurement' if name == 'measurement_delay' else 'physical'
-            found[name] = [
-                Parameter(
-                    name if drive is None else f'{drive}.{name}',
-                    self.machine.box(name, drive)[2],
-                    *self.machine.box(name, drive)[:2],
-                    kind,
-                    f'MuJoCo: {meaning[name]}',
-                    0.0 if name in MAY_BE_ZERO else None,
-                )
-                for drive in places
-            ]
+            for drive in [None] if name in _SHARED else self.drives:
+                low, high, unit = self.machine.box(name, drive)
+                full = name if drive is None else f'{drive}.{name}'
+                several.append(Parameter(full, unit, low, high, kind, source, absent))
         return found
 
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
@@ -129,10 +121,14 @@ class Mujoco(MachineModel):
         out = {}
         for name in set(self._parts) & set(KIND.described):
             for p in self._parts[name]:
-                drive = p.name.rpartition('.')[0]
-                stated = self.plant.stated(name, self.machine.drives.index(drive) if drive else 0)
+                stated = self.plant.stated(name, self._drive_of(p))
                 out[p.name] = given.get(p.name, given.get(name, stated))
         return out
+
+    def _drive_of(self, parameter: Parameter) -> int:
+        """Return the drive of a parameter, the first where all share it."""
+        drive = parameter.name.rpartition('.')[0]
+        return self.machine.drives.index(drive) if drive else 0
 
     def suggested(self) -> Array | None:
         """Return (N,) parameters, see `FullModel.suggested`.
@@ -153,34 +149,27 @@ class Mujoco(MachineModel):
     def _regressed(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """Return (D,) estimates of gains, delay and what a joint has, see `law.by_regression`.
 
-        Args:
-            own: (1,) parameters by their full names, the free ones anything.
-
-        Raises:
-            IdentError: BAD_VALUES where a joint has fewer than four positions.
+        By (1,) parameters, the free ones anything; raises BAD_VALUES below four positions.
         """
         data, drives, free = self.data, self.machine.drives, {p.name for p in self.parameters}
         assert data.position is not None
         order = [data.names.index(name) for name in drives]
         cutoff = allowed_cutoff(data.position[order], self.cycle, CUTOFF)
-        sense = np.array([[at.sense] for at in self.plant.places])
+        sense = self._sense[:, None]
         gear = np.array([[self.plant.stated('actuator_gear', d)] for d in range(len(drives))])
         zero = self._own('joint_zero', own, 1).T
         place = sense * (data.position[order] - zero)
         # A set-point holds for a cycle, in whose middle the law is at its mean.
-        seen, middle = (
-            np.array(smooth_motion(place, self.cycle, cutoff, ahead)) for ahead in (0.0, 0.5)
-        )
+        both = (smooth_motion(place, self.cycle, cutoff, ahead) for ahead in (0.0, 0.5))
+        seen, middle = map(np.array, both)
         effort = None
         if data.effort is not None:
             rows = [fill_gaps(x) if np.isfinite(x).any() else x for x in data.effort[order]]
             effort = low_pass(sense * np.stack(rows) / gear, self.cycle, cutoff)
         links = self.plant.inverse(*middle) / gear
         wanted = low_pass(sense * (self._command - zero), self.cycle, cutoff)
-        one = np.ones(len(drives))
-        signals = Signals(
-            self.cycle, gear * seen, gear * middle, wanted, links, 0.0 * wanted, effort, one
-        )  # fmt: skip
+        moved, one = (gear * seen, gear * middle), np.ones(len(drives))
+        signals = Signals(self.cycle, *moved, wanted, links, 0.0 * wanted, effort, one)
         # The law's efforts and positions are the actuator's, a joint's own numbers at the joint.
         power = {'armature': 2, 'damping': 2, 'frictionloss': 1}
         scale = {name: np.abs(gear[:, 0]) ** power.get(name, 0) for name in _WORDS}
@@ -215,18 +204,14 @@ class Mujoco(MachineModel):
     @property
     def effort_unit(self) -> str:
         """Unit of efforts."""
-        return 'N' if self._sliding else 'N m'
+        return 'N' if self.travel[0] == 'm' else 'N m'
 
     @property
     def travel(self) -> tuple[str, float]:
-        """Unit of the drives' positions, and how many of them stand for a metre."""
-        unit = 'm' if self._sliding else 'rad'
+        """Unit of the positions, m where all drives compared slide, and so many for a metre."""
+        slide = all(self.travels[d] == 'm' for d in self.signals.places)
+        unit = 'm' if slide else 'rad'
         return unit, per_metre(unit)
-
-    @property
-    def _sliding(self) -> bool:
-        """Whether all drives compared slide."""
-        return all(self.travels[d] == 'm' for d in self.signals.places)
 
     # ------------------------------------------------------------------ effects
 
@@ -243,9 +228,8 @@ class Mujoco(MachineModel):
     @property
     def _context(self) -> Context:
         """Properties of simulator and log; an identified attribute is no effect."""
-        rows_of = {'damping': 'viscous', 'frictionloss': 'coulomb', 'kp': 'position_gain',
-                   'kv': 'velocity_gain', 'force_limit': 'torque_limit',
-                   'measurement_delay': 'log_delay'}  # fmt: skip
+        rows_of = dict(_ADDED) | {'kp': 'position_gain', 'kv': 'velocity_gain'}
+        rows_of |= {'force_limit': 'torque_limit', 'measurement_delay': 'log_delay'}
         return Context(
             drives=len(self.machine.drives),
             identified=frozenset(rows_of.get(name, name) for name in self.machine.bounds),
@@ -282,13 +266,11 @@ class Mujoco(MachineModel):
         """Return (S, O, K) outputs of candidates (S, N); inf where one diverged."""
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         out = np.empty((len(theta), len(self.signals), self._command.shape[1]))
-        part = self.plant.together(self._command.shape[1])
-        for first in range(0, len(theta), part):
-            out[first : first + part] = self._simulated(
-                theta[first : first + part], self.signals.quantities
-            )
-        diverged = ~np.isfinite(out).all(axis=(1, 2))
-        out[diverged] = math.inf
+        together = self.plant.together(self._command.shape[1])
+        for first in range(0, len(theta), together):
+            part = slice(first, first + together)
+            out[part] = self._simulated(theta[part], self.signals.quantities)
+        out[~np.isfinite(out).all(axis=(1, 2))] = math.inf
         return out
 
     def simulated_effort(self, theta: Array) -> Array:
@@ -297,10 +279,8 @@ class Mujoco(MachineModel):
 
     def _simulated(self, theta: Array, quantities: Sequence[str]) -> Array:
         own = self._candidates.own_values(theta)
-        block = self._candidates.rows(theta)
-        count = len(self.machine.drives)
-        row = {n: block[:, [rows.row_of(n, d) for d in range(count)]] for n in _EXPRESSED}
-        sense = np.array([at.sense for at in self.plant.places])
+        block, sense = self._candidates.rows(theta), self._sense
+        row = {name: self._candidates.of(block, name) for name in _EXPRESSED}
         zero = self._own('joint_zero', own, len(theta))
         late = self._own('set_point_delay', own, len(theta)) + row['set_point_delay']
         values = [self._attributes(own, row, s) for s in range(len(theta))]
@@ -311,7 +291,6 @@ class Mujoco(MachineModel):
         in_joints = sense[:, None] * (command - zero[:, :, None])
         told = self.plant.rollout(values, in_joints, start, self._forces(values, block, zero))
         parts = []
-        places = list(self.signals.places)
         for quantity in quantities:
             seen = sense[:, None] * told[quantity]
             if quantity == 'position':
@@ -319,7 +298,7 @@ class Mujoco(MachineModel):
             if quantity == 'effort':
                 seen = _late(seen, row['log_delay'] / self.cycle)
                 seen = row['log_gain'][:, :, None] * seen + row['log_bias'][:, :, None]
-            parts.append(seen[:, places])
+            parts.append(seen[:, list(self.signals.places)])
         return np.concatenate(parts, axis=1)
 
     def _forces(
@@ -328,13 +307,11 @@ class Mujoco(MachineModel):
         """Return the effects' forces on joints of candidates with attributes; None for none."""
         if not self._candidates.on.any():
             return None
-        block = block.copy()
-        for name, row in (('frictionloss', 'coulomb'), ('damping', 'viscous'),
-                          ('armature', 'motor_mass')):  # fmt: skip
+        block, sense = block.copy(), self._sense
+        for name, row in (*_ADDED, ('armature', 'motor_mass')):
             for d in range(len(self.machine.drives)):
                 block[:, rows.row_of(row, d)] = [self._attribute(v, name, d) for v in values]
         felt = Forces(block, self._candidates.on, self.cycle / self.plant.substeps)
-        sense = np.array([at.sense for at in self.plant.places])
 
         def forces(time: float, position: Array, velocity: Array, effort: Array) -> Array:
             loss, force = felt.at(time, sense * position + zero, sense * velocity, sense * effort)
@@ -353,27 +330,21 @@ class Mujoco(MachineModel):
         self, own: Mapping[str, Array], row: Mapping[str, Array], s: int
     ) -> dict[str, dict[int, float]]:
         """Return the simulator's attributes in candidate `s`, effects put in."""
-        found: dict[str, dict[int, float]] = {}
-        for name, several in self._parts.items():
-            if name in _OUTSIDE:
-                continue
-            for parameter in several:
-                drive = parameter.name.rpartition('.')[0]
-                number = self.machine.drives.index(drive) if drive else 0
-                found.setdefault(name, {})[number] = float(own[parameter.name][s])
-        for name, target in (('frictionloss', 'coulomb'), ('damping', 'viscous')):
-            for d in np.flatnonzero(row[target][s]):
-                value = self._attribute(found, name, int(d)) + row[target][s, d]
-                found.setdefault(name, {})[int(d)] = max(float(value), 0.0)
+        found: dict[str, dict[int, float]] = defaultdict(dict)
+        for name in (name for name in self._parts if name not in _OUTSIDE):
+            for p in self._parts[name]:
+                found[name][self._drive_of(p)] = float(own[p.name][s])
+        for name, target in _ADDED:
+            for d in np.flatnonzero(row[target][s]).tolist():
+                value = self._attribute(found, name, d) + row[target][s, d]
+                found[name][d] = max(float(value), 0.0)
         for name, target in (('kp', 'position_gain'), ('kv', 'velocity_gain')):
-            for d in np.flatnonzero(row[target][s] != 1.0):
-                value = self._attribute(found, name, int(d)) * row[target][s, d]
-                found.setdefault(name, {})[int(d)] = float(value)
-        for d in np.flatnonzero(np.isfinite(row['torque_limit'][s])):
-            share = row['torque_limit'][s, d] / self._candidates.full_effort(int(d))
-            limit = self._attribute(found, 'force_limit', int(d))
-            whole = limit if math.isfinite(limit) else self._candidates.full_effort(int(d))
-            found.setdefault('force_limit', {})[int(d)] = float(share * whole)
+            for d in np.flatnonzero(row[target][s] != 1.0).tolist():
+                found[name][d] = float(self._attribute(found, name, d) * row[target][s, d])
+        for d in np.flatnonzero(np.isfinite(row['torque_limit'][s])).tolist():
+            full, limit = self._candidates.full_effort(d), self._attribute(found, 'force_limit', d)
+            whole = limit if math.isfinite(limit) else full
+            found['force_limit'][d] = float(row['torque_limit'][s, d] / full * whole)
         return found
 
     def _attribute(self, found: Mapping[str, Mapping[int, float]], name: str, d: int) -> float:

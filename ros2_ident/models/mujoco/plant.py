@@ -117,7 +117,7 @@ class Place:
         self, model: Any, joint: str, actuator: str, sense: float, body: str = ''
     ) -> None:
         mj = loaded()
-        self.joint = _number(model, mj.mjtObj.mjOBJ_JOINT, joint, 'joint')
+        self.joint = _number(model, 'joint', joint)
         one_axis = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
         if int(model.jnt_type[self.joint]) not in one_axis:
             raise ErrorCode.BAD_MACHINE_FILE.error(
@@ -128,10 +128,10 @@ class Place:
         self.dof = int(model.jnt_dofadr[self.joint])
         self.slides = int(model.jnt_type[self.joint]) == int(mj.mjtJoint.mjJNT_SLIDE)
         own = int(model.jnt_bodyid[self.joint])
-        self.body = _number(model, mj.mjtObj.mjOBJ_BODY, body, 'body') if body else own
+        self.body = _number(model, 'body', body) if body else own
         self.sense = sense
         if actuator:
-            self.actuator = _number(model, mj.mjtObj.mjOBJ_ACTUATOR, actuator, 'actuator')
+            self.actuator = _number(model, 'actuator', actuator)
             return
         # The number is that of a tendon, a site or a body where the actuator acts on one.
         on_joint = model.actuator_trntype <= int(mj.mjtTrn.mjTRN_JOINTINPARENT)
@@ -144,8 +144,9 @@ class Place:
         self.actuator = int(acting[0])
 
 
-def _number(model: Any, kind: Any, name: str, word: str) -> int:
+def _number(model: Any, word: str, name: str) -> int:
     mj = loaded()
+    kind = getattr(mj.mjtObj, f'mjOBJ_{word.upper()}')
     found = mj.mj_name2id(model, kind, name)
     if found < 0:
         count = {'joint': model.njnt, 'actuator': model.nu, 'body': model.nbody}[word]
@@ -155,14 +156,6 @@ def _number(model: Any, kind: Any, name: str, word: str) -> int:
             f'drive in drive.{word}'
         )
     return int(found)
-
-
-def _limit(model: Any, at: Place) -> float:
-    own, joint = model.actuator_forcerange[at.actuator, 1], model.jnt_actfrcrange[at.joint, 1]
-    return min(
-        own if model.actuator_forcelimited[at.actuator] else math.inf,
-        joint if model.jnt_actfrclimited[at.joint] else math.inf,
-    )
 
 
 # Numbers of a model where a drive is: array, whose number, column, sign.
@@ -205,10 +198,10 @@ def _put(name: str, model: Any, at: Place, value: float) -> None:
     numbers[place] = sign * value
 
 
+# All that is written.
 _FIELDS = (
-    'dof_armature', 'dof_damping', 'dof_frictionloss', 'jnt_stiffness', 'actuator_gainprm',
-    'actuator_biasprm', 'actuator_forcelimited', 'actuator_forcerange', 'actuator_gear',
-    'body_inertia', 'body_ipos', 'body_mass', 'body_pos', 'jnt_actfrclimited',
+    *dict.fromkeys(field for field, *_ in _NUMBERS_OF.values()), *_FACTORS.values(),
+    'actuator_forcelimited', 'actuator_forcerange', 'jnt_actfrclimited',
 )  # fmt: skip
 
 
@@ -275,20 +268,13 @@ class Plant:
         self.substeps = max(1, math.ceil(cycle / step - 1e-6))
         self.model.opt.timestep = cycle / self.substeps
         self._sensors = {
-            quantity: np.array(
-                [int(self.model.sensor(f'ident {quantity} {j}').adr[0]) for j in joints]
-            )
-            for quantity in _SENSORS
+            q: np.array([int(self.model.sensor(f'ident {q} {j}').adr[0]) for j in joints])
+            for q in _SENSORS
         }
         self._own = _Own(self.model)
 
     def changed(self, model: Any, values: Mapping[str, Mapping[int, float]]) -> None:
-        """Write attributes into a copy of the model, from the description's on.
-
-        Args:
-            model: The copy.
-            values: Values by the name of the parameter and the number of the drive.
-        """
+        """Write values by parameter and drive into a copy of the model, as described before."""
         for name in _FIELDS:
             getattr(model, name)[:] = getattr(self.model, name)
         model.opt.gravity[:] = self.model.opt.gravity
@@ -309,7 +295,14 @@ class Plant:
             numbers, place, sign = _number_of(name, model, at)
             return float(sign * numbers[place])
         if name == 'force_limit':
-            return float(_limit(model, at))
+            own, joint = (
+                ends[number, 1] if limited[number] else math.inf
+                for ends, limited, number in (
+                    (model.actuator_forcerange, model.actuator_forcelimited, at.actuator),
+                    (model.jnt_actfrcrange, model.jnt_actfrclimited, at.joint),
+                )
+            )
+            return float(min(own, joint))
         if name == 'free_fall':
             return float(np.linalg.norm(model.opt.gravity))
         return 0.0 if name == 'joint_zero' else 1.0
@@ -318,19 +311,13 @@ class Plant:
     def ends(self) -> Array:
         """(2, D) lowest and highest position of each drive's joint; infinite where not limited."""
         joints = [at.joint for at in self.places]
-        limited = np.asarray(self.model.jnt_limited)[joints].astype(bool)
-        free = np.array([[-math.inf], [math.inf]])
-        return np.where(limited, self.model.jnt_range[joints].T, free)
+        limited = self.model.jnt_limited[joints].astype(bool)
+        return np.where(limited, self.model.jnt_range[joints].T, [[-math.inf], [math.inf]])
 
     @property
     def home(self) -> Array:
         """(D,) positions of the drives' joints in which the description is drawn."""
         return np.asarray(self.model.qpos0)[[at.position for at in self.places]]
-
-    def _models(self, count: int) -> list[Any]:
-        while len(self._own.models) < count:
-            self._own.models.append(copy.copy(self.model))
-        return self._own.models[:count]
 
     @functools.cached_property
     def _state(self) -> int:
@@ -350,21 +337,21 @@ class Plant:
         start: Array,
         forces: Felt | None = None,
     ) -> dict[str, Array]:
-        """Simulate candidates.
+        """Return (S, D, K) positions, velocities and efforts by quantity of candidates.
+
+        All in the joints' own coordinates, at the instants of the set-points.
 
         Args:
             values: Of each candidate, as of `changed`.
-            command: (S, D, K) or (1, D, K) set-points in the joints' own coordinates.
+            command: (S, D, K) or (1, D, K) set-points.
             start: (S, 2, D) positions and rates of the joints at the first cycle.
             forces: What the joints feel besides: of an instant [s], and of positions, rates and
                 efforts (S, D), the size of friction and what else acts (2, S, D).
-
-        Returns:
-            (S, D, K) positions, velocities and efforts by quantity, in the joints' own
-            coordinates and at the instants of the set-points.
         """
         mj = loaded()
-        models = self._models(len(values))
+        while len(self._own.models) < len(values):
+            self._own.models.append(copy.copy(self.model))
+        models = self._own.models[: len(values)]
         states = np.zeros((len(values), self._state))
         data = self._own.data
         for s, (model, value) in enumerate(zip(models, values, strict=True)):
@@ -392,12 +379,8 @@ class Plant:
     def inverse(self, position: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (D, K) what the links ask of the drives' joints, N m or N.
 
-        Neither friction nor armature of the joints counts; joints without a drive stay as drawn.
-
-        Args:
-            position: (D, K), in the joints' own coordinates.
-            velocity: (D, K).
-            acceleration: (D, K).
+        Along a motion (D, K) in the joints' own coordinates. Neither friction nor armature of the
+        joints counts; joints without a drive stay as drawn.
         """
         mj, model = loaded(), copy.copy(self.model)
         data = mj.MjData(model)
@@ -450,7 +433,7 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
     try:
         model = loaded().MjModel.from_xml_string(text)
         for joint in joints:
-            _number(model, loaded().mjtObj.mjOBJ_JOINT, joint, 'joint')
+            _number(model, 'joint', joint)
             if model.nu:
                 Place(model, joint, '', 1.0)
     except IdentError as found:
@@ -464,15 +447,9 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
 
 
 def close_loops(mj: Any, model: Any, data: Any, driven: Sequence[int]) -> None:
-    """Move all joints but the driven ones until loops are closed, and give them their speeds.
+    """Move all degrees of freedom but those driven until loops are closed, with their speeds.
 
     By Newton's method from the pose in `data` on, so a loop's branch is that pose's.
-
-    Args:
-        mj: MuJoCo.
-        model: The model.
-        data: Its pose and speeds, which are changed.
-        driven: Degrees of freedom that stay as they are.
     """
     free = np.setdiff1d(np.arange(model.nv), driven)
     step = np.zeros(model.nv)
