@@ -53,9 +53,7 @@ def drake(text: str, content: Content) -> str:
     ET.register_namespace('drake', _DRAKE)
     root = in_urdf(text, content)
     for joint, element in _joints(root.findall('joint'), content, _OTHER):
-        dynamics = element.find('dynamics')
-        if dynamics is not None:
-            dynamics.attrib.pop('friction')
+        _part(element, 'dynamics').attrib.pop('friction')
         for old in root.findall('transmission'):
             driven = old.find('joint')
             if driven is not None and driven.get('name') == joint.name:
@@ -127,7 +125,7 @@ def mjcf(text: str, content: Content) -> str:
             compiler.set('inertiafromgeom', 'auto')
     remedy = 'name it there as the bag does'
     for name, mass, centre, inertia in () if described else content.inertials():
-        full = [inertia[place] for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         new = ET.Element('inertial', pos=_numbers(centre), mass=_number(mass))
         new.set('fullinertia', _numbers(full))
         _put_inertial(_named(root.iter('body'), 'body', name, remedy), new)
@@ -171,7 +169,6 @@ def _actuator(root: ET.Element, joint: Joint, gains: Gains, delay: float) -> Non
 def _joints(
     elements: Iterable[ET.Element], content: Content, remedy: str
 ) -> Iterator[tuple[Joint, ET.Element]]:
-    """Yield the joints with their elements."""
     found = list(elements)
     for joint in content.joints:
         yield joint, _named(found, 'joint', joint.name, remedy)
@@ -189,28 +186,20 @@ def _parsed(text: str) -> ET.Element:
 
 
 def _written(root: ET.Element) -> str:
-    """Return the text of a description."""
     ET.indent(root)
     text = ET.tostring(root, encoding='unicode')
     return f"<?xml version='1.0' encoding='utf-8'?>\n<!-- {mark('export')} -->\n{text}\n"
 
 
 def _number(value: float) -> str:
-    """Return a number's text with all of its digits."""
-    return repr(float(value))
+    return repr(float(value))  # all of its digits
 
 
 def _numbers(values: Iterable[float]) -> str:
-    """Return the text of several numbers, blanks between."""
     return ' '.join(_number(value) for value in values)
 
 
 def _named(elements: Iterable[ET.Element], tag: str, name: str, remedy: str) -> ET.Element:
-    """Return the element of a name, among those of a tag.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE with the remedy where there is none.
-    """
     for element in elements:
         if element.get('name') == name:
             return element

@@ -48,10 +48,9 @@ class Law:
         """Return (K,) effort at the joint that it takes, N m or N, at positions, speeds (K,)."""
         known = {name: getattr(np, own) for name, own in _FUNCTIONS.items()}
         function = FunctionType(_kernel(get_effect(self.effect)).__code__, known)
-        sign = np.sign(velocity)
-        drive = SimpleNamespace(
-            position=position, carriage=position, velocity=velocity, direction=sign, **self.state
-        )
+        seen = dict.fromkeys(('position', 'carriage'), position)
+        seen |= {'velocity': velocity, 'direction': np.sign(velocity)}
+        drive = SimpleNamespace(**seen, **self.state)
         return np.asarray(self.takes * function(0.0, drive, self.values) + 0.0 * velocity)
 
     @property
@@ -107,12 +106,10 @@ def laws_of(
         state = {name: row(name) for name in _CONSTANT} | {'turn': row('motor_turn')}
         return Law(effect.id, takes, tuple(values), state)
 
-    found = {
-        drive: tuple(
-            law(effect, drives.index(drive))
-            for at in effects
-            if at.where in (drive, 'all') and is_law(effect := get_effect(at.effect))
-        )
-        for drive in model.drives
-    }
-    return {drive: laws for drive, laws in found.items() if laws}
+    every = [(at.where, get_effect(at.effect)) for at in effects]
+    found = {}
+    for d in model.signals.places:
+        own = [effect for where, effect in every if where in (drives[d], 'all')]
+        if laws := tuple(law(effect, d) for effect in own if is_law(effect)):
+            found[drives[d]] = laws
+    return found

@@ -38,13 +38,7 @@ _ROS2_CONTROL = (
 
 
 def loader(text: str, content: Content, name: str) -> str:
-    """Return a module in Python that loads `robot.urdf` and adds what it has no place for.
-
-    Args:
-        text: The URDF.
-        content: What was identified.
-        name: Of a file in `loaders/`.
-    """
+    """Return a module in Python, of a name in `loaders/`, that loads a URDF and adds the rest."""
     of = content.beside if 'laws' in TARGETS[name].holds else content.joints
     rows = {j.name: {part: float(getattr(j, part)) for part in PARTS} for j in of}
     joints = ''.join(f'    {joint!r}: {row},\n' for joint, row in rows.items())
@@ -103,9 +97,7 @@ def ros2_control(_: str, content: Content) -> str:
         # it is taken off again.
         'gains': {
             name: {
-                'p': float(g.p),
-                'i': float(g.i),
-                'd': float(g.d),
+                **{x: float(getattr(g, x)) for x in 'pid'},
                 'ff_velocity_scale': float(g.d * (g.share - 1.0)),
             }
             for name, g in gains.items()
@@ -151,9 +143,10 @@ class Target:
     beside: tuple[str, ...] = ()
 
 
-def _loaded(title: str, name: str, massless: str, follows: str, *holds: str) -> Target:
-    """Return a simulator that a module in Python loads `robot.urdf` into."""
-    return Target(
+def _loaded(title: str, massless: str, follows: str, *holds: str) -> tuple[str, Target]:
+    """Return a simulator that a module in Python loads `robot.urdf` into, and its name."""
+    name = title.lower()
+    return name, Target(
         title, f'load_{name}.py', partial(loader, name=name), _URDF,
         frozenset({'viscous', 'coulomb', *holds}), massless, follows, ('urdf',),
     )  # fmt: skip
@@ -178,17 +171,13 @@ TARGETS = {
         'Gazebo', 'gazebo.urdf', gazebo, _URDF, frozenset({'viscous', 'coulomb'}),
         'weigh 1e-5 kg', 'move by themselves, as its parser drops that',
     ),
-    'pinocchio': _loaded(
-        'pinocchio', 'pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'
-    ),
-    'pybullet': _loaded('PyBullet', 'pybullet', 'weigh 0 kg', 'move by themselves'),
-    'sapien': _loaded(
-        'SAPIEN', 'sapien', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature', 'laws'
-    ),
-    'genesis': _loaded(
-        'Genesis', 'genesis', 'weigh almost nothing', 'are coupled', 'armature'
-    ),
-    'newton': _loaded('Newton', 'newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws'),
+    **dict((
+        _loaded('pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'),
+        _loaded('PyBullet', 'weigh 0 kg', 'move by themselves'),
+        _loaded('SAPIEN', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature', 'laws'),
+        _loaded('Genesis', 'weigh almost nothing', 'are coupled', 'armature'),
+        _loaded('Newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws'),
+    )),
     'usd': Target(
         'USD', 'robot.usda', usd, _URDF, frozenset({*PARTS, 'p', 'd'}),
         'weigh 1e-5 kg', 'are coupled',
@@ -255,10 +244,8 @@ def write(
     read = [x for x in paths.values() if x.is_file() and x.read_text('utf-8') == description]
     require_ours(read, read)
     folder = make_directory(directory)
-    missed = {name: content.missed(TARGETS[name].holds) for name in names}
-    told = {
-        name: tuple(sentences(content, TARGETS[name], description, missed[name])) for name in names
-    }
+    missed = {x: content.missed(TARGETS[x].holds) for x in names}
+    told = {x: tuple(sentences(content, TARGETS[x], description, missed[x])) for x in names}
     links = content.links
     whole = {
         'schema': 'ros2_ident.export',
@@ -266,12 +253,7 @@ def write(
         'spread': content.spread if links else None,
         'mended': list(links.mended) if links else [],
         'targets': {
-            name: {
-                'file': TARGETS[name].file,
-                'left_out': told[name],
-                'joints': missed[name],
-            }
-            for name in names
+            x: {'file': TARGETS[x].file, 'left_out': told[x], 'joints': missed[x]} for x in names
         },
     }
     files = {name: write_text(paths[name], text) for name, text in texts.items()}
@@ -282,11 +264,7 @@ def write(
 def sentences(
     content: Content, target: Target, description: str, missed: Mapping[str, Mapping[str, Any]]
 ) -> Iterator[str]:
-    """Yield what a target cannot say of this machine, and how much that leaves.
-
-    Args:
-        missed: What `Content.missed` returns for it.
-    """
+    """Yield what a target cannot say of this machine, and how much that leaves, see `missed`."""
     rows = missed if target.of else {}
     lacking = list(_lacking(content, target, rows))
     if lacking:
@@ -317,7 +295,7 @@ def sentences(
 
 
 def _kept(missed: Mapping[str, Any]) -> float:
-    """Return what share of the improvement over the description a target keeps of a joint."""
+    """Return the share of the improvement over the description that a joint keeps."""
     described, exported, identified = (
         missed[f'missed_as_{x}'] ** 2 for x in ('described', 'exported', 'identified')
     )
