@@ -65,10 +65,6 @@ class Added:
             return [EffectAt(self.effect.id, 'all')]
         return [EffectAt(self.effect.id, drive) for drive in self.where or machine.drives]
 
-    def values_at(self, at: EffectAt) -> dict[str, float]:
-        """Return its values by the full names of a model's parameters at one of its places."""
-        return {f'{at.prefix}{name}': value for name, value in self.values.items()}
-
 
 def read_effect(text: str) -> Added:
     """Read an effect from a command line.
@@ -110,7 +106,7 @@ def simulate(
     motion: Motion,
     effects: Sequence[Added] = (),
 ) -> Log:
-    """Simulate a log.
+    """Return a simulated log; what the kind does not simulate is as planned.
 
     Args:
         machine: The machine.
@@ -118,9 +114,6 @@ def simulate(
             description holds is as described where not given.
         motion: Set-points of the drives.
         effects: What the machine has beside the nominal physics.
-
-    Returns:
-        The log; what the kind does not simulate is as planned.
 
     Raises:
         IdentError: INVALID_GOAL for an effect that has no place in the machine, UNKNOWN_PARAMETER
@@ -131,12 +124,9 @@ def simulate(
         machine = machine.with_constants(bandwidth=math.inf)
     model = planned_model(machine, motion.position, motion.velocity)
     values = {**parameters, **model.as_described(parameters)}
-    there: list[EffectAt] = []
-    added: dict[str, float] = {}
-    for effect in effects:
-        for at in effect.places(machine):
-            there.append(at)
-            added |= effect.values_at(at)
+    each = [(at, effect) for effect in effects for at in effect.places(machine)]
+    there = [at for at, _ in each]
+    added = {f'{at.prefix}{name}': x for at, one in each for name, x in one.values.items()}
     offered = model.extensions() if there else ()
     for at in there:
         if at not in offered:
@@ -153,20 +143,17 @@ def simulate(
     quantities = {output.quantity for output in model.outputs}
     if 'position' in quantities and 'velocity' not in quantities:
         rows['velocity'] = np.gradient(rows['position'], model.cycle, axis=1)
-    measured = rows['effort'], rows['position'], rows['velocity']
-    return Log(machine.drives, model.cycle, *measured, effects=added)
+    return Log(machine.drives, model.cycle, **rows, effects=added)
 
 
 def _theta(model: FullModel, values: Mapping[str, float]) -> Array:
     """Return (N,) the parameters of a model by their names, or by those that all drives share."""
     out = []
-    for p in model.parameters:
-        base = p.name.rpartition('.')[2]
-        if p.name not in values and base not in values:
-            raise ErrorCode.UNKNOWN_PARAMETER.error(
-                f'{p.name} has no value; give {p.name} or {base}'
-            )
-        out.append(values.get(p.name, values.get(base, math.nan)))
+    for name in (p.name for p in model.parameters):
+        base = name.rpartition('.')[2]
+        if name not in values and base not in values:
+            raise ErrorCode.UNKNOWN_PARAMETER.error(f'{name} has no value; give {name} or {base}')
+        out.append(values[name if name in values else base])
     return np.array(out)
 
 
@@ -223,17 +210,7 @@ def nuisance_of(machine: Machine) -> Nuisance:
 def make_streams(
     log: Log, motion: Motion, nuisance: Nuisance, rng: np.random.Generator
 ) -> dict[str, Stream]:
-    """Sample a simulated log as a recorder would.
-
-    Args:
-        log: What the machine did.
-        motion: Its set-points.
-        nuisance: What lies between.
-        rng: Source of chance.
-
-    Returns:
-        Streams by topic.
-    """
+    """Return streams by topic: a log and its set-points, sampled as a recorder would."""
     every = max(1, round(nuisance.period / log.cycle))
     samples = np.arange(0, log.effort.shape[1], every)
 
@@ -272,18 +249,15 @@ def simulate_bag(
     nuisance: Nuisance | None = None,
     effects: Sequence[Added] = (),
 ) -> SimulatedBag:
-    """Simulate a log and make streams of it.
+    """Simulate a log and make streams of it; arguments and errors as of `simulate`.
 
     Args:
         machine: The machine.
-        parameters: Parameters by name, see `simulate`.
+        parameters: Parameters by name.
         motion: Set-points, from `draw_motion`.
         seed: Seed of noise, jitter and losses.
         nuisance: What lies between machine and log; by the machine file's noise where not given.
         effects: What the machine has beside the nominal physics.
-
-    Raises:
-        IdentError: As `simulate`.
     """
     log = simulate(machine, parameters, motion, effects)
     rng = np.random.default_rng(seed)

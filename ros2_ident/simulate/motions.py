@@ -49,9 +49,8 @@ class Path:
     def rest(self, seconds: float) -> None:
         """Stay where the path has come to."""
         count = max(0, round(seconds / self.cycle))
-        self._append(
-            np.repeat(self.place[:, None], count, axis=1), np.zeros((self.place.size, count))
-        )
+        points = np.repeat(self.place[:, None], count, axis=1)
+        self._append(points, np.zeros_like(points))
 
     def jump(self, target: Array) -> None:
         """Be at a point (M,) [m] with the next cycle, without a speed."""
@@ -59,13 +58,7 @@ class Path:
         self._append(point, np.zeros_like(point))
 
     def move(self, target: Array, speed: float, acceleration: float) -> None:
-        """Go straight to a point by a quintic.
-
-        Args:
-            target: (M,) point [m].
-            speed: Largest speed along the line [m/s].
-            acceleration: Largest acceleration along the line [m/s^2].
-        """
+        """Go straight to a point (M,) [m] by a quintic within a speed and an acceleration."""
         way = np.asarray(target, dtype=float) - self.place
         length = float(np.linalg.norm(way))
         time = max(
@@ -178,8 +171,8 @@ def _chirp(path: Path, space: Space, rng: np.random.Generator, seconds: float) -
     """A sine from 0.3 to 8 Hz whose amplitude keeps speed and acceleration within limits."""
     duration = max(1.0, seconds - path.seconds)
     low, high = 0.3, 8.0
-    direction = rng.uniform(0.4, 1.0, space.centre.size)
-    direction *= rng.choice([-1.0, 1.0], space.centre.size)
+    size = space.centre.size
+    direction = rng.uniform(0.4, 1.0, size) * rng.choice([-1.0, 1.0], size)
     direction /= np.linalg.norm(direction)
 
     def shape(time: Array) -> tuple[Array, Array]:
@@ -205,10 +198,8 @@ def _multisine(path: Path, space: Space, rng: np.random.Generator, seconds: floa
     frequency = 0.2 * rng.choice(np.arange(1, 26), size=(size, 8), replace=True)
     phase = rng.uniform(0.0, 2.0 * np.pi, (size, 8))
     rate = 2.0 * np.pi * frequency
-    amplitude = 1.0 / (
-        1.0 / np.min(space.reach) + rate / space.speed + rate**2 / space.acceleration
-    )
-    amplitude *= 0.35
+    soft = 1.0 / np.min(space.reach) + rate / space.speed + rate**2 / space.acceleration
+    amplitude = 1.0 / soft * 0.35
 
     def shape(time: Array) -> tuple[Array, Array]:
         angle = rate[:, :, None] * time + phase[:, :, None]
@@ -220,12 +211,10 @@ def _multisine(path: Path, space: Space, rng: np.random.Generator, seconds: floa
 
 def _reversals(path: Path, space: Space, rng: np.random.Generator, seconds: float) -> None:
     """There and back without a rest, the way growing from a hundredth of the reach."""
-    share = 0.01
+    share, size = 0.01, space.centre.size
     while path.seconds < seconds:
         middle = path.place.copy()
-        direction = rng.choice([-1.0, 1.0], space.centre.size) * rng.uniform(
-            0.5, 1.0, space.centre.size
-        )
+        direction = rng.choice([-1.0, 1.0], size) * rng.uniform(0.5, 1.0, size)
         pace = rng.uniform(0.1, 0.5)
         for sign in (1.0, -1.0, 0.0):
             path.go(middle + sign * share * space.reach * direction, space, pace)
@@ -262,16 +251,10 @@ def _mixed(path: Path, space: Space, rng: np.random.Generator, seconds: float) -
 
 
 KINDS: Mapping[str, Callable[[Path, Space, np.random.Generator, float], None]] = {
-    'pick_and_place': _pick_and_place,
-    'multi_point': _multi_point,
-    'creep': _creep,
-    'chirp': _chirp,
-    'multisine': _multisine,
-    'reversals': _reversals,
-    'dwell': _dwell,
-    'mixed': _mixed,
-    'steps': _steps,
-}
+    'pick_and_place': _pick_and_place, 'multi_point': _multi_point, 'creep': _creep,
+    'chirp': _chirp, 'multisine': _multisine, 'reversals': _reversals, 'dwell': _dwell,
+    'mixed': _mixed, 'steps': _steps,
+}  # fmt: skip
 
 
 def draw_motion(
@@ -289,9 +272,6 @@ def draw_motion(
         seconds: Duration [s].
         seed: Seed, or source of chance.
         space: Workspace and limits; the machine's usual ones where not given.
-
-    Returns:
-        The motion.
 
     Raises:
         IdentError: INVALID_GOAL for an unknown kind or a duration that is too short.
