@@ -252,12 +252,7 @@ OWN = (BELT_DRIVE, LINEAR_AXIS, MUJOCO, ROTARY_TRIPOD, SERIAL, SERVO, TRIPOD)
 
 
 def _judge_drives(draft: Draft, elastic: str = '') -> Iterator[Remark]:
-    """Judge units, gear, travel and elasticity of controlled drives.
-
-    Args:
-        draft: A machine file's content.
-        elastic: Why the gears have to be elastic; empty where they may be rigid.
-    """
+    """Judge controlled drives; `elastic` says why their gears have to give, where they have to."""
     yield from _units(draft)
     yield from _travel(draft)
     yield from _law(draft)

@@ -31,6 +31,8 @@ _STATED = (
     ('force_limit', 'position', 'forcerange', 1), ('force_limit', 'general', 'forcerange', 1),
     ('force_limit', 'motor', 'forcerange', 1), ('force_limit', 'joint', 'actuatorfrcrange', 1),
 )  # fmt: skip
+# Of each joint, by the name of the parameter.
+_Boxes = dict[str, list[tuple[float, float, str]]]
 # A box reaches to so many times what is stated, as those of the bundled examples do.
 _ROOM = 4.0
 
@@ -255,24 +257,17 @@ def _steps_as_mujoco(
 # What may belong to an arm's law beside P and D, the plainest first; and by how much more than the
 # least error a plainer one may leave.
 _COMPENSATIONS = 'none', 'gravity', 'dynamics'
-_MORE: tuple[tuple[str, ...], ...] = (
-    (),
-    ('velocity_feedforward',),
-    ('integral_gain',),
-    ('velocity_feedforward', 'integral_gain'),
-)
-_HARDLY = 1.1
 _FURTHER = {
     'velocity_feedforward': (0.0, 1.5, '1'),
     'integral_gain': (0.0, 1e5, 'N m/(rad s)'),
 }
+_MORE = [more for n in range(3) for more in itertools.combinations(_FURTHER, n)]
+_HARDLY = 1.1
 # Share of the mean square that MuJoCo leaves where the log is one of its own steps; by hand.
 _FAR_LESS = 0.25
 
 
-def _boxes_of(
-    names: Sequence[str], root: Any, log: Recording
-) -> dict[str, list[tuple[float, float, str]]]:
+def _boxes_of(names: Sequence[str], root: Any, log: Recording) -> _Boxes:
     """Return boxes of gains, rotors and friction by name, one of each joint."""
     stated = _stated_by_joint(root)
     limits = {
@@ -280,7 +275,7 @@ def _boxes_of(
         for joint in root.iterfind('joint')
         for limit in joint.iterfind('limit')
     } | stated.get('force_limit', {})
-    boxes: dict[str, list[tuple[float, float, str]]] = {}
+    boxes: _Boxes = {}
     effort = any(x is not None and x.effort is not None for x in (log.state, log.effort))
     for name in names:
         motion = motion_of(log, name)
@@ -319,17 +314,16 @@ def _stated_by_joint(root: Any) -> dict[str, dict[str, float]]:
 
 
 def _followed(
-    names: Sequence[str],
-    named: str,
-    stated: str,
-    compensation: str,
-    boxes: Mapping[str, Sequence[tuple[float, float, str]]],
+    names: Sequence[str], named: str, stated: str, compensation: str, boxes: _Boxes
 ) -> str:
     """Return the text of `followed_file`."""
     lines = [f'  {key}:' for key in boxes]
     for n, several in enumerate(boxes.values()):
         for low, high, unit in several:
             lines[n] += f'\n  - [{digits(low)}, {high:.3g}, {inline(unit)}]'
+    if 'viscous_torque' not in boxes:
+        one = 'viscous friction and velocity_gain are one'
+        lines.append(f'  # Without an effort in the log, {one}.')
     added = '' if compensation == 'none' else f'  compensation: {compensation}\n'
     return (
         f'machine: {arm_kind(False).name}\ndrives: {inline([*names])}\n'
@@ -338,14 +332,7 @@ def _followed(
         f'{stated}{added}'
         '  # What is known of the gains, torque_limit, set_point_delay belongs here, a value for\n'
         '  # all or a list, and then not below.\n'
-        'parameters:      # of joints that slide: N/m, N s/m, kg, N\n'
-        + '\n'.join(lines)
-        + (
-            ''
-            if 'viscous_torque' in boxes
-            else '\n  # Without an effort in the log, viscous friction and velocity_gain are one.'
-        )
-        + '\n'
+        'parameters:      # of joints that slide: N/m, N s/m, kg, N\n' + '\n'.join(lines) + '\n'
     )
 
 
@@ -357,8 +344,7 @@ def arm_kind(simulator: bool) -> Kind:
 def ways(kind: Kind, log: Recording, freely: bool) -> str:
     """Return in which ways a log lets an arm be simulated, the file's first."""
     state, command = log.state, log.command
-    roles = state, log.effort
-    effort = any(x is not None and x.effort is not None for x in roles)
+    effort = any(x is not None and x.effort is not None for x in (state, log.effort))
     points = command is not None and command.position is not None
     along = 'along its recorded motion (--kind serial), by the logged effort'
     free = 'freely under its controllers, by the logged set-points'
@@ -466,15 +452,11 @@ def machine_template(
         '# `ident check --machine THIS_FILE` says what is missing or implausible, with the line.',
     ]
     for section, keys in groupby(kind.keys, key=lambda key: key.section):
-        indent = ''
+        indent, boxed = '  ' if section else '', section == 'parameters'
         if section:
-            note = (
-                '  # to be found; name: [least, largest, unit]' if section == 'parameters' else ''
-            )
+            note = '  # to be found; name: [least, largest, unit]' if boxed else ''
             lines += ['', f'{section}:{note}']
-            indent = '  '
         for key in keys:
-            boxed = section == 'parameters'
             if (value := (boxes or {} if boxed else given).get(key.name)) is not None:
                 key = replace(key, shown=key.shown or not boxed)
                 lines += _lines(key, indent, value)
@@ -490,11 +472,8 @@ def machine_template(
 
 def _lines(key: Key, indent: str, value: str) -> list[str]:
     """Return a key's line, and below it what its comment needs more."""
-    parts = [] if key.section == 'parameters' or not key.unit else [key.unit]
-    parts.append(key.meaning)
-    if key.absent:
-        parts.append(key.absent)
-    text = f'{parts[0]}; {"; ".join(parts[1:])}' if parts[1:] else parts[0]
+    unit = '' if key.section == 'parameters' else key.unit
+    text = '; '.join(filter(None, (unit, key.meaning, key.absent)))
     mark = '' if key.shown else '# '
     start = f'{indent}{mark}{key.name}: {value}'
     first, *more = textwrap.wrap(text, _WIDTH - _COMMENT - 2)

@@ -196,12 +196,9 @@ class FullModel(Model):
         """Return (S,) costs of candidates: eq. 2, the mean of the outputs' weighted RMS errors.
 
         Args:
-            theta: (S, N) candidates.
+            theta: (S, N) candidates; a cost is inf where one diverged.
             limit: Cost above which a lower bound will do, for all or (S,).
             stop: Asked now and then; True where the result is not needed any more.
-
-        Returns:
-            (S,) costs; inf where a candidate diverged, a lower bound where one is above `limit`.
         """
         theta = np.atleast_2d(theta)
         if stop is not None and stop():
@@ -220,8 +217,7 @@ class FullModel(Model):
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return parameters that a description holds, by name, with what is given put in.
 
-        Args:
-            given: Values by name, also of what the description holds and no parameter is.
+        Also what the description holds and no parameter is.
         """
         return {}
 
@@ -278,10 +274,7 @@ class FullModel(Model):
     def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (O, K) what friction and motor inertia take of the effort.
 
-        Args:
-            theta: (N,) a candidate.
-            velocity: (O, K) of the outputs' places.
-            acceleration: (O, K).
+        Of a candidate (N,), by velocity and acceleration (O, K) of the outputs' places.
         """
         return np.zeros_like(velocity)
 
@@ -302,19 +295,16 @@ class FullModel(Model):
         return get_effect(at.effect).parameters
 
     def carrying(self, held: Array) -> 'FullModel':
-        """Return the model that knows when a payload is carried; itself where it carries none.
+        """Return the model that knows which share (K,) of a payload it carries when.
 
-        Args:
-            held: (K,) share of the payload at each instant.
+        Itself where it carries none.
         """
         return self
 
     def decided(self, theta: Array, noise: Array) -> 'FullModel':
         """Return the model that compares only what the recorded motion decides; itself where all.
 
-        Args:
-            theta: (N,) parameters.
-            noise: (O,) standard deviation of the outputs' noise.
+        By parameters (N,) and standard deviations (O,) of the outputs' noise.
         """
         return self
 
@@ -394,23 +384,15 @@ class _Restricted(_Completed):
 
 
 def complete(model: Any) -> FullModel:
-    """Return a model with everything that the program asks for.
-
-    Args:
-        model: A `FullModel`, or any object that meets `Model`. For more than the
-            defaults derives from `FullModel`.
+    """Return a `FullModel` as it is, and any object that meets `Model` with its defaults.
 
     Raises:
         IdentError: INVALID_GOAL naming what the object lacks.
     """
     if isinstance(model, FullModel):
         return model
-    missing = [
-        name
-        for name in ('parameters', 'outputs', 'cycle', 'measured', 'simulate')
-        if not hasattr(model, name)
-    ]
-    if missing:
+    needed = 'parameters', 'outputs', 'cycle', 'measured', 'simulate'
+    if missing := [name for name in needed if not hasattr(model, name)]:
         raise ErrorCode.INVALID_GOAL.error(
             f'a {type(model).__name__} is no model: it has no {", ".join(missing)}; '
             'see ros2_ident.models.protocol.Model'
@@ -419,11 +401,9 @@ def complete(model: Any) -> FullModel:
 
 
 def recorded_motion(data: Dataset, drives: Sequence[str]) -> RecordedMotion:
-    """Return the motion of the drives, cycles without a sample filled smoothly.
+    """Return the motion of drives in a recording, cycles without a sample filled smoothly.
 
-    Args:
-        data: The recording on the grid of controller cycles, with position and effort.
-        drives: Names, in the order wanted.
+    It holds position and effort, on the grid of controller cycles.
     """
     rows = [data.names.index(name) for name in drives]
     assert data.position is not None and data.effort is not None

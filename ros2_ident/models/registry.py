@@ -35,25 +35,17 @@ class Kinds(Mapping[str, Kind]):
     """All kinds by name; another package's is loaded when it is asked for."""
 
     def __iter__(self) -> Iterator[str]:
-        """Yield the names: this package's, then the others'."""
         yield from OWN_KINDS
         yield from sorted({p.name for p in entry_points(group=ENTRY_POINTS)} - set(OWN_KINDS))
 
     def __len__(self) -> int:
-        """Return how many there are."""
         return sum(1 for _ in self)
 
     def __contains__(self, name: object) -> bool:
-        """Return whether there is one, without loading it."""
         return any(name == known for known in self)
 
     def __getitem__(self, name: str) -> Kind:
-        """Return a kind.
-
-        Raises:
-            KeyError: Where there is none of that name.
-            IdentError: UNKNOWN_MODEL where the package that offers it does not give it.
-        """
+        """Return a kind; raises UNKNOWN_MODEL where the package that offers it gives none."""
         if name in OWN_KINDS:
             return OWN_KINDS[name]
         for point in entry_points(group=ENTRY_POINTS, name=name):
@@ -95,13 +87,7 @@ def read_machine_file(path: str | Path) -> MachineFile:
 
 
 def load_machine(path: str | Path) -> Machine:
-    """Read a machine file.
-
-    Args:
-        path: A YAML file in the format of `config/tripod.yaml`.
-
-    Returns:
-        The machine.
+    """Return the machine of a YAML file in the format of `config/tripod.yaml`.
 
     Raises:
         IdentError: BAD_MACHINE_FILE, UNKNOWN_MODEL, UNKNOWN_PARAMETER or WRONG_UNITS with file,
@@ -113,18 +99,12 @@ def load_machine(path: str | Path) -> Machine:
 def machine_from_mapping(
     data: Any, where: object = 'machine file', folder: Path = Path()
 ) -> Machine:
-    """Build a machine from a parsed machine file.
+    """Return the machine of a parsed machine file; raises as `load_machine`, without lines.
 
     Args:
         data: The mapping a machine file holds.
         where: What to call it in error messages.
         folder: Where the files lie that it names.
-
-    Returns:
-        The machine.
-
-    Raises:
-        IdentError: as `load_machine`, without lines.
     """
     return machine_file.judged(data, KINDS, str(where), folder=folder).usable()
 
@@ -223,10 +203,7 @@ def planned_model(
         position: (D, K) set-points, rad or m.
         velocity: (D, K) their derivatives.
         quantities: Its outputs; all that its kind can simulate where None.
-        more: As of `make_model`.
-
-    Raises:
-        IdentError: As `make_model`.
+        more: As of `make_model`, as are errors.
     """
     from ros2_ident.recording import Dataset
 
@@ -243,19 +220,12 @@ def planned_model(
 def drives_moved(
     model: 'FullModel', position: 'Array', velocity: 'Array', told: 'Array'
 ) -> 'dict[str, Array]':
-    """Return (D, K) positions, velocities and efforts: what a model does not tell is as planned.
+    """Return (D, K) positions, velocities and efforts by a planned model's outputs (O, K).
 
-    Args:
-        model: A planned model.
-        position: (D, K) its set-points, rad or m.
-        velocity: (D, K) their derivatives.
-        told: (O, K) its outputs.
+    What it does not tell is as planned: set-points (D, K) and their derivatives.
     """
-    rows = {
-        'position': position.copy(),
-        'velocity': velocity.copy(),
-        'effort': np.zeros_like(position),
-    }
+    still = np.zeros_like(position)
+    rows = {'position': position.copy(), 'velocity': velocity.copy(), 'effort': still}
     for output, row in zip(model.outputs, told, strict=True):
         rows[output.quantity][model.data.names.index(output.place or output.name)] = row
     return rows

@@ -51,15 +51,14 @@ def shape_values(
 def trials(
     candidate: EffectAt, model: FullModel, orders: tuple[float, ...] = ()
 ) -> list[list[Array]]:
-    """Return groups of values of an effect's parameters: within one, sizes superpose.
+    """Return groups of values (P,) of an effect's parameters: within one, sizes superpose.
+
+    In physical units; none where the motion is too short for any.
 
     Args:
         candidate: The effect and its place.
         model: The model on the first recording, for what the starts depend on.
         orders: Orders of the drive's turn that the residual shows, see `orders_shown`.
-
-    Returns:
-        Groups of (P,) vectors in physical units; none where the motion is too short for any.
     """
     parameters = model.scaled(candidate)
     neutral = np.array([p.neutral for p in parameters])
@@ -85,8 +84,7 @@ def trials(
                 point = base.copy()
                 point[i] += TRIAL * (away - p.neutral)
                 linear.append(point)
-        if linear:
-            groups.append(linear)
+        groups += [linear] if linear else []
     return groups
 
 
@@ -153,14 +151,9 @@ def _turns(model: FullModel, place: str) -> float:
     """Return over how many turns of its motor a place moves; 0 where that is not known."""
     # A joint that turns does so with its motor where nothing else is stated.
     turn = model.motor_turn(place) or float(model.travel[0] == 'rad')
-    return turn * _stroke(model, place) / (2.0 * np.pi)
-
-
-def _stroke(model: FullModel, place: str) -> float:
-    """Return how far a place moves, its unit; 0 where that is not known."""
     source = model.data.position
     source = model.data.command_position if source is None else source
     if source is None or place not in model.data.names:
         return 0.0
     row = source[model.data.names.index(place)]
-    return float(np.ptp(row[np.isfinite(row)]))
+    return turn * float(np.ptp(row[np.isfinite(row)])) / (2.0 * np.pi)

@@ -32,17 +32,15 @@ def _dot(a, b):
 def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
     """Write the drives' mass matrix, inverted, their load and what a lifted frame does to them.
 
+    All but the last two rows of `out` (LINKAGE * W,), where `frame` says that the frame can move.
+
     Args:
         par: Rows of the candidates.
         mass: Of the platform with its share of the rods [kg].
-        a1: (3,) the platform's velocity per rate of the first drive.
-        a2: (3,) of the second.
-        a3: (3,) of the third.
+        a1: (3,) the platform's velocity per rate of the first drive; a2, a3: of the others.
         bias: (3,) the part of the platform's acceleration that the rates make [m/s^2].
         inertia: (3,) of the drives' own bodies [kg, or kg m^2].
         weight: (3,) what gravity does to them, per its acceleration [kg, or kg m].
-        frame: Whether the frame can move.
-        out: (LINKAGE * W,) output; all but the last two rows.
     """
     gravity = load(par, MACHINE.gravity * W)
     r1, r2, r3 = inertia
