@@ -122,18 +122,23 @@ def shown(places: Array, added: Array, noise: float) -> float:
     return float(np.sqrt(np.mean(left**2)) / noise)
 
 
+def draw_gains(rng: np.random.Generator, robot: Robot, joints: int) -> Array:
+    """Draw (2, D) position and velocity gains for a bandwidth."""
+    bare = mujoco.MjModel.from_xml_string(robot.xml(rotors=True))
+    there, mass = mujoco.MjData(bare), np.empty((joints, joints))
+    mujoco.mj_forward(bare, there)
+    mujoco.mj_fullM(bare, there, mass)
+    pace, ratio = rng.uniform(*BANDWIDTH, joints), rng.uniform(*RATIO, joints)
+    return np.asarray(np.diag(mass) * np.stack([pace**2, 2.0 * ratio * pace]))
+
+
 def draw(folder: Path, seed: int, case: int) -> dict[str, Any]:
     """Draw a case, write its files, and return its label."""
     rng = np.random.default_rng([seed, case])
     table = (UR10, PANDA)[case % 2]
     robot, joints = draw_robot(rng, table), len(table[3])
     names = tuple(f'joint_{n + 1}' for n in range(joints))
-    bare = mujoco.MjModel.from_xml_string(robot.xml(rotors=True))
-    there, mass = mujoco.MjData(bare), np.empty((joints, joints))
-    mujoco.mj_forward(bare, there)
-    mujoco.mj_fullM(bare, there, mass)
-    pace, ratio = rng.uniform(*BANDWIDTH, joints), rng.uniform(*RATIO, joints)
-    gains = np.diag(mass) * np.stack([pace**2, 2.0 * ratio * pace])
+    gains = draw_gains(rng, robot, joints)
     folder.mkdir(parents=True, exist_ok=True)
     believed = gains * rng.uniform(0.7, 1.4, gains.shape)
     (folder / DESCRIPTION).write_text(

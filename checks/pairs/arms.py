@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pairs of logs of an arm under position controllers, by MuJoCo in fine steps."""
+
+import contextlib
+from dataclasses import replace
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from checks.generators.arm_cases import (
+    coloured,
+    DESCRIPTION,
+    draw_motion,
+    draw_robot,
+    ENCODER,
+    PANDA,
+    Robot,
+    STRIDE,
+    UR10,
+)
+from checks.generators.free_arms import CYCLE, draw_gains, FRICTION, plant_of, simulate, TORQUE
+from checks.pairs.draw import kind_of
+from ros2_ident.cli.main import main
+from ros2_ident.recording import Recording, Stream
+from ros2_ident.recording.write import write_bag
+
+Array = npt.NDArray[np.float64]
+
+# Parameters of a joint that may change: rows of the gains, and what a robot calls the others.
+GAINS = 'position_gain', 'velocity_gain'
+OTHERS = {'drive_inertia': 'rotors', 'coulomb_torque': 'dry', 'viscous_torque': 'viscous'}
+
+
+def values_of(robot: Robot, gains: Array, name: str) -> Array:
+    """Return (D,) a parameter of every joint."""
+    row: Array = gains[GAINS.index(name)] if name in GAINS else getattr(robot, OTHERS[name])
+    return row
+
+
+def changed(
+    robot: Robot, gains: Array, name: str, joint: int, share: float
+) -> tuple[Robot, Array]:
+    """Return an arm of which a parameter of a joint is larger by a share."""
+    values = values_of(robot, gains, name).copy()
+    values[joint] *= 1.0 + share
+    if name not in GAINS:
+        own: dict[str, Any] = {OTHERS[name]: values}
+        return replace(robot, **own), gains
+    new = gains.copy()
+    new[GAINS.index(name)] = values
+    return robot, new
+
+
+def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
+    """Draw a pair, write logs, description and machine file, and return the label."""
+    rng = np.random.default_rng([seed, case])
+    table = (UR10, PANDA)[int(rng.integers(2))]
+    robot, joints = draw_robot(rng, table), len(table[3])
+    gains = draw_gains(rng, robot, joints)
+    names = tuple(f'joint_{n + 1}' for n in range(joints))
+    motions = [draw_motion(rng, joints)[0, ::STRIDE] for _ in range(2)]
+    kind, size, which = kind_of(rng)
+    joint, shape = int(rng.integers(joints)), float(rng.uniform())
+    places, efforts, _ = simulate(robot, gains, motions[0], '', 0, 0.0, 0.0)
+    noise = rng.uniform(0.005, 0.02) * efforts.std(axis=0)
+    label: dict[str, Any] = {'kind': kind, 'size': size, 'motion': which}
+    other = simulate(robot, gains, motions[1], '', 0, 0.0, 0.0)[:2] if which else (places, efforts)
+    after = other
+    if kind != 'none':
+        name = str(rng.choice([*FRICTION, *TORQUE] if kind == 'effect' else [*GAINS, *OTHERS]))
+        step = float(robot.dry[joint] if kind == 'effect' else rng.choice([-1.0, 1.0])) * 0.1
+        for _ in range(4):
+            if kind == 'effect':
+                run = simulate(robot, gains, motions[which], name, joint, step, shape)
+            else:
+                there, own = changed(robot, gains, name, joint, step)
+                run = simulate(there, own, motions[which], '', 0, 0.0, 0.0)
+            after = run[:2]
+            rms = float((np.sqrt(np.mean((after[1] - other[1]) ** 2, axis=0)) / noise).max())
+            if abs(rms / size - 1.0) < 0.15:
+                break
+            step = max(-0.9, step * size / max(rms, 1e-9))
+        label |= {'name': name, 'where': names[joint] if kind == 'effect' else '', 'size': rms}
+        if kind == 'parameter':
+            before = float(values_of(robot, gains, name)[joint])
+            label |= {
+                'name': f'{names[joint]}.{name}',
+                'value': before,
+                'change': step * before,
+            }
+    stamp = 1_700_000_000_000_000_000 + np.arange(len(motions[0])) * round(1e9 * CYCLE)
+    both = (('before', motions[0], places, efforts), ('after', motions[which], *after))
+    for bag, wanted, at, effort in both:
+        noisy = effort + coloured(rng, len(effort), noise)
+        seen = Stream(names, stamp, ENCODER * np.round(at / ENCODER), None, noisy)
+        write_bag(folder / bag, Recording(seen, command=Stream(names, stamp, wanted)))
+    description = folder / DESCRIPTION
+    off = gains * rng.uniform(0.7, 1.4, gains.shape)
+    description.write_text(plant_of(robot, off, rotors=False).to_xml(), encoding='utf-8')
+    asked = ['--description', description, '--bag', folder / 'before']
+    with contextlib.redirect_stdout(io.StringIO()):
+        if main(['new-machine', *map(str, asked), '--out', str(folder / 'machine.yaml')]):
+            raise ValueError('no machine file could be made')
+    return label
