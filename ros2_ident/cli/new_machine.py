@@ -80,7 +80,7 @@ def _log(args: argparse.Namespace) -> 'Recording':
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
     if path.suffix.lower() in TABLES and path.is_file() and not (args.columns or where.exists()):
-        read = _draft(path, where, args.column)
+        read = _draft(path, where, args.column, _bounded_by_effort(args))
         args.travel = args.travel or read
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
@@ -90,10 +90,22 @@ def _log(args: argparse.Namespace) -> 'Recording':
     return recording
 
 
-def _draft(path: Path, where: Path, given: Sequence[str]) -> str:
+def _bounded_by_effort(args: argparse.Namespace) -> bool:
+    """Whether the bounds of the file come from the log's effort, in N m or N."""
+    keys = {key.name for key in KINDS[args.kind].keys} if args.kind else set()
+    return args.description is None and bool(keys & {'moving_mass', 'link_moment'})
+
+
+def _draft(path: Path, where: Path, given: Sequence[str], effort: bool) -> str:
     """Write a table's column map by the names in its header; return the unit of its positions.
 
     How each column is read is printed.
+
+    Args:
+        path: The table.
+        where: The map's file.
+        given: See `Header.assigned`.
+        effort: See `Header.require_scales`.
 
     Raises:
         IdentError: As `header_of`; INVALID_GOAL where the scale of a unit is not known.
@@ -105,7 +117,7 @@ def _draft(path: Path, where: Path, given: Sequence[str]) -> str:
 
     header = header_of(path).assigned(given)
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
-    header.require_scales()
+    header.require_scales(effort)
     asked = next((ASKED[x.unit] for x in header.columns if x.unit in ASKED and x.joint), '')
     note = f'# The machine file needs, for the effort, effort_unit: {asked}.\n' if asked else ''
     text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)

@@ -315,15 +315,20 @@ class Header:
             columns[at] = Meaning(name, joint, quantity, columns[at].unit, scale)
         return replace(self, columns=tuple(columns))
 
-    def require_scales(self) -> None:
+    def require_scales(self, effort: bool = False) -> None:
         """Refuse columns whose unit does not tell their scale.
+
+        Args:
+            effort: Whether the effort has to be a force or torque, and no current or share.
 
         Raises:
             IdentError: INVALID_GOAL with the option that states it.
         """
         for x in self.columns:
-            if x.quantity and math.isnan(x.scale):
-                per = 'N m, N, A or percent' if x.quantity == 'effort' else 'rad or m'
+            asked = effort and x.unit in ASKED and x.scale == EFFORT[x.unit]
+            if x.quantity and (math.isnan(x.scale) or (x.quantity == 'effort' and asked)):
+                per = 'N m or N' if asked else 'N m, N, A or percent'
+                per = per if x.quantity == 'effort' else 'rad or m'
                 option = shlex.quote(f'{x.name}={x.joint}.{x.quantity}*SCALE')
                 text = f'the column {short(x.name)} is in {x.unit}; say how many {per} one is'
                 raise ErrorCode.INVALID_GOAL.error(f'{text}: --column {option}')
@@ -357,7 +362,11 @@ def header_of(path: Path) -> Header:
         # two numbers at least, the first cell among them or most
         plain = sum(filled) > 1 and (filled[0] or 2 * sum(filled) > len(filled))
         held.append(plain or (sum(last) > 1 and known == last))
-    first = held.index(True) if any(held) else 0
+    # A property above may have several numbers, but not as many in each row as the table.
+    widths = [len(row) for row, there in zip(rows, held, strict=True) if there]
+    usual = max(widths, key=widths.count, default=0)
+    both = enumerate(zip(rows, held, strict=True))
+    first = next((n for n, (row, there) in both if there and len(row) == usual), 0)
     values = [row for row in rows[first:] if len(row) == len(rows[first])]
     where = f'write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
     # A line of names may begin with the mark of a comment.

@@ -58,15 +58,8 @@ def rows(path, header, row, count=200):
 def test_a_scale_that_only_the_owner_knows_is_asked_for_and_taken(tmp_path, capsys):
     log = tmp_path / 'log.csv'
     rows(log, 'time,Position [inc],Torque [Nm]', '{t},{a},{b}')
-    command = [
-        'new-machine',
-        '--kind',
-        'linear_axis',
-        '--bag',
-        str(log),
-        '--out',
-        str(tmp_path / 'm.yaml'),
-    ]
+    out = str(tmp_path / 'm.yaml')
+    command = ['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--out', out]
     assert main(command) == 2
     said = capsys.readouterr().err
     assert "--column 'Position [inc]=joint_1.position*SCALE'" in said
@@ -74,6 +67,18 @@ def test_a_scale_that_only_the_owner_knows_is_asked_for_and_taken(tmp_path, caps
     assert main([*command, '--column', 'Position [inc]=arm.position*0.5']) == 0
     state = read_bag(log)[0].state
     assert state.position[15, state.names.index('arm')] == pytest.approx(0.5 * math.sin(1.5))
+
+
+def test_bounds_come_from_an_effort_in_newton_metres(tmp_path, capsys):
+    # A share of the rated torque would give inertias in percent.
+    rows(tmp_path / 'log.csv', 'time,pos [rad],Torque [%]', '{t},{a},{b}')
+    out = tmp_path / 'm.yaml'
+    command = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.csv')]
+    command += ['--out', str(out)]
+    assert main(command) == 2
+    assert "one is: --column 'Torque [%]=joint_1.effort*SCALE'" in capsys.readouterr().err
+    assert main([*command, '--column', 'Torque [%]=joint_1.effort*0.002']) == 0
+    assert 'coulomb_friction: [0.0, 0.002, N m]' in out.read_text()
 
 
 @pytest.mark.parametrize(

@@ -291,10 +291,11 @@ def test_the_commands_take_a_table_like_a_bag(tmp_path, capsys):
             ('timestamp_ns', 'ns'), {},
         ),
         (
-            'ID;7\n;Velocity averaged;Torque actual value\nms;rpm;%\n0;1;2\n',
+            'ID;7\nScale:;0;True;1.5;-4.2;3.5\n;Velocity averaged;Torque actual value\nms;rpm;%\n'
+            '0;1;2\n1;1;2\n',
             {'joint_1': {'velocity': {'column': 'Velocity averaged', 'unit': 'rpm'},
                          'effort': 'Torque actual value'}},
-            (1, 'ms'), {'delimiter': ';', 'skip': 1, 'skip_below': 1},
+            (1, 'ms'), {'delimiter': ';', 'skip': 2, 'skip_below': 1},
         ),
     ],
 )  # fmt: skip
