@@ -5,22 +5,17 @@ Each of them is a `Request`; `read` its logs, `identify` or `diagnose` them, `sa
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 import hashlib
 from pathlib import Path
 import time
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ros2_ident.change.find import apart, find_change
-from ros2_ident.change.result import Comparison
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
-from ros2_ident.files import remove_file
-from ros2_ident.gap.diagnose import diagnose as find_gap
-from ros2_ident.gap.diagnose import DiagnoseProgress, SEARCH
-from ros2_ident.gap.result import Diagnosis
+from ros2_ident.files import remove_file, write_json
 from ros2_ident.gates import examine
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.layout import Conditions
@@ -35,6 +30,12 @@ from ros2_ident.recording import read_bags, RecordingBuilder, SAMPLES, Topics
 from ros2_ident.search import Threads
 from ros2_ident.search.evaluators import Cancel, Workers
 from ros2_ident.search.fit import fit
+
+# An identification needs none of the two.
+if TYPE_CHECKING:
+    from ros2_ident.change.result import Comparison
+    from ros2_ident.gap.diagnose import DiagnoseProgress
+    from ros2_ident.gap.result import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class Logs:
     since: float
 
 
-Result = TypeVar('Result', Identification, Diagnosis, Comparison)
+Result = TypeVar('Result', Identification, 'Diagnosis', 'Comparison')
 Asking = TypeVar('Asking', bound=Request)
 
 
@@ -160,7 +161,7 @@ class Identified(Ended[Identification]):
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosed(Ended[Diagnosis]):
+class Diagnosed(Ended['Diagnosis']):
     """A diagnosis that has ended.
 
     Attributes:
@@ -185,7 +186,7 @@ def knowing(request: Asking, path: str | Path | None) -> Asking:
     """
     if path is None:
         return request
-    from ros2_ident.report.files import read_estimate
+    from ros2_ident.report.estimate import read_estimate
 
     found = read_estimate(path)
     if found.doubt:
@@ -206,7 +207,7 @@ def knowing(request: Asking, path: str | Path | None) -> Asking:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared(Ended[Comparison]):
+class Compared(Ended['Comparison']):
     """A comparison of two sides that has ended; request and logs are those before.
 
     Attributes:
@@ -228,7 +229,10 @@ def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
 
     def data_of(bags: Sequence[str], received: RecordingBuilder | None = None) -> Data:
         travel, drives = travel_of(request.machine), request.machine.drives
-        several = received.build() if received else read_bags(bags, request.topics, travel, drives)
+        if received is None:
+            several = read_bags(bags, request.topics, travel, drives)
+        else:
+            several = received.build()
         needed = tuple(checked(request.outputs, compared_of(request.machine)))
         data = gather(
             several, request.machine, request.drives, samples=request.samples, quantities=needed
@@ -271,10 +275,12 @@ def diagnose(
     logs: Logs,
     *,
     cancel: Cancel | None = None,
-    on_progress: Callable[[DiagnoseProgress], None] | None = None,
+    on_progress: 'Callable[[DiagnoseProgress], None] | None' = None,
     checkpoint: Path | None = None,
 ) -> Diagnosed:
     """Find the gap and its cause; arguments and errors as of `gap.diagnose`."""
+    from ros2_ident.gap.diagnose import diagnose as find_gap
+
     if request.outputs is not None and len(request.outputs) > 1:
         raise ErrorCode.INVALID_GOAL.error(
             f'a diagnosis compares one quantity and {" and ".join(request.outputs)} are given; '
@@ -329,6 +335,9 @@ def compare(
         IdentError: As `read`; INVALID_GOAL where pairs are asked for and the sides have not as
             many bags, DIVERGED where nothing can be simulated, CANCELLED where that came first.
     """
+    from ros2_ident.change.find import apart, find_change
+    from ros2_ident.gap.diagnose import SEARCH
+
     if paired and len(request.bags) != len(later):
         raise ErrorCode.INVALID_GOAL.error(
             f'{len(request.bags)} bags before and {len(later)} after are no pairs; give as many '
@@ -396,12 +405,12 @@ def save(
     # A fleet writes nothing of this, and its rows do not depend on it.
     from ros2_ident.report import files as results
     from ros2_ident.report import overlay as bags
-    from ros2_ident.report.diagnosis import effects_in
 
     request, logs = done.request, done.logs
     if isinstance(done, Compared):
         asked = {**request.plain(), 'after_bags': list(done.later), 'seconds': done.seconds}
-        return [results.write_change(folder, done.result, asked)]
+        found = {'format': 'ros2_ident.change', 'version': 1, **asdict(done.result)}
+        return [write_json(folder / results.CHANGE, {**found, 'settings': asked})]
     # What is new does not lie beside what is old.
     bags.withdraw_overlay(folder / bags.OVERLAY)
     if not live:
@@ -413,9 +422,10 @@ def save(
         result = replace(done.result, settings={**done.result.settings, **asked})
         files = list(results.write_result(folder, result, problem, held_out))
     else:
-        asked = request.plain()
-        found = done.result, request.machine, logs.fit, logs.check, asked
-        files = list(results.write_diagnosis(folder, *found))
+        from ros2_ident.report.diagnosis import effects_in, write_diagnosis
+
+        diagnosed = done.result, request.machine, logs.fit, logs.check, request.plain()
+        files = list(write_diagnosis(folder, *diagnosed))
         if overlay:
             values = done.result.parameters
             effects = effects_in(values, done.result.nominal)

@@ -17,7 +17,8 @@ from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import problem_of
 from ros2_ident.identify.result import Identification
 from ros2_ident.models import EffectAt
-from ros2_ident.report.files import write_diagnosis, write_result
+from ros2_ident.report.diagnosis import write_diagnosis
+from ros2_ident.report.files import write_result
 from ros2_ident.report.signals import Curves, Signals
 
 EFFECT = EffectAt('stribeck', 'drive_1')

@@ -13,7 +13,8 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.result import Outcome
 from ros2_ident.models import load_machine
-from ros2_ident.report.files import load_result, read_estimate, write_result
+from ros2_ident.report.estimate import read_estimate
+from ros2_ident.report.files import load_result, write_result
 
 ROOT = Path(__file__).parents[1]
 AXIS = ROOT / 'config/emps.yaml'

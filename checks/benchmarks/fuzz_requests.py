@@ -49,7 +49,7 @@ from ros2_ident.models.registry import kind_of, read_machine_file  # noqa: E402
 from ros2_ident.recording import read_bag, RecordingBuilder, Topics  # noqa: E402
 from ros2_ident.recording.cdr import decode, JOINT_STATE  # noqa: E402
 from ros2_ident.recording.maps import map_of, parser  # noqa: E402
-from ros2_ident.report.files import read_estimate  # noqa: E402
+from ros2_ident.report.estimate import read_estimate  # noqa: E402
 from ros2_ident.report.page import write_comparison, write_report  # noqa: E402
 from ros2_ident.search import GeneticSettings, journal  # noqa: E402
 

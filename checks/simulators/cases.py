@@ -24,7 +24,7 @@ from ros2_ident.models.new_file import new_machine_file
 from ros2_ident.models.registry import KINDS
 from ros2_ident.models.serial.model import Serial
 from ros2_ident.recording import Dataset
-from ros2_ident.report.files import Estimate
+from ros2_ident.report.estimate import Estimate
 
 # Its motion is known by hand: 2 kg at 0.3 m, 0.26 kg m^2 about the axis.
 PENDULUM = """<robot name="pendulum">

@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     courses = courses_for(machine, limits, args.seconds, args.harmonics, args.rest)
     expected = once(args.set, '--set')
     if args.results is not None:
-        from ros2_ident.report.files import read_estimate
+        from ros2_ident.report.estimate import read_estimate
 
         expected = {**read_estimate(args.results).values, **expected}
     fixed = once(args.fix, '--fix')

@@ -11,7 +11,7 @@ from ros2_ident.errors import ErrorCode
 
 if TYPE_CHECKING:
     from ros2_ident.identify.problem import Problem
-    from ros2_ident.report.files import Estimate
+    from ros2_ident.report.estimate import Estimate
 
 
 def run(args: argparse.Namespace) -> int:
@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.export.content import content_of
     from ros2_ident.export.targets import fitting, TARGETS, write
     from ros2_ident.machine.description import description_text
-    from ros2_ident.report.files import read_estimate
+    from ros2_ident.report.estimate import read_estimate
 
     wrong = [name for name in args.to or () if name not in TARGETS]
     if wrong:
@@ -72,11 +72,7 @@ def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
 
 
 def machine_behind(args: argparse.Namespace, estimate: 'Estimate') -> Any:
-    """Return the machine of the file that is given, else of that of the estimate.
-
-    Raises:
-        IdentError: INVALID_GOAL where it is not there.
-    """
+    """Return the machine of the file given, else of the estimate's; INVALID_GOAL for none."""
     from ros2_ident.models import load_machine
 
     before = estimate.settings.get('machine_file')

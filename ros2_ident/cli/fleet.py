@@ -55,8 +55,9 @@ def _said(row: 'Row') -> str:
 
 
 def _print(rows: 'list[Row]') -> None:
+    from ros2_ident.change.result import Between
     from ros2_ident.cli.table import columns
-    from ros2_ident.report.files import compared
+    from ros2_ident.report.schema import read
     from ros2_ident.words.change import differences
 
     lines = [('bag', 'machine', 'date', 'state', 'verdict')] if rows else []
@@ -65,5 +66,5 @@ def _print(rows: 'list[Row]') -> None:
             state = row['state'] if row['code'] == 'OK' else row['code']
             lines.append((row['name'], row['machine'], row['date'], state, _said(row)))
     columns(lines, '<<<<<')
-    for text in differences(compared(rows)):
+    for text in differences([read(Between, row) for row in rows if 'found' in row]):
         print(text)

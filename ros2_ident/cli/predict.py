@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ros2_ident.prediction import Prediction, Run
-    from ros2_ident.report.files import Estimate
+    from ros2_ident.report.estimate import Estimate
 
 JSON, PICTURE, FORMAT = 'prediction.json', 'prediction.png', 'ros2_ident.prediction'
 # Of a log that is only simulated no windows are chosen.
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from ros2_ident.effects import add_effect_files
     from ros2_ident.files import make_directory, replacing, require_ours, write_json
     from ros2_ident.prediction import of_description, predicted
-    from ros2_ident.report.files import read_estimate
+    from ros2_ident.report.estimate import read_estimate
 
     add_effect_files(args.effect)
     folder = make_directory(args.out) if args.out else None

@@ -18,7 +18,7 @@ from ros2_ident.models.drives.joints import at_joints, Joint, joints_of, PARTS
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.serial.links import effort_of, information_of, Links, links_of
 from ros2_ident.models.serial.model import Serial
-from ros2_ident.report.files import Estimate
+from ros2_ident.report.estimate import Estimate
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +13,11 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import regular, write_arrays
 from ros2_ident.gap.coordinates import following_error
-from ros2_ident.gap.result import Diagnosis
 from ros2_ident.identify.problem import Problem
 from ros2_ident.report.schema import intact
+
+if TYPE_CHECKING:
+    from ros2_ident.gap.result import Diagnosis
 
 SCHEMA, VERSION = 'ros2_ident.signals', 2
 # Fields that the file holds of a run, and of each recording.
@@ -67,15 +69,10 @@ def _curves(
 ) -> Curves:
     """Return a recording without the cycles (K,) at which no drive has a sample."""
     at = np.flatnonzero(np.isfinite(measured).any(axis=0))
-    return Curves(
-        title,
-        np.asarray(at * cycle, dtype=np.float64),
-        measured[:, at].astype(np.float32),
-        simulated[..., at].astype(np.float32),
-        (np.full_like(measured, np.nan) if tracking is None else tracking)[:, at].astype(
-            np.float32
-        ),
-    )
+    if tracking is None:
+        tracking = np.full_like(measured, np.nan)
+    rows = (x[..., at].astype(np.float32) for x in (measured, simulated, tracking))
+    return Curves(title, np.asarray(at * cycle, dtype=np.float64), *rows)
 
 
 def signals_of_problem(problem: Problem, theta: Array, check: Problem | None = None) -> Signals:
@@ -109,17 +106,15 @@ def _simulated(problem: Problem, theta: Array, titles: Sequence[str]) -> Iterato
         yield _curves(title, model.cycle, measured, simulated, following_error(model))
 
 
-def signals_of_diagnosis(found: Diagnosis) -> Signals:
+def signals_of_diagnosis(found: 'Diagnosis') -> Signals:
     """Return what a diagnosis keeps of its recordings; the last model holds all effects found."""
     models = ('nominal', 'with effects') if len(found.steps) > 1 else ('nominal',)
     held = any(trace.held_out for trace in found.traces)
     recordings = []
     for trace in found.traces:
-        rows = np.stack([trace.motion.output, trace.extended])[: len(models)]
-        title = 'held out' if trace.held_out else 'fitted to' if held else ''
-        recordings.append(
-            _curves(title, trace.motion.cycle, trace.measured, rows, trace.motion.tracking)
-        )
+        motion, title = trace.motion, 'held out' if trace.held_out else 'fitted to' if held else ''
+        rows = np.stack([motion.output, trace.extended])[: len(models)]
+        recordings.append(_curves(title, motion.cycle, trace.measured, rows, motion.tracking))
     motion = found.traces[0].motion
     return Signals(found.unit, motion.drives, models, tuple(recordings), motion.travel or 'm')
 
@@ -135,11 +130,7 @@ def write_signals(path: Path, signals: Signals) -> Path:
 
 
 def read_arrays(path: Path, remedy: str) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of an NPZ.
-
-    Raises:
-        IdentError: BAD_VALUES with what helps beside deleting it.
-    """
+    """Return the arrays of an NPZ; BAD_VALUES with what helps beside deleting it."""
     try:
         with regular(path) as source, np.load(source, allow_pickle=False) as file:
             return dict(file)
@@ -150,11 +141,7 @@ def read_arrays(path: Path, remedy: str) -> dict[str, npt.NDArray[Any]]:
 
 
 def load_signals(path: Path) -> Signals:
-    """Read signals.
-
-    Raises:
-        IdentError: BAD_VALUES where the file is damaged, or another version's.
-    """
+    """Read signals; raises BAD_VALUES where the file is damaged, or another version's."""
     arrays = read_arrays(path, 'or run again')
     with intact(path):
         written = str(arrays['schema']), int(arrays['version'])

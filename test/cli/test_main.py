@@ -33,9 +33,11 @@ HEAVY = (
 )
 HEAVY += r'|(pyarrow|rclpy|rich|rosbags|yaml|zstandard)$'
 HEAVY += r'|scipy\.(fft|interpolate|linalg|ndimage|optimize|signal|special|stats)$'
+HEAVY += r'|ros2_ident\.(change\.find|gap\.(diagnose|result)|report\.page)$'
 FILES = {'mcap', 'numpy', 'rosbags', 'yaml', 'zstandard'}
 NUMBERS = {'fft', 'interpolate', 'linalg', 'ndimage', 'optimize', 'special'}
 NUMBERS = {f'scipy.{name}' for name in NUMBERS}
+GAP = 'ros2_ident.gap.diagnose', 'ros2_ident.gap.result', 'scipy.signal', 'scipy.stats'
 AXIS = 'bags/axis_reversals --machine config/emps.yaml'
 FITTED = f'identify {AXIS} --population 8 --generations 1 --quiet --out'
 
@@ -51,6 +53,7 @@ FITTED = f'identify {AXIS} --population 8 --generations 1 --quiet --out'
         ('check --machine config/emps.yaml', FILES),
         (f'check {AXIS}', FILES | NUMBERS),
         (FITTED + ' {} --no-overlay --no-report', FILES | NUMBERS | {'numba'}),
+        (f'diagnose {AXIS} --seconds 0.01 --quiet', FILES | NUMBERS | {'numba', *GAP}),
     ],
 )
 def test_a_command_imports_what_it_uses(command, loaded, tmp_path):

@@ -31,7 +31,8 @@ from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
 from ros2_ident.models.drives.joints import Gains  # noqa: E402
-from ros2_ident.report.files import Estimate, read_estimate, write_diagnosis  # noqa: E402
+from ros2_ident.report.diagnosis import write_diagnosis  # noqa: E402
+from ros2_ident.report.estimate import Estimate, read_estimate  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 SMOOTH = {name: box for name, box in BOXES.items() if name != 'coulomb_torque'}

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from ros2_ident import compiled
+from ros2_ident.change.result import Between
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.fleet import run as fleet
 from ros2_ident.fleet.summary import pairs_of, Row
 from ros2_ident.models import load_machine
-from ros2_ident.report.files import compared
+from ros2_ident.report.schema import read
 from ros2_ident.search.evidence import price_of
 
 ROOT = Path(__file__).parents[2]
@@ -140,7 +141,8 @@ def test_what_differs_is_what_ident_diff_finds(
     assert main(words) == 0
     said = capsys.readouterr().out
     assert 'a, a_2 after a_1: Changed: emps_axis.moving_mass by' in said, said
-    drift, other = compared(json.loads((out / 'fleet.json').read_text())['comparisons'])
+    several = json.loads((out / 'fleet.json').read_text())['comparisons']
+    drift, other = (read(Between, row) for row in several)
     assert (drift.kind, other.kind) == ('drift', 'machine')
     for found in (drift, other):
         more = 2.0 if found.after == 'a_2' else -2.0

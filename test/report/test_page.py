@@ -23,8 +23,8 @@ from ros2_ident.gap.result import Cause, Facts
 from ros2_ident.gates import Gate
 from ros2_ident.identify.result import Outcome
 from ros2_ident.recording import LIVE
-from ros2_ident.report.diagnosis import from_mapping, to_mapping
-from ros2_ident.report.files import load_diagnosis, read_estimate
+from ros2_ident.report.diagnosis import from_mapping, load_diagnosis, to_mapping
+from ros2_ident.report.estimate import read_estimate
 from ros2_ident.report.page import write_report
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.numbers import (

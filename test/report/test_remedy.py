@@ -10,7 +10,7 @@ import yaml
 
 from ros2_ident.gap.result import Value
 from ros2_ident.models import Machine
-from ros2_ident.report.files import machine_lines
+from ros2_ident.report.diagnosis import machine_lines
 
 
 def lines(machine: Machine, effect: str, where: str, values: dict[str, Value], also=()):

@@ -12,15 +12,8 @@ from ros2_ident.gap.result import Diagnosis
 from ros2_ident.gap.where.localise import Finding
 from ros2_ident.identify.result import Identification
 from ros2_ident.report.diagnosis import Written
-from ros2_ident.report.files import (
-    CHANGE,
-    DIAGNOSIS_SIGNALS,
-    FLEET,
-    holds_results,
-    load,
-    PAGE,
-    SIGNALS,
-)
+from ros2_ident.report.estimate import load
+from ros2_ident.report.files import CHANGE, DIAGNOSIS_SIGNALS, FLEET, holds_results, PAGE, SIGNALS
 from ros2_ident.report.page import charts, numbers
 from ros2_ident.report.page.answer import of_diagnosis, of_identification
 from ros2_ident.report.page.effort import effort_plot, MOST

@@ -15,7 +15,8 @@ from ros2_ident.effects import CATALOGUE, title_at
 from ros2_ident.errors import ErrorCode
 from ros2_ident.identify.result import half_of_difference, smallest_shown
 from ros2_ident.models import EffectAt
-from ros2_ident.report.files import CHANGE, compared, content, FLEET, load, PAGE
+from ros2_ident.report.estimate import load
+from ros2_ident.report.files import CHANGE, content, FLEET, PAGE
 from ros2_ident.report.page import answer, steps
 from ros2_ident.report.page.numbers import change, percent, quantity, some
 from ros2_ident.report.page.render import write_page
@@ -241,7 +242,7 @@ def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
             f'{path}: is no fleet of this version; run `ident fleet` again'
         )
     done = [row for row in data['rows'] if row['state'] == 'done']
-    several = compared(data['comparisons'])
+    several = [read(Between, row) for row in data['comparisons'] if 'found' in row]
     told = {
         (b.after, c.suspect.name) for b in several if b.found.believed for c in b.found.changes
     }

@@ -31,13 +31,7 @@ LOOSE = 'not determined'
 
 @dataclass(frozen=True)
 class Law:
-    """An effect that was found, with its numbers.
-
-    Attributes:
-        effect: The effect, with its equation.
-        title: Its name with its place.
-        numbers: Symbol, name, and value with its interval.
-    """
+    """An effect with its title, and symbol, name, and value with interval of its numbers."""
 
     effect: Effect
     title: str
@@ -162,11 +156,7 @@ def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
 
 
 def moved_names(d: Diagnosis, *, together: bool = False) -> list[str]:
-    """Return the nominal parameters that had made up for the effects.
-
-    Args:
-        together: Whether to return all that moved, for they are determined together only.
-    """
+    """Return the nominal parameters that made up for the effects; all that moved, if together."""
     if not words.named(d):
         return []
     least = MOVED_TOGETHER if together else MOVED
@@ -196,13 +186,7 @@ def _export(settings: Mapping[str, Any], out: str) -> Iterator[Step]:
 def _ident(
     verb: str, of: Written | Identification, out: str = '', *, bag: str = '', check: bool = False
 ) -> str:
-    """Return a command.
-
-    Args:
-        of: Whose recordings and machine it is for.
-        out: The directory for its results; empty for none.
-        check: Whether to judge on a new recording.
-    """
+    """Return a command for the recordings and machine of a result, or to judge on a new one."""
     settings: Mapping[str, Any] = of.settings
     source = of.provenance.source
     # What was heard on topics is in no bag: the command is for one of them.
