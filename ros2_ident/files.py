@@ -80,11 +80,7 @@ def require_ours(
 
 
 def make_directory(path: str | Path) -> Path:
-    """Make the directory results go to, with its parents.
-
-    Raises:
-        IdentError: INVALID_GOAL where something else is there or it cannot be written to.
-    """
+    """Make the directory results go to, with its parents, or raise INVALID_GOAL."""
     path, why = Path(path), ''
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -196,22 +192,14 @@ def replacing_directory(path: str | Path, *, replace: bool = False) -> Iterator[
 
 
 def remove_file(path: str | Path) -> None:
-    """Remove a file, or the link that is there; nothing need be.
-
-    Raises:
-        IdentError: INVALID_GOAL where it cannot be removed, or is not ours.
-    """
+    """Remove a file of ours, or the link that is there, if any, or raise INVALID_GOAL."""
     require_ours([path])
     with _explained(Path(path)):
         Path(path).unlink(missing_ok=True)
 
 
 def remove_directory(path: str | Path) -> None:
-    """Remove the caller's own directory: it is whole there, or not at all.
-
-    Raises:
-        IdentError: INVALID_GOAL where it cannot be removed.
-    """
+    """Remove the caller's own directory, whole or not at all, or raise INVALID_GOAL."""
     partial = _beside(Path(path))
     with _explained(Path(path)):
         os.rename(path, partial)

@@ -118,17 +118,13 @@ def _errors(runs: Sequence[Run], warm_up: int) -> tuple[Error, ...]:
             there = np.flatnonzero(np.isfinite(seen))[warm_up:]
             key = output.quantity, output.place or output.name, output.unit
             left.setdefault(key, []).append(seen[there] - made[there])
-    return tuple(
-        _error(drive, quantity, unit, np.concatenate(parts))
-        for wanted in _ORDER
-        for (quantity, drive, unit), parts in left.items()
-        if quantity == wanted and len(parts) == len(runs) and any(x.size for x in parts)
-    )
-
-
-def _error(drive: str, quantity: str, unit: str, left: Array) -> Error:
-    rmse, mae = float(np.sqrt(np.mean(left**2))), float(np.mean(np.abs(left)))
-    return Error(drive, quantity, unit, rmse, mae, left.size)
+    errors = []
+    for (quantity, drive, unit), parts in left.items():
+        if len(parts) == len(runs) and any(x.size for x in parts):
+            rest = np.concatenate(parts)
+            rmse, mae = float(np.sqrt(np.mean(rest**2))), float(np.mean(np.abs(rest)))
+            errors.append(Error(drive, quantity, unit, rmse, mae, rest.size))
+    return tuple(sorted(errors, key=lambda error: _ORDER.index(error.quantity)))
 
 
 def _hindered(model: FullModel) -> str:

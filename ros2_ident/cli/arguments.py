@@ -79,11 +79,7 @@ def interval(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
-    """Return pairs as a dictionary.
-
-    Raises:
-        IdentError: INVALID_GOAL where a name comes twice.
-    """
+    """Return pairs as a dictionary; raises INVALID_GOAL where a name comes twice."""
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
@@ -144,15 +140,15 @@ def effort_of(args: argparse.Namespace) -> dict[str, Any]:
     """
     from ros2_ident.machine.units import effort_factors
 
-    if args.effort_unit is None and (args.torque_constant or args.rated_torque):
+    unit, constants = args.effort_unit, (args.torque_constant, args.rated_torque)
+    if unit is not None:
+        return {'effort_unit': unit, 'effort_scale': effort_factors(unit, *constants)}
+    if any(constants):
         raise ErrorCode.WRONG_UNITS.error(
             'a torque constant or rated torque is given without its unit; add `--effort-unit A` '
             'or `--effort-unit percent`'
         )
-    if args.effort_unit is None:
-        return {}
-    scale = effort_factors(args.effort_unit, args.torque_constant, args.rated_torque)
-    return {'effort_unit': args.effort_unit, 'effort_scale': scale}
+    return {}
 
 
 def with_effort(machine: Any, args: argparse.Namespace) -> Any:

@@ -71,11 +71,7 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `ident`.
-
-    Args:
-        argv: The words after `ident`; those of the process where None.
-    """
+    """Run `ident` with some words, those of the process where None."""
     begun = time.monotonic()
     one_thread_for_linear_algebra()
     words = list(sys.argv[1:] if argv is None else argv)

@@ -68,11 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _log(args: argparse.Namespace) -> 'Recording':
-    """Return what a bag holds, of a table by a map from its header where there is none.
-
-    Raises:
-        IdentError: MISSING_STREAM where there is none.
-    """
+    """Return what a bag holds, of a table by its map, or one made from its header."""
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.columns import MAP_SUFFIX
     from ros2_ident.recording.table import TABLES

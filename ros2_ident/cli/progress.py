@@ -36,14 +36,10 @@ def coloured(stream: TextIO) -> bool:
 
 
 class Meter:
-    """Progress of a run: drawn where the stream can be drawn on, else a line now and then.
+    """Progress of a run: drawn where the stream can be drawn on, else a line now and then."""
 
-    Args:
-        stream: Where to; standard error by default.
-    """
-
-    def __init__(self, *, quiet: bool = False, stream: TextIO | None = None) -> None:
-        self._stream = io.StringIO() if quiet else stream or sys.stderr
+    def __init__(self, *, quiet: bool = False) -> None:
+        self._stream: TextIO = io.StringIO() if quiet else sys.stderr
         self._start, self._last = time.monotonic(), -math.inf
         self._best = ''
         self._bar: Any = None

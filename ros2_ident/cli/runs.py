@@ -110,11 +110,7 @@ def carry_out(
 def _live_page(
     args: argparse.Namespace, out: Path | None, request: 'Request', logs: 'Logs', identifying: bool
 ) -> 'LivePage | nullcontext[None]':
-    """Return the page on a run that goes on; nothing where it is not wanted.
-
-    Raises:
-        IdentError: INVALID_GOAL where there is no place for it.
-    """
+    """Return the page on a run that goes on; nothing where it is not wanted."""
     if not args.live:
         return nullcontext()
     if out is None or args.no_report:

@@ -62,11 +62,7 @@ def _unit(units: dict[str, str], name: str) -> str:
 
 
 def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
-    """Return the true parameters by name; per drive where one drive differs.
-
-    Raises:
-        IdentError: UNKNOWN_PARAMETER where a name is not the machine's.
-    """
+    """Return the true parameters by name; per drive where one drive differs."""
     from ros2_ident.models.drives.candidates import SLOTS
     from ros2_ident.models.registry import kind_of
 

@@ -52,11 +52,6 @@ class Series:
         """How many coefficients there are: a sine and a cosine of each harmonic and dimension."""
         return 2 * self.sizes.size
 
-    @property
-    def highest(self) -> float:
-        """Highest frequency, Hz."""
-        return float(self.harmonics.max()) / self.period
-
     @functools.cached_property
     def _waves(self) -> tuple[Array, Array]:
         """(2 H, K) sines and cosines of one period, and their derivatives."""

@@ -52,11 +52,7 @@ def write_excitation(
 
 
 def require_place(directory: str | Path) -> None:
-    """Refuse, before any work is done, a directory that holds what is not ours to replace.
-
-    Raises:
-        IdentError: INVALID_GOAL with the remedy.
-    """
+    """Refuse, before any work, a directory that holds what is not ours to replace."""
     folder = Path(directory)
     require_room(folder / BAG, MARK)
     require_ours([folder / WORTH])
@@ -65,7 +61,8 @@ def require_place(directory: str | Path) -> None:
 def _trajectory(found: Excitation, lead: float) -> bytes:
     store, series = standard(), found.courses.series
     types = store.types
-    every = max(1, int(1.0 / (_POINTS * series.highest * series.cycle)))
+    highest = float(series.harmonics.max()) / series.period
+    every = max(1, int(1.0 / (_POINTS * highest * series.cycle)))
     last = found.planned.position.shape[1] - 1
     points = []
     for k in sorted({*range(0, last, every), last}):

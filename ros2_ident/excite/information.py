@@ -4,6 +4,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 import functools
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -63,7 +64,7 @@ class Sensitivity:
         rate: float | None = None,
     ) -> None:
         self.machine = machine
-        self._drives, self._fixed = drives, fixed
+        self._asked: dict[str, Any] = {'drives': drives, 'fixed': fixed}
         self._compared = compared_of(machine)
         cycle = machine.number('cycle')
         self._every = 1 if rate is None else max(1, round(1.0 / (rate * cycle)))
@@ -110,21 +111,11 @@ class Sensitivity:
         return out
 
     def _model(self, planned: Moved, quantities: Sequence[str] | None = None) -> FullModel:
-        return planned_model(
-            self.machine,
-            planned.position,
-            planned.velocity,
-            quantities,
-            drives=self._drives,
-            fixed=self._fixed,
-        )
+        at = planned.position, planned.velocity
+        return planned_model(self.machine, *at, quantities, **self._asked)
 
     def of(self, planned: Moved) -> Shown:
-        """Return what a log of set-points shows.
-
-        Raises:
-            IdentError: DIVERGED where the machine cannot be simulated at the expected values.
-        """
+        """Return what a log of set-points shows; DIVERGED where nothing can be simulated."""
         model = self._model(planned, self._quantities)
         told = model.simulate(self.values[None])[0]
         if not np.isfinite(told).all():

@@ -58,8 +58,9 @@ def read_fleet(path: str | Path, machine_file: str | None = None) -> list[Row]:
     path = Path(path)
     base = path if path.is_dir() else path.parent
     if path.is_dir():
-        bags = sorted(x for x in path.iterdir() if _is_bag(x))
-        listed: Any = [{'bag': x.name, 'machine': x.stem} for x in bags]
+        bags = {x for x in path.iterdir() if x.suffix in ('.mcap', '.db3', '.bag')}
+        bags |= {x.parent for x in path.glob('*/*') if x.suffix in ('.mcap', '.db3', '.zstd')}
+        listed: Any = [{'bag': x.name, 'machine': x.stem} for x in sorted(bags)]
     else:
         try:
             content = read_yaml(path, _LARGEST)
@@ -77,12 +78,6 @@ def read_fleet(path: str | Path, machine_file: str | None = None) -> list[Row]:
         row = _begun(f'{path}: entry {number}', base, given, machine_file, rows)
         rows[row['name']] = row
     return [*rows.values()]
-
-
-def _is_bag(path: Path) -> bool:
-    return path.suffix in ('.mcap', '.db3', '.bag') or (
-        path.is_dir() and any(x.suffix in ('.mcap', '.db3', '.zstd') for x in path.iterdir())
-    )
 
 
 def _begun(

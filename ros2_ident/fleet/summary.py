@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which bags of a fleet are compared, and what is found in all of them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,18 +61,15 @@ def _most_usual(rows: Sequence[Row]) -> int:
     return int(np.argmin(off.sum(axis=1)))
 
 
-def _effects_of(row: Row) -> Iterator[tuple[str, str]]:
-    """Yield the effects that were named, or `unknown`, each with its place."""
-    if row.get('effect') not in (None, 'none'):
-        yield from ((row['effect'], drive) for drive in row['where'] or ['all'])
-        yield from ((x['effect'], x['where']) for x in row.get('also', ()))
-
-
 def write_summary(out: Path, rows: Sequence[Row]) -> None:
     """Write `fleet.json`: the rows of bags and of comparisons, for each effect its drives."""
     effects: dict[str, list[str]] = {}
     for row in filter(sound, rows):
-        for effect, drive in _effects_of(row):
+        if row.get('effect') in (None, 'none'):
+            continue
+        named = [(row['effect'], drive) for drive in row['where'] or ['all']]
+        named += [(x['effect'], x['where']) for x in row.get('also', ())]
+        for effect, drive in named:
             effects.setdefault(effect, []).append(f'{row["name"]}: {drive}')
     content = {
         'schema': 'ros2_ident.fleet',

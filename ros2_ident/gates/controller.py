@@ -30,11 +30,7 @@ SET_POINT_LATE = 'command early'
 def check_law(
     machine: Machine, law: Law | None, drive: str, noise: float | None = None
 ) -> list[Gate]:
-    """Judge a drive's controller law as its log shows it.
-
-    Args:
-        noise: The drive's noise floor, where known.
-    """
+    """Judge a drive's controller law as its log shows it, and by its noise floor where known."""
     if law is None:
         text = (
             f'{drive}: the control law cannot be checked: that needs a moving set-point, position '

@@ -214,11 +214,7 @@ def _labels(recordings: Sequence[Recording]) -> tuple[str, ...]:
 
 
 def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the drives to identify in the machine's order.
-
-    Raises:
-        IdentError: INVALID_GOAL where the list is empty, repeats a drive or names a strange one.
-    """
+    """Return the drives to identify in the machine's order; raises INVALID_GOAL."""
     if drives is None:
         return machine.drives
     known = ', '.join(machine.drives)

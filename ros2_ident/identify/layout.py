@@ -179,11 +179,7 @@ class Layout:
         return Box.of(self.low, self.high, self.known(noise=True))
 
     def known(self, *, noise: bool = False) -> Known | None:
-        """Return what an earlier result knows of the parameters; None for nothing.
-
-        Args:
-            noise: Whether for noise alone; else with what its model may have lacked.
-        """
+        """Return what an earlier result knows, for noise alone or with what its model may lack."""
         machine = self.models[0].machine
         if machine is None or machine.prior is None:
             return None
@@ -298,11 +294,7 @@ def expanded(known: Sequence[str], given: Mapping[str, T], what: str) -> dict[st
 
 
 def check_overrides(fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse parameters fixed or bounded to no number, or both.
-
-    Raises:
-        IdentError: INVALID_GOAL, naming the parameter.
-    """
+    """Refuse parameters fixed or bounded to no number, or both: INVALID_GOAL."""
     for name, value in fixed.items():
         if not np.isfinite(value):
             raise ErrorCode.INVALID_GOAL.error(

@@ -77,11 +77,7 @@ def assemble(
     settings: Mapping[str, object],
     evidence: Evidence | None = None,
 ) -> Identification:
-    """Return the result of a run.
-
-    Args:
-        evidence: What the residual shows of noise and of what is missing; None where not weighed.
-    """
+    """Return the result of a run; without evidence where the residual was not weighed."""
     estimates = estimates_of(problem, found, evidence)
     rivals = rival_minima(problem, found)
     if rivals:
@@ -147,17 +143,15 @@ def _gap(
     rows = zip(outputs, evidence.predicted, evidence.floor, strict=True)
     for output, predicted, floor in rows:
         unit = '' if output.unit == '1' else f' {output.unit}'
+        found = floor / output.weight
+        stated = told and output.quantity == 'effort' and noise > 0.0
         if predicted >= MATERIAL * floor:
             missing[output.name] = (
                 f'effects of the catalogue predict {predicted / output.weight:.2g}{unit} of the '
                 f'residual, {figure(predicted / floor)} times the noise; `ident diagnose` looks '
                 'for what the model leaves out'
             )
-        found = floor / output.weight
-        stated = told and output.quantity == 'effort' and noise > 0.0
-        if not stated or predicted >= MATERIAL * floor:
-            continue
-        if not noise / OTHER_NOISE < found < noise * OTHER_NOISE:
+        elif stated and not noise / OTHER_NOISE < found < noise * OTHER_NOISE:
             noisy[output.name] = (
                 f'the noise of the log is {found:.2g}{unit}, and the machine file states '
                 f'{noise:.2g}{unit} (effort_noise); the log decides'
@@ -255,11 +249,7 @@ def doubted(estimate: ParameterEstimate, why: str) -> ParameterEstimate:
 def estimates_of(
     problem: Problem, found: Fitted, evidence: Evidence | None
 ) -> tuple[ParameterEstimate, ...]:
-    """Return the parameters with intervals, states and words; without intervals where cut short.
-
-    Args:
-        evidence: What the residual shows of what is missing; None where not weighed.
-    """
+    """Return the parameters with intervals, states and words; no intervals where cut short."""
     known, nothing = found.intervals, np.full(len(found.theta), np.nan)
     noise = (known.low, known.high) if known else (nothing, nothing)
     ends = noise

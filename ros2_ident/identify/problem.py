@@ -416,14 +416,7 @@ def sources() -> str:
 
 
 def require_sources(digest: str) -> None:
-    """Refuse to work for a process whose sources differ: it would get other numbers.
-
-    Args:
-        digest: What `sources` returns there.
-
-    Raises:
-        IdentError: INVALID_GOAL with the remedy.
-    """
+    """Raise INVALID_GOAL for a process with other sources: it would get other numbers."""
     if digest != sources():
         raise ErrorCode.INVALID_GOAL.error(
             'a worker has other sources of ros2_ident, or another NumPy, SciPy or Numba, than '

@@ -57,11 +57,7 @@ class MachineFile:
         return f'{self.place(remark.path)}: {remark.text}'
 
     def usable(self) -> Machine:
-        """Return the machine.
-
-        Raises:
-            IdentError: The first remark, where it is an error.
-        """
+        """Return the machine; raises the first remark where that is an error."""
         if self.machine is None:
             first = self.remarks[0]
             raise first.code.error(self.sentence(first))

@@ -144,11 +144,7 @@ class Figure:
 
 
 def later(name: str) -> Callable[..., Any]:
-    """Return a function or class that is imported when it is called first.
-
-    Args:
-        name: `package.module:name`.
-    """
+    """Return `package.module:name`, a function or class imported when it is called first."""
 
     def call(*args: Any, **kwargs: Any) -> Any:
         return pkgutil.resolve_name(name)(*args, **kwargs)

@@ -149,12 +149,7 @@ class Machine:
         return values[0]
 
     def box(self, name: str, drive: str | None = None) -> Box:
-        """Return (low, high, unit) of a parameter to be identified.
-
-        Args:
-            name: Its name without a drive.
-            drive: The drive whose parameter it is; without it, the box of all.
-        """
+        """Return (low, high, unit) of a parameter to be identified, a drive's or that of all."""
         return self.own_bounds.get(f'{drive}.{name}', self.bounds[name])
 
     # ------------------------------------------------------------------ units

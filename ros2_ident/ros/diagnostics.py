@@ -28,11 +28,7 @@ def _text(value: object) -> str:
 
 
 class Diagnostics:
-    """Collects what the node knows and makes one array of it.
-
-    Args:
-        missing_warning: Share of missing samples from which to warn.
-    """
+    """Collects what the node knows, and warns from a share of missing samples on."""
 
     def __init__(self, name: str, missing_warning: float) -> None:
         self.name = name
@@ -45,11 +41,7 @@ class Diagnostics:
         self.state = ''
 
     def message(self, stamp: Time, capture: Capture, silence: str) -> DiagnosticArray:
-        """Return the array.
-
-        Args:
-            silence: Why nothing arrives; empty where something does.
-        """
+        """Return the array; `silence` says why nothing arrives."""
         array = DiagnosticArray()
         array.header.stamp = stamp
         for name, (level, text, values) in {

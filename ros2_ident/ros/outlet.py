@@ -69,12 +69,7 @@ class Outlet:
 
 
 class Board:
-    """The node's state in a number and in words, on ~/status and in the log.
-
-    Attributes:
-        state: One of the message's states.
-        sentence: The same in words.
-    """
+    """The node's state, one of the message's and in words, on ~/status and in the log."""
 
     def __init__(self, node: Any) -> None:
         self.state: int = Status.STATE_WAITING

@@ -77,12 +77,7 @@ class Wanted(Request):
 
 @dataclass(frozen=True)
 class Step:
-    """How far a comparison is.
-
-    Attributes:
-        stage: What is being done.
-        fraction: Share of the work that is done.
-    """
+    """How far a comparison is, as a share of the work."""
 
     stage: str
     fraction: float
@@ -147,11 +142,7 @@ def _no_path(path: str, reason: object) -> IdentError:
 
 
 def expanded(path: str) -> Path:
-    """Return a path with `~` replaced by the home directory.
-
-    Raises:
-        IdentError: INVALID_GOAL where it can be no path.
-    """
+    """Return a path with `~` replaced; raises INVALID_GOAL where it can be no path."""
     if '\0' in path:
         raise _no_path(path, 'it holds a zero byte')
     try:
@@ -190,11 +181,7 @@ def allowed(path: str, directory: str, *, there: bool = True) -> Path:
 
 
 def new_folder(directory: str) -> Path:
-    """Make a folder named by the time; never one that is there already.
-
-    Raises:
-        IdentError: INVALID_GOAL where nothing can be written there.
-    """
+    """Make a folder named by the time, never one that is there; raises INVALID_GOAL."""
     base = expanded(directory)
     stamp = f'{datetime.now().astimezone():%Y%m%d_%H%M%S}'
     for number in range(1, 1000):

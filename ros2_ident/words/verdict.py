@@ -112,11 +112,7 @@ def _unseen(d: Diagnosis) -> str:
 
 
 def separating(rival: str, where: str, travel: Sequence[Any]) -> str:
-    """Return the motion that tells an effect from another one.
-
-    Args:
-        travel: Unit of the drives' positions, and how many of them are a metre.
-    """
+    """Return the motion that tells an effect from another, in the drives' unit of travel."""
     return in_travel(get_effect(rival).separated_by.format(drive=place([where])), *travel)
 
 
