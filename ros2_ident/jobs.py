@@ -40,21 +40,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """Request of a run.
+    """Request of a run; the machine and what its problem is made from are as of `problem.Setup`.
 
     Attributes:
         bags: Paths of the recordings to fit; none for what was received.
         check: Paths of the recordings to judge on; none for parts held out of the others.
-        drives: Drives to compare, in the machine's order; all where None.
         topics: Names of the topics in the bags.
-        conditions: What differs between the recordings.
-        fixed: Parameters held at a value [their units].
-        bounds: (low, high) instead of the machine file's [their units]; of an identification.
-        outputs: What is compared, with weights; what the kind of machine compares where None. A
-            diagnosis takes one.
-        effects: Effects beside the nominal physics.
+        bounds: Of an identification only.
+        outputs: What is compared, with weights, of a diagnosis one; by the kind where None.
         without: Ids of effects to leave out of the catalogue; of a diagnosis.
-        settings: Search, budgets, threads.
         samples: Effort samples to fit on, all drives together; of an identification.
         workers: Who simulates; `settings.threads` threads of this process where None.
         machine_file: Path of the machine file, for the record; empty where there is none.
@@ -154,10 +148,9 @@ class Identified(Ended[Identification]):
 
     def problem(self) -> Problem:
         """Return the model on the data it was found from, held as in the result."""
-        result = self.result
-        return replace(self.request, drives=result.drives, fixed=result.fixed, bounds={}).problem(
-            self.logs.fit
-        )
+        found = self.result
+        request = replace(self.request, drives=found.drives, fixed=found.fixed, bounds={})
+        return request.problem(self.logs.fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,11 +211,7 @@ class Compared(Ended['Comparison']):
 
 
 def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
-    """Read the logs of a request.
-
-    Raises:
-        IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES and what else a log can lack.
-    """
+    """Read the logs of a request; raises NO_DATA, MISSING_STREAM, BAD_VALUES, or as readers do."""
     since = time.monotonic()
     if not request.bags and received is None:
         raise ErrorCode.NO_DATA.error('there is no live data; replay a bag or name its path')
@@ -287,20 +276,15 @@ def diagnose(
             'give one of them'
         )
     check = logs.check
+    asked = 'conditions', 'drives', 'without', 'fixed', 'effects', 'seed', 'seconds'
     result = find_gap(
         request.machine,
         logs.fit.datasets,
         check.datasets if check else (),
         labels=logs.fit.labels,
         check_labels=check.labels if check else (),
-        conditions=request.conditions,
-        drives=request.drives,
-        without=request.without,
-        fixed=request.fixed,
-        effects=request.effects,
+        **{name: getattr(request, name) for name in asked},
         output=next(iter(request.outputs)) if request.outputs else None,
-        seed=request.seed,
-        seconds=request.seconds,
         cancelled=cancel.is_set if cancel is not None else lambda: False,
         on_progress=on_progress,
         workers=request.workers or Threads(request.settings.threads),
@@ -325,9 +309,7 @@ def compare(
     Args:
         request: The bags before, and all else that is asked.
         later: Paths of the bags after; none for what was received.
-        paired: As of `change.find_change`.
-        among: Likewise.
-        received: What was received.
+        paired: As of `change.find_change`, like `among`.
         cancel: Ends it with the best so far.
         on_step: Told the share that is done, and a sentence.
 
@@ -398,9 +380,6 @@ def save(
         folder: Where to write; it exists.
         overlay: Whether to write the overlay bags, too.
         live: Whether the page there is this run's own, which a browser reloads.
-
-    Raises:
-        IdentError: INVALID_GOAL where something cannot be written.
     """
     # A fleet writes nothing of this, and its rows do not depend on it.
     from ros2_ident.report import files as results

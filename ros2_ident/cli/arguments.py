@@ -88,9 +88,6 @@ def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     return found
 
 
-# ---------------------------------------------------------------------- from the table
-
-
 def add_arguments(parser: argparse.ArgumentParser, own: Mapping[str, Any]) -> None:
     """Add the arguments of a command, as `commands.yaml` has it."""
     groups: list[tuple[Any, Mapping[str, Any]]] = [(parser, own['arguments'])]
@@ -115,29 +112,16 @@ def add_arguments(parser: argparse.ArgumentParser, own: Mapping[str, Any]) -> No
             place.add_argument(flag, **options)
 
 
-# ---------------------------------------------------------------------- what commands share
-
-
 def topics_of(args: argparse.Namespace) -> Any:
     """Return the topics of parsed arguments."""
     from ros2_ident.recording import Topics
 
-    return Topics(
-        args.state_topic,
-        args.effort_topic,
-        args.command_topic,
-        args.columns,
-        args.joint_names,
-        position_unit=args.position_unit,
-    )
+    topics = args.state_topic, args.effort_topic, args.command_topic
+    return Topics(*topics, args.columns, args.joint_names, position_unit=args.position_unit)
 
 
 def effort_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the effort unit of parsed arguments, as fields of a machine; none where not given.
-
-    Raises:
-        IdentError: WRONG_UNITS for a unit that lacks its constant.
-    """
+    """Return the effort unit given, as fields of a machine; WRONG_UNITS without its constant."""
     from ros2_ident.machine.units import effort_factors
 
     unit, constants = args.effort_unit, (args.torque_constant, args.rated_torque)
@@ -194,11 +178,7 @@ def searched(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def asked(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`.
-
-    Raises:
-        IdentError: As `load_machine`; WRONG_UNITS for a unit that lacks its constant.
-    """
+    """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`."""
     from ros2_ident.models import load_machine
     from ros2_ident.search import Threads
     from ros2_ident.search.evaluators import Cluster

@@ -72,9 +72,8 @@ def _say(found: 'Excitation') -> None:
     for n, p in enumerate(found.parameters):
         if found.wanted[n]:
             half, chance = found.half_widths[n], found.chance[n]
-            rows.append(
-                (p.name, f'{found.values[n]:.5g}', f'± {half:.2g}', f'± {chance:.2g}', p.unit)
-            )
+            numbers = f'{found.values[n]:.5g}', f'± {half:.2g}', f'± {chance:.2g}'
+            rows.append((p.name, *numbers, p.unit))
     columns(rows, '<>>><')
     loads = ', '.join(f'{100.0 * x:.0f} % {name}' for name, x in found.loads.items() if x > 0.0)
     print(f'of the limits it takes at most: {loads}')

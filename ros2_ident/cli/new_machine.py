@@ -93,19 +93,7 @@ def _bounded_by_effort(args: argparse.Namespace) -> bool:
 
 
 def _draft(path: Path, where: Path, given: Sequence[str], effort: bool) -> str:
-    """Write a table's column map by the names in its header; return the unit of its positions.
-
-    How each column is read is printed.
-
-    Args:
-        path: The table.
-        where: The map's file.
-        given: See `Header.assigned`.
-        effort: See `Header.require_scales`.
-
-    Raises:
-        IdentError: As `header_of`; INVALID_GOAL where the scale of a unit is not known.
-    """
+    """Write a table's column map by its header, print it, and return the unit of positions."""
     import yaml
 
     from ros2_ident.recording.headers import ASKED, header_of

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 LINE_EVERY = 5.0
 # Share of the work from which on the time to go is told.
 KNOWN = 0.05
-# Writing the results takes so many times as long as reading did: on axes and tripods of 6 to 25 s
-# it was between 1 and 3.
+# Writing takes so many times as long as reading: between 1 and 3 on axes and tripods of 6 to 25 s.
 WRITING = 2.0
 # Seconds after which a line says what keeps the first progress away.
 PATIENCE = 3.0

@@ -53,14 +53,11 @@ def carry_out(
     find: Callable[..., Any],
     show: Callable[[Any], None],
 ) -> Any:
-    """Find what was asked for, write it, and print it.
+    """Find what was asked for, write it, print it, and return it.
 
     Args:
         args: `begun`, `out`, `resume`, `live`, `quiet`, `no_overlay` and `no_report`.
         find: `jobs.identify` or `jobs.diagnose`.
-
-    Returns:
-        What `find` returned.
     """
     from ros2_ident import jobs
     from ros2_ident.cli.progress import Meter, WRITING
@@ -130,13 +127,9 @@ def _live_page(
 
 
 def page_line(directory: Path, *, wanted: bool) -> str:
-    """Write the page at the end of a run; a run is not lost where that fails.
+    """Write the page at the end of a run, which is not lost if that fails; return a line on it.
 
-    Args:
-        wanted: False only takes away the page on an earlier run.
-
-    Returns:
-        The line that says where it is; empty where none was written.
+    Where it is not wanted, that of an earlier run is removed.
     """
     from ros2_ident.files import remove_file
     from ros2_ident.report.files import PAGE

@@ -54,13 +54,10 @@ def added_to(machine: Machine, data: Dataset, law: Law, recording: int = 1) -> A
     swing = swings(0.5 * (first + last), last - first, np.sign(size))
     if not few or swing or share < scale.MOSTLY or top < scale.STANDS_OUT:
         return None
-    pushes = tuple(
-        Event(law.drive, recording, begin * cycle, size, end * cycle) for begin, end, size in found
-    )
-    rms = math.sqrt(square / left.size)
-    return Asked(
-        law.drive, law.effort_delay, math.nan, usual, pushes, share, rms, top, left.size / width
-    )
+    drive = law.drive
+    pushes = tuple(Event(drive, recording, a * cycle, s, b * cycle) for a, b, s in found)
+    rms, count = math.sqrt(square / left.size), left.size / width
+    return Asked(drive, law.effort_delay, math.nan, usual, pushes, share, rms, top, count)
 
 
 def without(data: Dataset, added: Asked) -> Dataset:

@@ -21,8 +21,7 @@ from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
 
-# Values that are compared in each period of the band's end: four times what Nyquist asks for. By
-# hand.
+# Values compared in each period of the band's end: four times what Nyquist asks for. By hand.
 _VALUES = 8.0
 # Periods of the band below which nothing is said. By hand.
 _SHORTEST = 10.0

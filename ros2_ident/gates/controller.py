@@ -15,13 +15,11 @@ from ros2_ident.gates.signals import LATEST_COMMAND
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset
 
-# A gain has to be off by this share to be spoken of; nearer to a factor, it is that factor. By
-# hand.
+# A gain is spoken of where it is off by this share; nearer to a factor, it is that. By hand.
 GAIN_OFF = 0.02
 # What is stated as noise may be off by so much where no log has told it. By hand.
 _STATED = 2.5
-# An effort that is logged before it acts by more than a cycle and this, s, has other stamps. By
-# hand.
+# An effort logged before it acts by more than a cycle and this, s, has other stamps. By hand.
 _EARLY = 1e-3
 # The cause that leaves a log of use: along its recorded motion, without the set-point.
 SET_POINT_LATE = 'command early'

@@ -51,15 +51,12 @@ def examine(
     drives: Sequence[str] | None = None,
     noise: Array | None = None,
 ) -> GateReport:
-    """Ask every gate about every recording.
+    """Return what every gate finds in recordings; of what these share, each drive's worst.
 
     Args:
-        datasets: Its recordings on the grid of controller cycles.
+        datasets: On the grid of controller cycles.
         drives: The drives looked at; all where None.
         noise: (D,) their noise floors, where known.
-
-    Returns:
-        The findings; of those that recordings share, each drive's worst.
     """
     chosen = tuple(drives or machine.drives)
     reports = [_of_one(machine, x, chosen, noise, n) for n, x in enumerate(datasets, 1)]

@@ -153,8 +153,7 @@ def fit_law(
     noise = math.hypot(machine.effort_noise, law.steps)
     if law.left <= scale.OTHER_NOISE * noise or inside.sum() < scale.FEWEST:
         return law
-    # A loop follows late by at most about the time of its gain, 0.1 s where that is not known. The
-    # grids are by hand.
+    # A loop is late by about the time of its gain at most, 0.1 s if unknown. Grids are by hand.
     gain = sane(machine.number('position_gain', drive))
     reach = min(1.5 / gain, 0.1) if gain > 0.0 else 0.1
     coarse = np.arange(tracked - reach - LATEST_COMMAND, tracked + 7e-3, 2e-3)
@@ -201,17 +200,10 @@ def _law_at(
     stated = gains['velocity_gain']
     gain = stated if not slope or near(stated / slope, scale.ANOTHER) else slope
     file = _solve(np.ones((effort.size, 1)), effort - known)[1]
-    return Law(
-        drive,
-        tuple(alone),
-        float(delays[0]) * signals.cycle,
-        float(delays[1]) * signals.cycle,
-        free,
-        file,
-        1.0 - free**2 / max(float(effort.var()), 1e-300),
-        gain * signals.speed_steps,
-        _limit(known, effort),
-    )
+    lag, late = (float(x) * signals.cycle for x in delays)
+    explained = 1.0 - free**2 / max(float(effort.var()), 1e-300)
+    steps, limit = gain * signals.speed_steps, _limit(known, effort)
+    return Law(drive, tuple(alone), lag, late, free, file, explained, steps, limit)
 
 
 def _limit(asked: Array, effort: Array) -> float:

@@ -18,8 +18,7 @@ from ros2_ident.recording.motion import fill_smoothly
 _ABSURD = float(np.finfo(float).max ** 0.25)
 # Set-points later than this are no matter of a log, s. By hand.
 LATEST_COMMAND = 0.012
-# Delays of the effort between which no valley is missed, s, and valleys that are followed down. By
-# hand.
+# Effort delays between which no valley is missed, s, and valleys that are followed down. By hand.
 _WIDE, _VALLEYS = 6e-3, 3
 
 
@@ -91,17 +90,10 @@ def signals_of(machine: Machine, data: Dataset, drive: str) -> Signals | None:
         _, slope, ahead, _ = np.linalg.lstsq(columns, effort[index], rcond=None)[0]
         low, high, _ = machine.box('velocity_feedforward', drive)
         forward = float(np.clip(ahead / slope, low, high)) if slope else low
+    command, rate = data.command_position[d], data.command_velocity[d]
+    integral, kept = machine.number('integral_gain', drive) != 0.0, effort[index]
     return Signals(
-        data.cycle,
-        data.command_position[d],
-        data.command_velocity[d],
-        position,
-        velocity,
-        index,
-        effort[index],
-        forward,
-        machine.number('integral_gain', drive) != 0.0,
-        speed_steps,
+        data.cycle, command, rate, position, velocity, index, kept, forward, integral, speed_steps
     )
 
 
@@ -161,8 +153,7 @@ class Fit:
     def system(self, delays: Array) -> tuple[Array, Array]:
         """Return columns and effort at the samples, for delays (effort, set-point) in cycles.
 
-        The columns are position error, velocity error and one; with an integral part its integrals
-        too.
+        The columns: position error, velocity error, one, and integrals of an integral part.
         """
         return self._columns_at(delays[:1], float(delays[1]))[0], self._effort
 

@@ -27,8 +27,7 @@ from ros2_ident.recording.quality import standing
 _MOST = 2000
 # Friction turns over within this share of the top speed. By hand.
 _TURNS = 0.02
-# The best of gears, one stage of spur wheels, loses this share of what it transmits (textbooks:
-# 1 to 3 %).
+# The best of gears, one spur stage, loses this share of what it transmits (textbooks: 1 to 3 %).
 _LOSES = 0.03
 # Effort that is this share of a weight holds none of it. By hand.
 _NOTHING = 0.05
@@ -117,17 +116,11 @@ def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
         if not (described and told and strokes[drive]) or drive in still:
             continue
         more = np.array(others)[:, d].T
-        speed = motion[1, d]
-        yield _Joint(
-            drive,
-            low_pass(fill_gaps(effort[d]), data.cycle, cutoff)[kept],
-            inertia[d],
-            weight[d],
-            more[:, :3],
-            motion[2, d],
-            np.stack([np.tanh(speed / (_TURNS * np.abs(speed).max())), speed], axis=1),
-            np.column_stack([np.ones_like(speed), more[:, 3:]]),
-        )
+        speed, rotor = motion[1:, d]
+        slow = low_pass(fill_gaps(effort[d]), data.cycle, cutoff)[kept]
+        friction = np.stack([np.tanh(speed / (_TURNS * np.abs(speed).max())), speed], axis=1)
+        free = np.column_stack([np.ones_like(speed), more[:, 3:]])
+        yield _Joint(drive, slow, inertia[d], weight[d], more[:, :3], rotor, friction, free)
 
 
 def _without(rows: Array, *parts: Array) -> Array:

@@ -91,13 +91,10 @@ def read_data(
     samples: int = SAMPLES,
     quantities: Sequence[str] | None = None,
 ) -> Data:
-    """Read bags into the data that `identify` takes.
-
-    Args:
-        bags: Path of a bag, or of several of one machine, for one fit.
+    """Read bags of one machine into the data that `identify` takes; the rest is as of `gather`.
 
     Raises:
-        IdentError: As `read_bags`, `align` and `gather`, where the other arguments are described.
+        IdentError: As `read_bags`, `align` and `gather`.
     """
     several = [bags] if isinstance(bags, str | Path) else bags
     recordings = read_bags(several, topics, travel_of(machine), machine.drives)
@@ -188,15 +185,9 @@ def gather(
         raise first
     datasets, used, origin = zip(*kept, strict=True)
     late = next(filter(None, (late_set_point(machine, x, chosen) for x in datasets)), '')
-    data = Data(
-        datasets,
-        used,
-        ' + '.join(sources),
-        ' + '.join(dict.fromkeys(sources.values())),
-        tuple([*warnings, late] if late else warnings),
-        held_out,
-        origin,
-    )
+    source, sha256 = ' + '.join(sources), ' + '.join(dict.fromkeys(sources.values()))
+    said = tuple([*warnings, late] if late else warnings)
+    data = Data(datasets, used, source, sha256, said, held_out, origin)
     return data.without_command() if late else data
 
 
@@ -235,12 +226,7 @@ def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, 
 def _aligned(
     recording: Recording, machine: Machine, chosen: tuple[str, ...], quantities: Sequence[str]
 ) -> Dataset:
-    """Align all drives of the machine; only the chosen ones need the quantities compared.
-
-    Raises:
-        IdentError: As `align`; MISSING_STREAM, BAD_VALUES or NO_DATA for what would cost minutes
-            and tell nothing.
-    """
+    """Align all drives of the machine; only the chosen ones need the quantities compared."""
     dataset = align(
         recording,
         machine.drives,

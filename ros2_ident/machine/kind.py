@@ -117,9 +117,8 @@ class Space:
 
     def point(self, rng: np.random.Generator, share: float = 1.0) -> Array:
         """Return a point drawn evenly from the workspace, shrunk to a share of its reach."""
-        return np.asarray(
-            self.centre + share * self.reach * rng.uniform(-1.0, 1.0, self.centre.size)
-        )
+        away = rng.uniform(-1.0, 1.0, self.centre.size)
+        return np.asarray(self.centre + share * self.reach * away)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +163,7 @@ class Kind:
             it is identified from a bag; what else it can be asked for `make_model` says.
         drives: How many drives it has; None for any number.
         judge: Returns what is to be changed in a machine file and shows only together.
-        starts_in_motion: Whether its model can begin in the middle of a motion, from the measured
-            position.
+        starts_in_motion: Whether its model can begin in a motion, from the measured position.
         check_motion: Returns what in a machine file contradicts recorded positions (D, K), NaN
             where there is no sample.
         asked: Returns (C, D, K) what a motion (3, D, K) of its drives asks of them: by inertia, by
@@ -174,25 +172,20 @@ class Kind:
         tilt: Returns the keys that say how its base is tilted, by the free fall (3,) in its frame.
         travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
         compares: Quantities that are compared by default.
-        freely: The same where a machine's controllers follow a set-point; None where they are
-            those.
-        logs: Units of a logged effort that its model simulates as they are, beside those of
-            `units.effort_factors`.
+        freely: The same where controllers follow a set-point; None where they are those.
+        logs: Units of efforts that its model simulates as logged, beside `effort_factors`'.
         released: Whether its motors are switched off where no set-point comes any more.
         efforts: Returns the (D,) size of the drives' efforts, of which bounds of effects are
             shares; None where the log says it.
         scene: Returns what to draw at positions (D, F) of its drives, None where they cannot be.
-        alike: Whether its drives are of one make and logged alike, so that one noise is that of
-            all.
-        follows: Whether a machine's controllers follow a set-point; where not, a logged one is
-            left out.
+        alike: Whether its drives are of one make and logged alike, with one noise.
+        follows: Whether controllers follow a set-point; where not, a logged one is left out.
         read: Reads a machine's description as its model does; None where it has none.
         joints: Returns the joints of a description, which its key that names a file holds; None
             where it has no such key.
         extent: Returns the mass [kg] that a description moves, and how far it reaches [m]; None
             where it has no such key.
-        space: Returns where it moves by default: its drives, or the tool that they
-            carry.
+        space: Returns where it moves by default: its drives, or the tool that they carry.
         set_points: Returns set-points (D, K) of its drives and their derivatives by the way (M, K)
             of the tool that they carry and its derivatives; None where they carry none.
         described: Parameters that its description holds.

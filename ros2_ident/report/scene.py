@@ -57,15 +57,12 @@ class Scene:
 
 
 def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0) -> Scene | None:
-    """Return the motion of a machine in space.
+    """Return the motion of a machine in space; None where it has no figure or no positions.
 
     Args:
         theta: (N,) parameters, physical units.
         residual: The segment's residual effort, from `overlay_streams`.
         segment: Its number, from 0.
-
-    Returns:
-        The scene; None where nothing of the machine is drawn or no positions were measured.
     """
     machine = problem.machine
     dataset = problem.data.datasets[segment]
@@ -85,13 +82,8 @@ def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0)
     assert residual.effort is not None
     gap = np.sqrt(np.nanmean(residual.effort**2, axis=1))
     there = np.isfinite(gap)
-    return Scene(
-        machine.kind,
-        stamp,
-        figure,
-        np.interp(stamp, residual.stamp[there], gap[there], np.nan, np.nan),
-        machine.effort_unit,
-    )
+    gap = np.interp(stamp, residual.stamp[there], gap[there], np.nan, np.nan)
+    return Scene(machine.kind, stamp, figure, gap, machine.effort_unit)
 
 
 def scene_messages(scene: Scene) -> list[bytes]:

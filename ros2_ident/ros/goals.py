@@ -30,7 +30,7 @@ _SEARCH = 'initial_population', 'survivors', 'children', 'generations', 'range_r
 # Fields that not every goal has, and what stands for nothing.
 _NOT_OF_ALL: dict[str, Any] = {
     'check_bag_path': '', 'more_check_bag_paths': (), 'each': (), 'differences_file': '',
-    'time_budget': 0.0, 'from_result': '',
+    'time_budget': 0.0, 'from_result': '', 'without_effects': (),
 }  # fmt: skip
 _refuse = ErrorCode.INVALID_GOAL.error
 
@@ -63,6 +63,8 @@ def wanted_of(
     asked = {name: getattr(goal, name, nothing) for name, nothing in _NOT_OF_ALL.items()}
     differences = _paths(asked['differences_file'], (), 'differences_file', parameters)
     check = asked['check_bag_path'], asked['more_check_bag_paths']
+    for name in asked['without_effects']:
+        get_effect(name)
     wanted = Wanted(
         machine=machine,
         machine_file=goal.machine_file or parameters['machine_file'],
@@ -73,6 +75,7 @@ def wanted_of(
         conditions=read_conditions(tuple(asked['each']), *(differences or (None,))),
         fixed=fixed,
         bounds=bounds,
+        without=tuple(asked['without_effects']),
         seed=goal.seed or parameters['seed'],
         machine_text=text,
         output_directory=parameters['output_directory'],
@@ -116,8 +119,6 @@ def _of_identify(
 def _of_diff(
     goal: Any, parameters: Snapshot, machine: Machine, settings: IdentifySettings
 ) -> dict[str, Any]:
-    for name in goal.without_effects:
-        get_effect(name)
     bags = _paths(goal.bag_path, goal.more_bag_paths, 'bag_path', parameters)
     if not bags:
         raise _refuse('bag_path is empty; give the path of a bag from before')
@@ -126,22 +127,15 @@ def _of_diff(
         'bags': bags,
         'later': _bag_paths(goal, parameters, 'after_bag_path'),
         'paired': goal.pairs,
-        'without': tuple(goal.without_effects),
     }
 
 
 def _of_diagnose(
     goal: Any, parameters: Snapshot, machine: Machine, settings: IdentifySettings
 ) -> dict[str, Any]:
-    for name in goal.without_effects:
-        get_effect(name)
     if goal.output and goal.output not in QUANTITIES:
         raise _refuse(f'output is {goal.output!r}; choose from {", ".join(QUANTITIES)}')
-    return {
-        'settings': settings,
-        'outputs': {goal.output: None} if goal.output else None,
-        'without': tuple(goal.without_effects),
-    }
+    return {'settings': settings, 'outputs': {goal.output: None} if goal.output else None}
 
 
 def _check_ranges(goal: Any) -> None:

@@ -48,9 +48,8 @@ def in_travel(text: str, unit: str, per_metre: float) -> str:
 
 def compared(unit: str) -> str:
     """Return what was compared, by its unit: effort, position or velocity."""
-    return {'m': 'position', 'rad': 'position', 'm/s': 'velocity', 'rad/s': 'velocity'}.get(
-        unit, 'effort'
-    )
+    others = {'m': 'position', 'rad': 'position', 'm/s': 'velocity', 'rad/s': 'velocity'}
+    return others.get(unit, 'effort')
 
 
 def percent(share: float) -> str:

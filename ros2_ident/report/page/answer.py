@@ -98,9 +98,6 @@ class Answer:
     compared: str = 'effort'
 
 
-# ---------------------------------------------------------------------- a diagnosis
-
-
 def of_diagnosis(w: Written, out: str) -> Answer:
     """Return the first screen of a diagnosis."""
     d, careful = w.found, tuple(_careful(w.found))
@@ -117,18 +114,10 @@ def of_diagnosis(w: Written, out: str) -> Answer:
         state = 'Correct this first:'
     elif d.facts.cause == Cause.EVENTS:
         state = 'The cause is beside the machine and its command'
-    return Answer(
-        level,
-        words.headline(d),
-        tuple(_sure(d)),
-        tuple(_gaps(d)),
-        tuple(_closes(d)),
-        tuple(steps.of_diagnosis(w, out)),
-        careful,
-        first=first,
-        state=state,
-        compared=compared(d.unit),
-    )
+    sure, gaps, closes = tuple(_sure(d)), tuple(_gaps(d)), tuple(_closes(d))
+    todo, of = tuple(steps.of_diagnosis(w, out)), compared(d.unit)
+    headline = words.headline(d)
+    return Answer(level, headline, sure, gaps, closes, todo, careful, first, state, of)
 
 
 def _sure(d: Diagnosis) -> Iterator[str]:
@@ -204,9 +193,6 @@ def _careful(d: Diagnosis) -> Iterator[str]:
     yield from words.at_bounds(d)
 
 
-# ---------------------------------------------------------------------- an identification
-
-
 def of_identification(result: Identification, out: str) -> Answer:
     """Return the first screen of an identification without a diagnosis."""
     # Where nothing is identified there is nothing to doubt one by one.
@@ -224,17 +210,10 @@ def of_identification(result: Identification, out: str) -> Answer:
         said, told = message(result), []
     # of the first drive where they differ
     unit = next((x.unit for x in result.residuals if x.unit), result.cost.unit)
-    return Answer(
-        level,
-        said,
-        tuple(told),
-        tuple(_left(result)),
-        tuple(closes),
-        tuple(steps.of_identification(result, out)),
-        tuple(doubts),
-        state=STATES[level],
-        compared=compared(unit),
-    )
+    sure, gaps, state = tuple(told), tuple(_left(result)), STATES[level]
+    todo, careful = tuple(steps.of_identification(result, out)), tuple(doubts)
+    of = compared(unit)
+    return Answer(level, said, sure, gaps, tuple(closes), todo, careful, (), state, of)
 
 
 def _doubts(result: Identification) -> Iterator[str]:
