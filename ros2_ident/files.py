@@ -98,8 +98,6 @@ def make_directory(path: str | Path) -> Path:
 def sole_writer(path: str | Path, names: Iterable[str] = ()) -> Iterator[Path]:
     """Make the directory results go to, and yield it; no other run writes there meanwhile.
 
-    Two runs at once would leave files of both side by side.
-
     Raises:
         IdentError: INVALID_GOAL where it cannot be made, `require_ours` refuses one of the files,
             or another run writes there.
@@ -241,11 +239,7 @@ def unreadable(path: str | Path) -> str:
 
 
 def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
-    """Return the content of a file that people write, of so many bytes at most.
-
-    Raises:
-        OSError: It cannot be read, is no regular file (which might never end), or is larger.
-    """
+    """Return a file that people write, of so many bytes at most, or raise OSError; no pipe."""
     with regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size > most:
@@ -254,11 +248,7 @@ def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
 
 
 def read_yaml(path: str | Path, most: int = 1 << 18) -> Any:
-    """Return what a YAML file holds; arguments as of `read_small`.
-
-    Raises:
-        ValueError: It cannot be read or is no YAML, in words that follow its name.
-    """
+    """Return what a YAML file holds, as `read_small`; a ValueError's words follow its name."""
     import yaml
 
     try:
@@ -274,8 +264,7 @@ def read_yaml(path: str | Path, most: int = 1 << 18) -> Any:
 class Growing:
     """A file that grows as data arrive, and that only one process writes.
 
-    It is the one kind that may be found half written: for formats whose readers take what is
-    whole.
+    The one kind that may be found half written: for formats whose readers take what is whole.
 
     Args:
         path: The file; its directory is made. What it holds is kept.

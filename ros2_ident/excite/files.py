@@ -31,9 +31,6 @@ def write_excitation(
     Args:
         lead: Time that the controller of a trajectory has to reach its first point, s.
         asked: The command, for the bag's metadata.
-
-    Raises:
-        IdentError: INVALID_GOAL where something is in the way.
     """
     require_place(directory)
     folder = make_directory(directory)

@@ -34,8 +34,7 @@ class Shown:
     """Information of a motion.
 
     Attributes:
-        covariance: (N, N) that an estimate of the parameters will have at best, in widths of their
-            boxes.
+        covariance: (N, N) of an estimate of the parameters at best, in widths of their boxes.
         moved: What the drives do, efforts included; set-points where nothing follows them.
     """
 
@@ -81,11 +80,7 @@ class Sensitivity:
         return np.asarray(np.linalg.inv(transmission(self.machine)).astype(np.float64))
 
     def meant(self, names: Collection[str]) -> npt.NDArray[np.bool_]:
-        """Return (N,) which parameters are meant; `gear_stiffness` is that of every drive.
-
-        Raises:
-            IdentError: UNKNOWN_PARAMETER for a strange name.
-        """
+        """Return (N,) which are meant, of all drives by base names; UNKNOWN_PARAMETER."""
         known = [{p.name, p.name.rpartition('.')[2]} for p in self.parameters]
         for name in names:
             if not any(name in both for both in known):

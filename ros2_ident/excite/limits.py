@@ -25,8 +25,7 @@ KEYS = {
     'jerk': 'max_jerk',
     'effort': 'max_effort',
 }
-# Where no jerk is stated: acceleration turns over in a quarter of the time that it takes from
-# standstill to full speed.
+# Where no jerk is stated, acceleration turns over in a quarter of the time from 0 to full speed.
 _TURNS = 4.0
 # A speed of 0 is refused in a sentence, after it was divided by.
 _SLOWEST = 1e-12

@@ -21,8 +21,7 @@ from ros2_ident.search.driver import Progress
 
 # Rest before the one period that is simulated in the search, s.
 _SHORT_REST = 0.05
-# Rounds in which the motion shrinks until what is simulated keeps to the limits, and how far it
-# stays below them.
+# Rounds in which a motion shrinks until its simulation keeps to the limits, and how far below.
 _ROUNDS, _BELOW = 8, 0.999
 # Small steps that shrink slowly: a motion has dozens of numbers, and each helps a little.
 SEARCH = GeneticSettings(
@@ -90,8 +89,7 @@ def excite(
 
     Args:
         sensitivity: The machine at the parameters that are expected.
-        names: Parameters to determine, `gear_stiffness` meaning that of every drive; all where
-            empty.
+        names: Parameters to determine, all if empty; `gear_stiffness` is that of every drive.
         criterion: `d` for the smallest volume of their joint confidence region (D-optimality), the
             others unknown as well; `worst` for the smallest of the largest intervals, in widths of
             the boxes.
@@ -164,9 +162,8 @@ def scaled(
 ) -> tuple[Moved, Shown, dict[str, float]]:
     """Return the largest motion of a point that keeps to the limits when it is simulated, too.
 
-    Returns:
-        The set-points, what they show, and the largest shares of the limits that they and the
-        machine take, also where its parameters are other ones (`Sensitivity.elsewhere`).
+    With what it shows, and the largest shares of the limits that it and the machine take, also
+    where its parameters are other ones (`Sensitivity.elsewhere`).
     """
     share = 1.0
     for _ in range(_ROUNDS):

@@ -37,9 +37,6 @@ _LARGEST = 1 << 24  # of a list, bytes
 _KEYS = {'bag', 'check', 'machine_file', 'machine', 'date', 'labels'}
 
 
-# ---------------------------------------------------------------------- the list
-
-
 def read_fleet(path: str | Path, machine_file: str | None = None) -> list[Row]:
     """Read a list file, or take the bags of a directory.
 
@@ -108,9 +105,6 @@ def _begun(
         'labels': {str(k): str(v) for k, v in (given.get('labels') or {}).items()},
         'more': [os.path.abspath(base / x) for x in more],
     }
-
-
-# ---------------------------------------------------------------------- the rows
 
 
 def run_fleet(
@@ -211,14 +205,11 @@ def _worked(
 
 
 def key_of(entry: Row, how: How, before: Row | None = None) -> str:
-    """Return a digest of what a row depends on.
+    """Return a digest of what a row depends on; raises as `load_machine`, or where a bag is lost.
 
     That is what the list gives, what is asked for, the sources of everything that has a part in a
     result, the versions of the libraries, the bytes of the machine file and of the bags, and all
     of that of the bag it is compared with.
-
-    Raises:
-        IdentError: As `load_machine`, or where a bag is not there.
     """
     from ros2_ident.identify.problem import sources
     from ros2_ident.recording.storage import digest, storage_files

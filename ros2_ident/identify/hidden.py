@@ -25,8 +25,7 @@ Mask = npt.NDArray[np.bool_]
 # What is predicted of a residual counts from this share of the noise on. Practice cases of another
 # simulator, 2026-11-22; see `gap.rules`.
 MATERIAL = 0.45
-# Columns times rows of what is weighed at most, for memory, 160 MB: a long log is thinned to whole
-# blocks.
+# Columns times rows weighed at most, for memory, 160 MB: a long log is thinned to whole blocks.
 MOST = 20_000_000
 # A block is left out as a whole: so long, s, longer than a motion's forces hang together. By hand.
 BLOCK = 1.0

@@ -43,14 +43,7 @@ class Conditions:
         return {'each': list(self.each), 'differences': known} if self else {}
 
     def check(self, labels: Sequence[str]) -> None:
-        """Hold them against the recordings that are there.
-
-        Args:
-            labels: (M,) the recording each model belongs to.
-
-        Raises:
-            IdentError: INVALID_GOAL where there is no such recording, or only one.
-        """
+        """Hold them against the labels (M,) of the recordings, or raise INVALID_GOAL."""
         there = dict.fromkeys(labels)
         strange = [label for label in self.known if label not in there]
         if strange:
@@ -65,13 +58,10 @@ class Conditions:
 
 
 def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
-    """Read the known differences between recordings.
+    """Read the known differences between recordings, or raise INVALID_GOAL.
 
     Args:
         path: A YAML file, `{bag: {parameter: how much above the shared value}}`; None for none.
-
-    Raises:
-        IdentError: INVALID_GOAL where the file cannot be read or says something else.
     """
     if path is None:
         return Conditions(tuple(each))
@@ -219,13 +209,10 @@ class Layout:
 
 
 def _meant(known: Iterable[str], name: str, what: str) -> list[str]:
-    """Return the full names that a name means.
+    """Return the full names that a name means, or say what it cannot do: UNKNOWN_PARAMETER.
 
     `coulomb_torque` means that of every drive, and `tool_mass` that of every recording where each
     has its own.
-
-    Raises:
-        IdentError: UNKNOWN_PARAMETER, with what it cannot do, where it means none.
     """
     found = [
         full
@@ -260,10 +247,7 @@ def _more(
 def held_of(
     machine: Machine, free: Model, drives: Sequence[str], given: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the values held in a model, by full name.
-
-    Args:
-        given: Values by name; `gear_stiffness` means that of every drive.
+    """Return the values held in a model, by full name; `gear_stiffness` is that of every drive.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER where nothing is called so; INVALID_GOAL where the machine's

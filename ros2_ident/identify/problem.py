@@ -151,16 +151,13 @@ class Problem(Layout):
     def costs(
         self, theta: Array, limit: float = math.inf, stop: Callable[[], bool] | None = None
     ) -> Array:
-        """Return the costs of candidates.
+        """Return the costs (S,) of candidates, `unit`; inf where one diverged.
 
         Args:
             theta: (S, N) candidates.
-            limit: Cost above which a candidate need not be simulated to the end.
+            limit: Cost above which a candidate need not be simulated to the end: it has a lower
+                bound of its cost then.
             stop: Asked now and then; True where the result is not needed any more.
-
-        Returns:
-            (S,) costs, `unit`; inf where a candidate diverged. Where one is above `limit` it is a
-            lower bound of the cost.
         """
         total = np.zeros(len(theta))
         below = np.arange(len(theta))
@@ -340,14 +337,11 @@ def problem_of(
     outputs: Outputs | None = None,
     **asked: Any,
 ) -> Problem:
-    """Return a machine's model on every segment, as one problem.
+    """Return a machine's model on every segment, as one problem; raises as `Setup.problem`.
 
     Args:
         outputs: What is compared; what the kind of machine compares where None.
         asked: Other attributes of `Setup`.
-
-    Raises:
-        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `make_model`.
     """
     differ, compared = conditions or Conditions(), checked(outputs, compared_of(machine))
     differ.check(data.labels)
@@ -390,15 +384,12 @@ def problem_of_models(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     conditions: Conditions | None = None,
 ) -> Problem:
-    """Return a user's own models as one problem.
+    """Return a user's own models as one problem; errors as of `Problem`.
 
     Args:
         models: One, or one for each recording; a parameter of one name is one parameter.
         bounds: (low, high) instead of the parameters' own, by name.
         conditions: What differs between the recordings, which are called `1`, `2` and so on.
-
-    Raises:
-        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER or NO_DATA with the remedy.
     """
     several = models if isinstance(models, Sequence) else [models]
     labels = [str(number) for number in range(1, len(several) + 1)]

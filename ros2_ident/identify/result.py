@@ -164,8 +164,7 @@ class DriveResidual:
 
     Attributes:
         rms: RMS of measured less simulated effort, in the cost's unit.
-        share: The same over the RMS of the measured effort; times 100 it is the relative error of
-            the EMPS benchmark.
+        share: The same over the RMS of the measured effort; EMPS's relative error over 100.
         samples: Measured samples compared.
         unit: Unit of `rms`; the cost's where empty.
     """

@@ -41,8 +41,7 @@ PARTS = 4
 QUARTERS = 'each quarter of the log, predicted from the other three'
 REST = 'parts of the log that were not fitted on'
 
-# A model that leaves this share of how an output varies, and far more than its noise, is not the
-# machine's. By hand.
+# A model is not the machine's that leaves this share of an output's variation, far over its noise.
 LARGE = 0.3
 # What is said of every parameter then.
 NOTE = 'means nothing: the model does not fit the log'
@@ -317,15 +316,11 @@ def with_held_out(
 
 
 def check_problem(problem: Problem, check: Data) -> Problem:
-    """Return the same problem on recordings to judge on.
-
-    Args:
-        problem: What is to be solved.
-        check: The recordings.
+    """Return the same problem on recordings to judge on; raises as `problem_of`.
 
     Raises:
         IdentError: INVALID_GOAL where a parameter has a value of its own in every bag, or the
-            models are a user's own; or as `problem_of`.
+            models are a user's own.
     """
     if problem.setup is None:
         raise ErrorCode.INVALID_GOAL.error(

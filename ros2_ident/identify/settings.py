@@ -20,8 +20,7 @@ class IdentifySettings(FitSettings):
 
     Attributes:
         cutoff: Low-pass of recorded motion where it drives the model [Hz].
-        threads: Threads that simulate; one for each processor by default. The result does not
-            depend on it.
+        threads: Threads that simulate, one a processor by default; no result depends on it.
         method: `genetic` searches; `algebraic` solves by weighted least squares what is linear in
             the parameters along the recorded motion, whether or not a set-point is logged.
         decimation: Samples of which `algebraic` keeps one.

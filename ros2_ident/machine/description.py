@@ -19,8 +19,7 @@ _BYTES, _ELEMENTS, _BODIES, _DEPTH, _JOINTS, _FILES = 1 << 24, 100_000, 1_000, 2
 # MuJoCo 4.0 knows 38 of an element `general`, the most of all.
 _ATTRIBUTES = 100
 _ATTRIBUTE = re.compile(r"""=\s*("[^"]*"|'[^']*')""")
-# In SI units: a limit of none is written as 1e16, squares are far from overflow; what may be a
-# rounded 0.
+# SI units: a limit of none is 1e16, squares are far from overflow; what may be a rounded 0.
 _LARGEST, _NOTHING = 1e30, -1e-9
 _INERTIAS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 _NEEDED = {'inertial/mass': ('value',), 'inertial/inertia': _INERTIAS}
@@ -239,11 +238,7 @@ def own_physics(root: ET.Element, joints: Collection[str]) -> str:
 
 
 def joints_in(text: str) -> tuple[str, ...]:
-    """Return the joints of a description that turn about or slide along one axis.
-
-    Raises:
-        IdentError: As `judged_tree`.
-    """
+    """Return the joints of a description that turn about or slide along one axis."""
     root = judged_tree(text)
     found = root.iterfind('joint' if root.tag == 'robot' else './/worldbody//joint')
     one_axis = 'revolute', 'continuous', 'prismatic', 'hinge', 'slide'

@@ -65,13 +65,10 @@ class MachineFile:
 
 
 def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
-    """Read a machine file and judge it.
+    """Return a machine file with everything there is to change in it.
 
     Args:
         path: A YAML file; its keys are those of its kind.
-
-    Returns:
-        The file, with everything there is to change in it.
 
     Raises:
         IdentError: BAD_MACHINE_FILE where it cannot be read or is no YAML.

@@ -73,8 +73,7 @@ class Machine:
         effort_scale: Factor from the logged effort to N m (or N): a torque constant [N m/A], or
             the rated torque over 100 %; one for all drives, or one each.
         effort_noise: Standard deviation of the logged effort's noise, in the model's effort unit.
-        digest: SHA-256 of the file, and of those that it names; empty where the machine was made
-            in memory.
+        digest: SHA-256 of the file and those that it names; empty for one made in memory.
         travel: Unit of the drives' positions where the kind says it, else empty.
         stands: Drives that stand in all of the data, and where (rad or m).
         prior: What an earlier result knows of its parameters; None for nothing.
@@ -94,8 +93,6 @@ class Machine:
     stands: Mapping[str, float] = field(default_factory=dict)
     prior: Prior | None = None
 
-    # ------------------------------------------------------------------ constants
-
     def stated(self, name: str) -> bool:
         """Return whether the file states a constant."""
         return name in self.given
@@ -105,15 +102,11 @@ class Machine:
         return name in self.given or name in self.bounds
 
     def number(self, name: str, drive: str | None = None) -> float:
-        """Return a numeric constant, SI units.
-
-        Args:
-            name: Its key.
-            drive: The drive it belongs to; without it, one that is the same for all.
+        """Return a numeric constant, SI units: a drive's, or one that is the same for all.
 
         Raises:
             IdentError: BAD_MACHINE_FILE where it differs from drive to drive and none is named,
-            or where machines of this kind have no such constant.
+                or where machines of this kind have no such constant.
         """
         return float(self._value(name, drive))
 
@@ -152,8 +145,6 @@ class Machine:
         """Return (low, high, unit) of a parameter to be identified, a drive's or that of all."""
         return self.own_bounds.get(f'{drive}.{name}', self.bounds[name])
 
-    # ------------------------------------------------------------------ units
-
     @property
     def travel_unit(self) -> str:
         """Unit of a drive's position: `rad` where the moving mass is stated as an inertia."""
@@ -171,8 +162,6 @@ class Machine:
         other = self.effort_unit in ('A', 'percent') and not self.known('gear_factor')
         return 'N' if force or other else 'N m'
 
-    # ------------------------------------------------------------------ changes
-
     def with_constants(self, **changed: Value | Sequence[Value]) -> 'Machine':
         """Return the same machine with other constants: one value each, or one for each drive.
 
@@ -184,14 +173,11 @@ class Machine:
         return replace(self, constants=constants, given=self.given | set(changed))
 
     def described(self, text: str | None) -> 'Machine':
-        """Return the machine with a description that was heard, where its file asks for that.
-
-        Args:
-            text: URDF or MJCF; None where nothing was heard.
+        """Return the machine with what was heard, URDF or MJCF, where its file asks for that.
 
         Raises:
             IdentError: MISSING_STREAM where it is asked for and nothing was heard,
-            BAD_MACHINE_FILE where it is no such description.
+                BAD_MACHINE_FILE where it is no such description.
         """
         asking = [n for n, values in self.constants.items() if values == (DESCRIPTION_TOPIC,)]
         if not asking:

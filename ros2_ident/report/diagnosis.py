@@ -176,15 +176,12 @@ def write_diagnosis(
     check: Data | None = None,
     settings: Mapping[str, object] | None = None,
 ) -> tuple[Path, Path]:
-    """Write a diagnosis.
+    """Write `diagnosis.json`, and measured and simulated effort to `diagnosis.npz`.
 
     Args:
         directory: Exists.
         fit: The recordings fitted to.
         check: The recordings it was judged on; None where those are blocks of the others.
-
-    Returns:
-        `diagnosis.json`, and `diagnosis.npz` with measured and simulated effort.
     """
     folder = Path(directory)
     data = {
@@ -218,12 +215,10 @@ def load_diagnosis(directory: str | Path) -> Written:
 
 
 def machine_lines(found: Diagnosis, machine: Machine) -> tuple[str, ...]:
-    """Return YAML for the machine file.
+    """Return YAML for the machine file by section; none without an effect or a key for it.
 
-    Returns:
-        Lines by section; none where no effect was found or the machine file has no key for it. A
-        constant gets its new value. What the file does not know becomes a parameter to identify,
-        searched up to twice the size found.
+    A constant gets its new value. What the file does not know becomes a parameter to identify,
+    searched up to twice the size found.
     """
     sections: dict[str, list[str]] = {}
     for at in named(found):

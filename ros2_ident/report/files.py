@@ -37,16 +37,11 @@ def write_result(
     problem: Problem | None = None,
     check: Problem | None = None,
 ) -> tuple[Path, ...]:
-    """Write a result.
+    """Write a result, and return the files; older ones in the directory are replaced.
 
     Args:
-        directory: Is made where it does not exist; older results in it are replaced.
-        problem: What it solves, to write measured and simulated effort as well.
+        problem: What it solves, to write measured and simulated effort, unless all diverged.
         check: The same problem on recordings that were held out.
-
-    Returns:
-        The files: the result as JSON, the candidates of the search as NPZ, and the
-        efforts as NPZ where there is a problem and a candidate that did not diverge.
 
     Raises:
         IdentError: INVALID_GOAL where the directory cannot be written to.
@@ -66,13 +61,10 @@ def write_result(
 
 
 def load_result(path: str | Path) -> Identification:
-    """Read a result.
+    """Read a result, with the candidates of the search where `history.npz` lies beside it.
 
     Args:
         path: The directory `write_result` wrote to, or its JSON file.
-
-    Returns:
-        The result, with the candidates of the search where `history.npz` lies beside it.
 
     Raises:
         IdentError: NO_DATA where there is no result, BAD_VALUES where it cannot be read.

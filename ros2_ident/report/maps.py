@@ -86,14 +86,11 @@ def maps_of(d: Diagnosis) -> tuple[ResidualMap, ...]:
 
 
 def _chosen(findings: Sequence[Finding], always: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Return drive and coordinate of what to draw: the leading findings.
+    """Return drive and coordinate of what to draw, each pair once, drive by drive.
 
     Args:
         findings: What was found, the drive with the largest gap first.
         always: Drives that are drawn over their velocity where nothing was found.
-
-    Returns:
-        Each pair once, drive by drive in the order of the findings.
     """
     # Those over which nothing was found come first.
     # A swing has no place along the motion.

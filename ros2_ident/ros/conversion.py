@@ -80,9 +80,6 @@ def _close(message: Any, error: IdentError | None, stamp: Time, result_file: str
     return message
 
 
-# ---------------------------------------------------------------------- ~/identify
-
-
 def _unit_of(machine: Machine, name: str) -> str:
     declared = machine.bounds.get(name) or machine.bounds.get(name.rpartition('.')[2])
     return declared[2] if declared else ''
@@ -175,9 +172,6 @@ def _of_result(found: Any) -> ParameterEstimate:
         identifiable=bool(found.identifiable),
         kind=_KINDS[found.kind],
     )
-
-
-# ---------------------------------------------------------------------- ~/diagnose
 
 
 def diagnose_feedback(
@@ -313,9 +307,6 @@ def _of_gap(name: str, value: Value) -> ParameterEstimate:
         kind=_KINDS[value.kind],
         note='; '.join(notes),
     )
-
-
-# ---------------------------------------------------------------------- ~/diff
 
 
 def diff_feedback(progress: run.Step, machine: Machine, stamp: Time) -> tuple[Diff.Feedback, str]:

@@ -18,8 +18,7 @@ from ros2_ident.threads import one_heap, one_thread_for_linear_algebra
 # A run heeds its cancel event within a second of processor time. Other programs go before its
 # thread and can make that long; a second signal ends at once, s.
 PATIENCE = 30.0
-# An overlay that is being written is waited for; its first simulation in a new installation is
-# compiled, s.
+# Wait for an overlay that is being written; its first simulation ever is compiled, s.
 FILES_PATIENCE = 120.0
 DESCRIPTION = """\
 The node `identifier`: identifies drives and diagnoses gaps between simulation and measurement,
@@ -39,8 +38,7 @@ exit codes:
   1  something is missing that it needs
   2  the command line or a parameter cannot be used
 """
-# The worker's Python parts hand the interpreter on this often; the default of 5 ms would be the
-# latency of every message, s.
+# The worker hands the interpreter on this often, s; 5 ms, the default, would delay every message.
 SWITCH_INTERVAL = 0.0001
 _HINTS = {
     'ros2_ident_msgs': (

@@ -97,18 +97,12 @@ def carry_out(
     on_progress: Callable[[Any], None] = lambda progress: None,
     on_preview: Callable[[Series, Series], None] | None = None,
 ) -> Any:
-    """Identify, diagnose or compare.
+    """Identify, diagnose or compare; return what `jobs` does, and raise as that.
 
     Args:
         received: What the node has received; needed where the request is live.
         on_preview: Gets simulated and residual effort of better and better candidates of an
             identification, from this thread; see `preview`.
-
-    Returns:
-        What `jobs` returns, also where the run was cancelled.
-
-    Raises:
-        IdentError: With the remedy.
     """
     if what == 'diff':
         return jobs.compare(
@@ -134,9 +128,6 @@ def carry_out(
     return find(wanted, logs, cancel=cancel, on_progress=report, checkpoint=place)
 
 
-# ---------------------------------------------------------------------- paths and checkpoints
-
-
 def _no_path(path: str, reason: object) -> IdentError:
     return ErrorCode.INVALID_GOAL.error(f'{path!r} is no path ({reason}); give one that is')
 
@@ -152,15 +143,12 @@ def expanded(path: str) -> Path:
 
 
 def allowed(path: str, directory: str, *, there: bool = True) -> Path:
-    """Return a path to read.
+    """Return a path to read, or raise NO_DATA, or INVALID_GOAL where it is not allowed.
 
     Args:
         path: As the goal has it.
         directory: What it has to lie in, wherever links lead; empty for anywhere.
         there: Whether it has to exist.
-
-    Raises:
-        IdentError: NO_DATA where nothing is there, INVALID_GOAL where it is not allowed.
     """
     found = expanded(path)
     try:
@@ -226,20 +214,11 @@ def checkpoint_of(directory: str, *what: str) -> Path | None:
     return path
 
 
-# ---------------------------------------------------------------------- files and series
-
-
 def save(done: Identified | Diagnosed | Compared, directory: str | None = None) -> str:
-    """Write a result and the configuration it was found with, in a new folder.
+    """Write a result and its configuration in a new folder; return the result file's path.
 
     Args:
-        directory: Where to make its folder; that of the goal where None.
-
-    Returns:
-        Path of the result file; empty where the directory is.
-
-    Raises:
-        IdentError: INVALID_GOAL where nothing can be written there.
+        directory: Where to make the folder, empty for none; that of the goal where None.
     """
     wanted = asked_of(done)
     base = wanted.output_directory if directory is None else directory

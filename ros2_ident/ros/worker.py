@@ -53,8 +53,7 @@ class Worker:
 
         Args:
             job: Gets the cancel event and a function that tells what it has to say.
-            on_said: Gets that, in the executor's thread, at most `rate` times a second and once
-                more at the end.
+            on_said: Gets that in the executor's thread, `rate` times a second and at the end.
             on_done: Gets the job's value or its exception, in the executor's thread.
             rate: Most messages per second, Hz.
         """

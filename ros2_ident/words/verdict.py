@@ -27,8 +27,7 @@ from ros2_ident.words.finding import instants
 _SMALL = 0.01
 # A headline of more letters names the first effect only: three lines of a page.
 _LONG = 110
-# Odds that are "not worth more than a bare mention" (Kass and Raftery, J. Am. Stat. Assoc. 90,
-# 1995).
+# Odds "not worth more than a bare mention" (Kass, Raftery, J. Am. Stat. Assoc. 90, 1995).
 _ODDS = 3.0
 # Places that a sentence lists.
 _LISTED = 6

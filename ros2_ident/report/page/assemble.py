@@ -40,8 +40,7 @@ def write_report(directory: str | Path, page: str | Path | None = None) -> Path:
     """Write the page on what a result directory holds.
 
     Args:
-        directory: Holds a result, a diagnosis, or both; or what `ident fleet` or
-            `ident diff` wrote.
+        directory: Where `ident identify`, `diagnose` (or both), `fleet` or `diff` wrote.
         page: The file to write; `report.html` in the directory where None.
 
     Raises:

@@ -146,9 +146,6 @@ def _would_show(smallest: Mapping[str, Mapping[str, Any]]) -> str:
     return f'the smallest that would have: {some(texts)}' if texts else ''
 
 
-# ---------------------------------------------------------------------- runs side by side
-
-
 @dataclass(frozen=True)
 class _Run:
     """A result directory; with a diagnosis, the parameters beside its effects."""
@@ -166,8 +163,7 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
         page: The file to write; `comparison.html` in the first directory where None.
 
     Raises:
-        IdentError: NO_DATA where a directory holds nothing, BAD_VALUES where a file in one cannot
-            be read, INVALID_GOAL where the page cannot be written.
+        IdentError: As `write_report`.
     """
     runs = []
     for folder in map(Path, directories):
@@ -200,9 +196,6 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
     return write_page(Path(page or Path(directories[0]) / COMPARISON), 'comparison.html', context)
 
 
-# ---------------------------------------------------------------------- what changed
-
-
 def write_difference(directory: str | Path, page: str | Path | None = None) -> Path:
     """Write the page on what `ident diff` found; arguments and errors as of `write_report`."""
     data = content(Path(directory) / CHANGE, '`ident diff` wrote')
@@ -221,9 +214,6 @@ def write_difference(directory: str | Path, page: str | Path | None = None) -> P
         'smallest': [{**vars(v), 'what': title_of(v.suspect)} for v in found.smallest],
     }
     return write_page(Path(page or Path(directory) / PAGE), 'change.html', context)
-
-
-# ---------------------------------------------------------------------- a fleet
 
 
 def _effects(data: Mapping[str, Any]) -> Iterator[str]:
