@@ -51,7 +51,7 @@ kernel = partial(cached, _nrt=False)
 _FLAGS = ('contract',)
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _LONGS = ir.VectorType(ir.IntType(64), WIDTH)
-_BITS = ir.VectorType(ir.IntType(1), WIDTH)
+_BITS, _BYTE = ir.VectorType(ir.IntType(1), WIDTH), ir.IntType(WIDTH)
 
 
 class _LanesType(types.Type):
@@ -145,11 +145,6 @@ def _series(*coefficients):
     return _function('Return the sum of a polynomial.', emit, lanes_type, lanes_type)
 
 
-def _any(builder, mask):
-    bits = builder.bitcast(mask, ir.IntType(WIDTH))
-    return builder.icmp_unsigned('!=', bits, ir.Constant(ir.IntType(WIDTH), 0))
-
-
 def _two_to_the(builder, exponent):
     biased = builder.add(builder.fptosi(exponent, _LONGS), ir.Constant(_LONGS, [1023] * WIDTH))
     return builder.bitcast(builder.shl(biased, ir.Constant(_LONGS, [52] * WIDTH)), _VECTOR)
@@ -176,7 +171,9 @@ sqrt, absolute, floor = (
     )
 )
 any_lane = _function(
-    'Return True where the mask holds in at least one lane.', _any, types.boolean, mask_type
+    'Return True where the mask holds in at least one lane.',
+    lambda b, mask: b.icmp_unsigned('!=', b.bitcast(mask, _BYTE), ir.Constant(_BYTE, 0)),
+    *(types.boolean, mask_type),
 )
 _power_of_two = _function(
     "Return 2**a for whole exponents within a double's range.", _two_to_the, lanes_type, lanes_type

@@ -128,11 +128,52 @@ def _square(late, whole, first, count, measured, squares):
     store(squares, 0, total)
 
 
+@inlined
+def _cost(task, kept, lane):
+    """Return a lane's cost, eq. 2 of the paper, as far as errors have been summed.
+
+    Squares only add to it, and every operation on them rises with them: it never exceeds, not in
+    its last digit, what it becomes later. NaN or inf where no cost will be finite any more, or
+    nothing is measured.
+    """
+    total = 0.0
+    outputs = 0
+    for q in range(task.samples.shape[0]):
+        for d in range(task.samples.shape[1]):
+            if task.samples[q, d]:
+                square = kept[(d * KEPT + SQUARES + q) * W + lane]
+                total += task.weights[q] * np.sqrt(square / task.samples[q, d])
+                outputs += 1
+    return total / outputs if outputs else np.inf
+
+
+@called
+def _give_up(task, rows, kept):
+    """Write what lanes cost that have come above their limits; return whether none is left.
+
+    A lane's number is that of the first piece after which it was above: it does not depend on
+    the lane's neighbours.
+    """
+    if not task.limits.size:
+        return False
+    left = False
+    for lane in range(W):
+        if rows[lane] >= 0:
+            cost = _cost(task, kept, lane)
+            if cost <= task.limits[rows[lane]]:
+                left = True
+            else:
+                task.out[rows[lane], 0] = cost if np.isfinite(cost) else np.inf
+                rows[lane] = -1
+    return not left
+
+
 @called
 def hand_on(par, torque, moves, first, count, cycle, task, rows, kept, room):
     """Write a piece of a block's log where it is wanted, or add it to the costs.
 
-    A quantity is the effort or, where Q is 3 and not 1, the motors' position or velocity.
+    Return whether every lane's cost has come above its limit. A quantity is the effort or, where Q
+    is 3 and not 1, the motors' position or velocity.
 
     Args:
         par: (R * W,) rows of the candidates.
@@ -144,7 +185,8 @@ def hand_on(par, torque, moves, first, count, cycle, task, rows, kept, room):
         cycle: Controller cycle [s].
         task: A `group.Task`. The torque's delay interpolates linearly between cycles; before the
             first cycle the torque is the first one.
-        rows: (W,) row of `out` for each lane, -1 for none.
+        rows: (W,) row of `out` for each lane, -1 for none and for a lane that is given up: its
+            `out` gets what it cost then.
         kept: (D * KEPT * W,) what is kept between pieces; zero before the first.
         room: (ROOM * W,) to work in.
     """
@@ -170,51 +212,7 @@ def hand_on(par, torque, moves, first, count, cycle, task, rows, kept, room):
                 _square(seen, whole, first, count, task.measured[q, d], kept[row : row + W])
             else:
                 _write(seen, whole, first, count, task.wanted[q, d], rows, task.out)
-
-
-@inlined
-def _cost(task, kept, lane):
-    """Return a lane's cost, eq. 2 of the paper, as far as errors have been summed.
-
-    Squares only add to it, and every operation on them rises with them: it never exceeds, not in
-    its last digit, what it becomes later. NaN or inf where no cost will be finite any more, or
-    nothing is measured.
-    """
-    total = 0.0
-    outputs = 0
-    for q in range(task.samples.shape[0]):
-        for d in range(task.samples.shape[1]):
-            if task.samples[q, d]:
-                square = kept[(d * KEPT + SQUARES + q) * W + lane]
-                total += task.weights[q] * np.sqrt(square / task.samples[q, d])
-                outputs += 1
-    return total / outputs if outputs else np.inf
-
-
-@called
-def give_up(task, rows, kept):
-    """Write what lanes cost that have come above their limits; return whether none is left.
-
-    A lane's number is that of the first piece after which it was above: it does not depend on
-    the lane's neighbours.
-
-    Args:
-        task: As for `hand_on`; its `out` gets what a lane cost when it came above its limit.
-        rows: As for `hand_on`; becomes -1 for a lane that is given up.
-        kept: What `hand_on` kept.
-    """
-    if not task.limits.size:
-        return False
-    left = False
-    for lane in range(W):
-        if rows[lane] >= 0:
-            cost = _cost(task, kept, lane)
-            if cost <= task.limits[rows[lane]]:
-                left = True
-            else:
-                task.out[rows[lane], 0] = cost if np.isfinite(cost) else np.inf
-                rows[lane] = -1
-    return not left
+    return _give_up(task, rows, kept)
 
 
 @called

@@ -265,10 +265,9 @@ def _build(digest):
                             sub += 1.0
                             active = steps > spread(sub)
                         dk.keep_cycle(par, first, mem, 0, flags, z, v, z, time, cycle)
-                measurement.hand_on(
+                if measurement.hand_on(
                     par, torques, moves, begun, cycles, cycle, task, rows[g], kept, rest
-                )
-                if measurement.give_up(task, rows[g], kept):
+                ):
                     break
             copied(going, state[g])
             if end == count:

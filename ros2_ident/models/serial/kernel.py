@@ -122,10 +122,9 @@ def _build(digest):
                     _efforts(
                         par, first, mem, flags, motion, d, drives, count, begun, cycles, cycle, own
                     )
-                measurement.hand_on(
+                if measurement.hand_on(
                     par, efforts, efforts, begun, cycles, cycle, task, rows[g], kept, rest
-                )
-                if measurement.give_up(task, rows[g], kept):
+                ):
                     break
             copied(going, state[g])
             if end == count:

@@ -410,12 +410,11 @@ def _build(digest):
                     first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
                     z, v = load(place, d * W), load(rate, d * W)
                     dk.keep_cycle(par, first, mem, own, on[d], z, v, z, time, cycle)
-                if piece == measurement.PIECE - 1 or k == end - 1:
-                    measurement.hand_on(
-                        par, torques, moves, k - piece, piece + 1, cycle, task, rows[g], kept, late
-                    )
-                    if measurement.give_up(task, rows[g], kept):
-                        break
+                full = piece == measurement.PIECE - 1 or k == end - 1
+                if full and measurement.hand_on(
+                    par, torques, moves, k - piece, piece + 1, cycle, task, rows[g], kept, late
+                ):
+                    break
             copied(going, state[g])
             if end == count:
                 measurement.conclude(par, going[: 2 * drives * W], task, rows[g], kept)

@@ -306,12 +306,11 @@ def _build(digest):
                         z, v = load(place, (MOTOR + d) * W), load(rate, (MOTOR + d) * W)
                         s = load(place, (CARRIAGE + d) * W)
                         dk.keep_cycle(par, first, mem, own, on[d], z, v, s, time, cycle)
-                if piece == measurement.PIECE - 1 or k == end - 1:
-                    measurement.hand_on(
-                        par, torques, moves, k - piece, piece + 1, cycle, task, rows[g], kept, rest
-                    )
-                    if measurement.give_up(task, rows[g], kept):
-                        break
+                full = piece == measurement.PIECE - 1 or k == end - 1
+                if full and measurement.hand_on(
+                    par, torques, moves, k - piece, piece + 1, cycle, task, rows[g], kept, rest
+                ):
+                    break
             copied(going, state[g])
             if end == count:
                 measurement.conclude(par, going[: 2 * COORDINATES * W], task, rows[g], kept)
