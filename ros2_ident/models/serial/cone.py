@@ -23,19 +23,28 @@ _STEPS, _DONE = 200, 1e-11
 _ENOUGH = 0.1
 
 
+# Places of inertias xx, xy, yy, xz, yz, zz in a tensor.
+SIX = (..., [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
+
+
+def tensors(six: Array) -> Array:
+    """Return inertia tensors (..., 3, 3) of inertias (..., 6)."""
+    out = np.empty((*six.shape[:-1], 3, 3))
+    out[SIX] = out.swapaxes(-1, -2)[SIX] = six
+    return out
+
+
 def pseudo_inertia(inertials: Array) -> Array:
     """Return (L, 4, 4) pseudo-inertias of (L, 10) inertials: second moments, moments, mass.
 
     Inertials are mass, first moments and inertias xx, xy, yy, xz, yz, zz about the frame's origin.
     """
-    mass, moment = inertials[:, 0], inertials[:, 1:4]
-    xx, xy, yy, xz, yz, zz = inertials[:, 4:].T
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
+    xx, _, yy, _, _, zz = inertials[:, 4:].T
     half = 0.5 * (xx + yy + zz)
     out = np.empty((len(inertials), 4, 4))
-    out[:, :3, :3] = half[:, None, None] * np.eye(3) - inertia
-    out[:, :3, 3] = out[:, 3, :3] = moment
-    out[:, 3, 3] = mass
+    out[:, :3, :3] = half[:, None, None] * np.eye(3) - tensors(inertials[:, 4:])
+    out[:, :3, 3] = out[:, 3, :3] = inertials[:, 1:4]
+    out[:, 3, 3] = inertials[:, 0]
     return out
 
 
@@ -43,11 +52,8 @@ def inertials_of(pseudo: Array) -> Array:
     """Return (L, 10) inertials of (L, 4, 4) pseudo-inertias."""
     second = pseudo[:, :3, :3]
     trace = np.trace(second, axis1=1, axis2=2)[:, None, None]
-    inertia = trace * np.eye(3) - second
-    rows, columns = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
-    return np.concatenate(
-        [pseudo[:, 3, 3, None], pseudo[:, :3, 3], inertia[:, rows, columns]], axis=1
-    )
+    inertia = (trace * np.eye(3) - second)[SIX]
+    return np.concatenate([pseudo[:, 3, 3, None], pseudo[:, :3, 3], inertia], axis=1)
 
 
 def mended(inertials: Array) -> Array:

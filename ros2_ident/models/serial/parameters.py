@@ -11,6 +11,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.machine import Box, Machine, Parameter
 from ros2_ident.models.serial.arm import Arm, arm_of, INERTIALS
+from ros2_ident.models.serial.cone import SIX, tensors
 
 # Names of a link's inertial parameters in pinocchio's order, and the machine file's for their box.
 NAMES = (
@@ -168,11 +169,8 @@ def turned(inertials: Array, turns: Array) -> Array:
     """Return inertials (S, D, 10) in frames that are turned by (D, 3, 3)."""
     out = inertials.copy()
     out[..., 1:4] = np.einsum('dji,sdj->sdi', turns, inertials[..., 1:4])
-    rows, columns = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
-    whole = np.empty((*inertials.shape[:2], 3, 3))
-    whole[..., rows, columns] = whole[..., columns, rows] = inertials[..., 4:]
-    whole = np.einsum('dji,sdjk,dkl->sdil', turns, whole, turns, optimize=True)
-    out[..., 4:] = whole[..., rows, columns]
+    whole = tensors(inertials[..., 4:])
+    out[..., 4:] = np.einsum('dji,sdjk,dkl->sdil', turns, whole, turns, optimize=True)[SIX]
     return out
 
 
