@@ -12,7 +12,7 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
 from ros2_ident.files import mark
 from ros2_ident.models.drives.joints import Gains, Joint
-from ros2_ident.models.mujoco.convert import mjcf_of
+from ros2_ident.models.mujoco.plant import mjcf_of
 
 # A URDF's limit needs a speed; no joint is that fast, rad/s or m/s.
 _ENDLESS = 1e9

@@ -22,7 +22,7 @@ from ros2_ident.export.usd import can_write, usd
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.machine.keys import written
 from ros2_ident.models.drives.joints import Joint, PARTS
-from ros2_ident.models.mujoco.convert import can_convert
+from ros2_ident.models.mujoco.plant import can_convert
 from ros2_ident.words.figures import joined
 
 _ISAAC = (

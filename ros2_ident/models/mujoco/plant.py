@@ -8,6 +8,7 @@ Nothing else in this process imports MuJoCo. Every thread has models and data of
 from collections.abc import Callable, Mapping, Sequence
 import copy
 import functools
+import importlib.util
 import math
 import os
 from pathlib import Path
@@ -36,6 +37,8 @@ OWN = 'kp', 'kv', 'force_limit'
 Felt = Callable[[float, Array, Array, Array], Array]
 # Steps to close a loop, and how far apart its ends may be, m or rad.
 _STEPS, _CLOSED = 30, 1e-10
+# A body without mass, which MuJoCo refuses to move, gets so much: kg, and kg m^2 about each axis.
+_MASS, _INERTIA = 1e-9, 1e-12
 
 
 @functools.cache
@@ -237,27 +240,21 @@ class Plant:
         try:
             spec = mj.MjSpec.from_string(text)
             for joint in joints:
+                on = {'objtype': mj.mjtObj.mjOBJ_JOINT, 'objname': joint}
                 for quantity, word in _SENSORS.items():
                     kind = getattr(mj.mjtSensor, f'mjSENS_{word}')
-                    spec.add_sensor(
-                        name=f'ident {quantity} {joint}', type=kind,
-                        objtype=mj.mjtObj.mjOBJ_JOINT, objname=joint,
-                    )  # fmt: skip
+                    spec.add_sensor(name=f'ident {quantity} {joint}', type=kind, **on)
             self.model = spec.compile()
         except ValueError as error:
             raise _unreadable(text, joints, error) from error
-        self.places = [
-            Place(
-                self.model, joint, machine.text('actuator', name),
-                1.0 if machine.text('direction', name) == 'forward' else -1.0,
-                machine.text('body', name),
-            )
-            for joint, name in zip(joints, machine.drives, strict=True)
-        ]  # fmt: skip
-        for d, name in enumerate(machine.drives):
-            for word in OWN:
-                if machine.stated(word):
-                    _put(word, self.model, self.places[d], machine.number(word, name))
+        self.places = []
+        for joint, name in zip(joints, machine.drives, strict=True):
+            sense = 1.0 if machine.text('direction', name) == 'forward' else -1.0
+            actuator, body = machine.text('actuator', name), machine.text('body', name)
+            self.places.append(Place(self.model, joint, actuator, sense, body))
+        for name, at in zip(machine.drives, self.places, strict=True):
+            for word in filter(machine.stated, OWN):
+                _put(word, self.model, at, machine.number(word, name))
         cycle = machine.number('cycle')
         step = self.model.opt.timestep
         if not step * _SUBSTEPS >= cycle:
@@ -295,14 +292,9 @@ class Plant:
             numbers, place, sign = _number_of(name, model, at)
             return float(sign * numbers[place])
         if name == 'force_limit':
-            own, joint = (
-                ends[number, 1] if limited[number] else math.inf
-                for ends, limited, number in (
-                    (model.actuator_forcerange, model.actuator_forcelimited, at.actuator),
-                    (model.jnt_actfrcrange, model.jnt_actfrclimited, at.joint),
-                )
-            )
-            return float(min(own, joint))
+            own = model.actuator_forcelimited[at.actuator], model.actuator_forcerange[at.actuator]
+            joint = model.jnt_actfrclimited[at.joint], model.jnt_actfrcrange[at.joint]
+            return min(float(ends[1]) if limited else math.inf for limited, ends in (own, joint))
         if name == 'free_fall':
             return float(np.linalg.norm(model.opt.gravity))
         return 0.0 if name == 'joint_zero' else 1.0
@@ -471,3 +463,33 @@ def _constraints(mj: Any, model: Any, data: Any) -> tuple[Array, Array]:
     model.opt.jacobian = own
     rows = data.efc_type == mj.mjtConstraint.mjCNSTR_EQUALITY
     return data.efc_J.reshape(-1, model.nv)[rows], data.efc_pos[rows]
+
+
+def can_convert() -> bool:
+    """Whether MuJoCo is there to make an MJCF of a URDF."""
+    return importlib.util.find_spec('mujoco') is not None
+
+
+def mjcf_of(urdf: str) -> str:
+    """Return the MJCF that MuJoCo makes of a URDF, without the shapes that lie in files.
+
+    Raises:
+        IdentError: UNKNOWN_MODEL without MuJoCo, BAD_MACHINE_FILE where it refuses the URDF.
+    """
+    mj, root = loaded(), ET.fromstring(urdf)
+    for link in root.iterfind('link'):
+        for shape in [*link.findall('visual'), *link.findall('collision')]:
+            if shape.find('geometry/mesh') is not None:
+                link.remove(shape)
+    text = ET.tostring(root, encoding='unicode')
+    tried(text)
+    try:
+        spec = mj.MjSpec.from_string(text)
+        spec.compiler.boundmass, spec.compiler.boundinertia = _MASS, _INERTIA
+        spec.compile()
+        return str(spec.to_xml())
+    except ValueError as error:
+        why = ' '.join(str(error).split())
+        raise ErrorCode.BAD_MACHINE_FILE.error(
+            f'MuJoCo makes no MJCF of the URDF ({why}); give an MJCF with --into'
+        ) from error
