@@ -98,14 +98,10 @@ class Candidates:
     """The parameters of a machine with effects, and the rows of candidates.
 
     Attributes:
-        machine: The machine.
+        machine, effects, fixed, scales, travels: As of a `MachineModel`.
         drives: Drives whose parameters are free; the others follow their mean.
-        effects: Effects besides the nominal physics.
-        fixed: Values of parameters that are not to be identified, by name.
         base: (R,) rows of what the machine file knows, the rest neutral.
         rigid: Whether nominally motor and carriage move as one mass.
-        scales: Of which numbers of effects are shares.
-        travels: (D,) unit of the drives' positions, `m` or `rad`.
         own: Parameters that fill no row here but something of the model's own, by their name in
             the machine file.
         free: The parameters, in the order of theta's columns.

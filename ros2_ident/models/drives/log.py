@@ -32,11 +32,7 @@ class DriveLog:
     """A log, as drives are simulated along it; siblings of a model share it.
 
     Attributes:
-        machine: The machine file's content.
-        data: The recording on the controller's grid.
-        drives: Drives that are compared.
-        cutoff: Low-pass of recorded motion where it drives the model [Hz].
-        fixed: Values of parameters that are not to be identified, by name.
+        machine, data, drives, cutoff, fixed: As of a `MachineModel`.
         doubtful: (P, K) where the motion does not decide an effort, nowhere where False.
         plain: The log whose motion is smoothed less by a factor of sqrt(2), and whose band is
             compared; None where that is this one.
@@ -49,14 +45,6 @@ class DriveLog:
     fixed: dict[str, float]
     doubtful: Mask | bool = False
     plain: 'DriveLog | None' = None
-
-    def judge(self) -> None:
-        """Read what has to be there.
-
-        Raises:
-            IdentError: MISSING_STREAM with the remedy, BAD_VALUES as of `smooth_motion`.
-        """
-        _ = self.command, self.followed
 
     @functools.cached_property
     def order(self) -> list[int]:

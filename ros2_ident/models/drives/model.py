@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ros2_ident import lanes
 from ros2_ident.arrays import Array
-from ros2_ident.effects import CATALOGUE, Context, EffectParameter
+from ros2_ident.effects import CATALOGUE, Context
 from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import law as law_kernel
@@ -94,7 +94,7 @@ class DriveModel(MachineModel):
             machine, self.drives, self.effects, self.fixed, self._constants(), self.rigid,
             self.scales, self.travels, own,
         )  # fmt: skip
-        self.log.judge()
+        _ = self.log.command, self.log.followed  # raises where something is missing
         if self.log.band is not None:
             self.noise *= self.log.band.passes
 
@@ -115,11 +115,6 @@ class DriveModel(MachineModel):
                 'without a command the recorded motion drives the model and cannot be compared '
                 'with it; compare the effort alone, or record the command'
             )
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The free parameters, in the order of theta's columns."""
-        return self.candidates.free
 
     def extended(self, effects: Sequence[EffectAt]) -> 'DriveModel':
         """Return the model of the same recording with these effects and no others."""
@@ -264,10 +259,6 @@ class DriveModel(MachineModel):
     def rows(self, theta: Array) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units."""
         return self.candidates.rows(theta, self._derive)
-
-    def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
-        """Return an effect's parameters with the numbers they have at a place, in their units."""
-        return self.candidates.scaled(at)
 
     @property
     def context(self) -> Context:

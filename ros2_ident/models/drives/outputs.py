@@ -10,10 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
+from ros2_ident.effects import EffectParameter
 from ros2_ident.errors import ErrorCode
 from ros2_ident.kernel.group import Task
 from ros2_ident.kernel.measurement import QUANTITIES, Quantity
-from ros2_ident.machine.machine import Machine
+from ros2_ident.machine.machine import Machine, Parameter
+from ros2_ident.models.drives.candidates import Candidates
 from ros2_ident.models.protocol import EffectAt, FullModel, Output, Scales
 from ros2_ident.recording import Dataset
 
@@ -177,6 +179,7 @@ class MachineModel(FullModel):
             by default.
         weights: Factor on the errors of each quantity; 1 by default.
         signals: What is compared of which drives.
+        candidates: The parameters, effects included, and their rows.
 
     Raises:
         IdentError: INVALID_GOAL with the remedy.
@@ -193,6 +196,7 @@ class MachineModel(FullModel):
     scales: Scales | None = None
     quantities: Sequence[str] | None = None
     weights: Sequence[float] | None = None
+    candidates: Candidates = field(init=False)
 
     def __post_init__(self) -> None:
         known = self.machine.drives
@@ -223,6 +227,15 @@ class MachineModel(FullModel):
     def effort_units(self) -> tuple[str, ...]:
         """(D,) unit of the drives' efforts."""
         return (self.machine.model_unit,) * len(self.machine.drives)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The free parameters, in the order of theta's columns."""
+        return self.candidates.free
+
+    def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
+        """Return an effect's parameters with the numbers they have at a place, in their units."""
+        return self.candidates.scaled(at)
 
     @property
     def outputs(self) -> tuple[Output, ...]:

@@ -110,8 +110,7 @@ class Forces:
         self._memory = np.zeros((groups, drives * MEMORY_COUNT * W))
         self._seen = np.zeros((4, drives, groups * W))
         self._out = np.zeros((2, drives, groups * W))
-        loss = [block[:, rows.row_of('coulomb', d)] for d in range(drives)]
-        self._out[0, :, : self._count] = loss
+        self._out[0, :, : self._count] = rows.of(block, 'coulomb', drives).T
 
     def at(self, time: float, position: Array, velocity: Array, effort: Array) -> Array:
         """Return (2, S, D) size of friction and other forces at a step's beginning, N m or N.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import CATALOGUE, Context, Effect, EffectParameter, get_effect, Hook
+from ros2_ident.effects import CATALOGUE, Context, Effect, get_effect, Hook
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.kernel import rows
 from ros2_ident.machine.description import OWN_WORDS
@@ -68,7 +68,7 @@ class Mujoco(MachineModel):
         super().__post_init__()
         self.scales = self._sizes(self.scales or scales_of(machine, [data]))
         self._parts = self._declared()
-        self._candidates = Candidates(
+        self.candidates = Candidates(
             machine, self.drives, self.effects, self.fixed, self._base, True, self.scales,
             self.travels, self._parts,
         )  # fmt: skip
@@ -140,7 +140,7 @@ class Mujoco(MachineModel):
             return None
         middle = np.array([0.5 * (p.low + p.high) for p in self.parameters])
         try:
-            found = self._regressed(self._candidates.own_values(middle))
+            found = self._regressed(self.candidates.own_values(middle))
         except IdentError:  # a joint has hardly a position
             return None
         both = np.stack([self._begun(found), self._begun({})])
@@ -185,11 +185,6 @@ class Mujoco(MachineModel):
         return {name: scale[name] * found[word] for name, word in _WORDS.items()}
 
     # ------------------------------------------------------------------ what it is
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The free parameters, in the order of theta's columns."""
-        return self._candidates.free
 
     @functools.cached_property
     def travels(self) -> tuple[str, ...]:
@@ -238,10 +233,6 @@ class Mujoco(MachineModel):
             effort='effort' in self.signals.quantities,
         )
 
-    def scaled(self, at: EffectAt) -> tuple[EffectParameter, ...]:
-        """Return an effect's parameters with the numbers they have at a place, in their units."""
-        return self._candidates.scaled(at)
-
     def extended(self, effects: Sequence[EffectAt]) -> 'Mujoco':
         """Return the model of the same recording with these effects and no others."""
         for at in effects:
@@ -278,9 +269,9 @@ class Mujoco(MachineModel):
         return np.asarray(self._simulated(np.atleast_2d(theta), ('effort',))[0])
 
     def _simulated(self, theta: Array, quantities: Sequence[str]) -> Array:
-        own = self._candidates.own_values(theta)
-        block, sense = self._candidates.rows(theta), self._sense
-        row = {name: self._candidates.of(block, name) for name in _EXPRESSED}
+        own = self.candidates.own_values(theta)
+        block, sense = self.candidates.rows(theta), self._sense
+        row = {name: self.candidates.of(block, name) for name in _EXPRESSED}
         zero = self._own('joint_zero', own, len(theta))
         late = self._own('set_point_delay', own, len(theta)) + row['set_point_delay']
         values = [self._attributes(own, row, s) for s in range(len(theta))]
@@ -305,13 +296,13 @@ class Mujoco(MachineModel):
         self, values: Sequence[dict[str, dict[int, float]]], block: Array, zero: Array
     ) -> Felt | None:
         """Return the effects' forces on joints of candidates with attributes; None for none."""
-        if not self._candidates.on.any():
+        if not self.candidates.on.any():
             return None
         block, sense = block.copy(), self._sense
         for name, row in (*_ADDED, ('armature', 'motor_mass')):
-            for d in range(len(self.machine.drives)):
-                block[:, rows.row_of(row, d)] = [self._attribute(v, name, d) for v in values]
-        felt = Forces(block, self._candidates.on, self.cycle / self.plant.substeps)
+            each = [[self._attribute(v, name, d) for d in range(len(sense))] for v in values]
+            self.candidates.of(block, row)[:] = each
+        felt = Forces(block, self.candidates.on, self.cycle / self.plant.substeps)
 
         def forces(time: float, position: Array, velocity: Array, effort: Array) -> Array:
             loss, force = felt.at(time, sense * position + zero, sense * velocity, sense * effort)
@@ -342,7 +333,7 @@ class Mujoco(MachineModel):
             for d in np.flatnonzero(row[target][s] != 1.0).tolist():
                 found[name][d] = float(self._attribute(found, name, d) * row[target][s, d])
         for d in np.flatnonzero(np.isfinite(row['torque_limit'][s])).tolist():
-            full, limit = self._candidates.full_effort(d), self._attribute(found, 'force_limit', d)
+            full, limit = self.candidates.full_effort(d), self._attribute(found, 'force_limit', d)
             whole = limit if math.isfinite(limit) else full
             found['force_limit'][d] = float(row['torque_limit'][s, d] / full * whole)
         return found

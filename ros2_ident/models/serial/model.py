@@ -77,7 +77,7 @@ class Serial(DriveModel):
     @property
     def replayed(self) -> Array:
         """(P, K) logged efforts that `replay_law` makes, also where positions are compared."""
-        return self._efforts.measured(self.data)
+        return self.log.efforts
 
     def recorded_motion(self) -> RecordedMotion | None:
         """Return the motion that the controllers saw; None where a motor turns with two joints."""

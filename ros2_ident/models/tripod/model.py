@@ -13,7 +13,7 @@ from ros2_ident.models.drives.model import Compiled, DriveModel
 from ros2_ident.models.tripod.kernel import ROOM, simulate, STATE
 from ros2_ident.models.tripod.reach import sense
 
-_DIRECTIONS = slice(rows.row_of('rail_x'), rows.row_of('rail_y_3') + 1)
+_DIRECTIONS = slice(rows.MACHINE.rail_x, rows.MACHINE.rail_y_3 + 1)
 
 
 class Tripod(DriveModel):
@@ -63,5 +63,5 @@ class Delta(Tripod):
 
     def _constants(self) -> Array:
         base = super()._constants()
-        base[rows.row_of('arm_sense')] = sense(self.machine)
+        base[rows.MACHINE.arm_sense] = sense(self.machine)
         return base
