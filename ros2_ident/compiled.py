@@ -35,11 +35,7 @@ def digest_of(*paths: Path) -> str:
 
 
 def package_digest(package: Path) -> str:
-    """Return the digest for a copy of this package.
-
-    Args:
-        package: Its folder.
-    """
+    """Return the digest for a copy of this package in a folder."""
     files = [
         path
         for path in sorted((*package.rglob('*.py'), *package.rglob('*.yaml')))
@@ -56,16 +52,7 @@ def result_digest() -> str:
 
 
 def compiled(function: F, sources: str, **options: Any) -> F:
-    """Compile a function, releasing the GIL, cached on disk.
-
-    Args:
-        function: A function in the subset of Python that numba compiles.
-        sources: Digest of all sources it is made of.
-        options: More of numba's.
-
-    Returns:
-        The compiled function under the type of the plain one.
-    """
+    """Compile a function as `cached` does; `sources` is the digest of all that it is made of."""
     dispatcher: Any = cached(function, **options)
     cache_file = getattr(getattr(dispatcher, '_cache', None), '_cache_file', None)
     if cache_file is not None:

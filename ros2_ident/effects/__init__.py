@@ -42,7 +42,7 @@ class Catalogue:
     """All effects by id.
 
     Attributes:
-        effects: The effects.
+        effects: By their ids.
         sources: Files outside this package that they were read from, each with its module's name.
         closed: Whether the kernels are composed, so that no other effect can come.
     """
@@ -61,12 +61,9 @@ class Catalogue:
         self.add_files(filter(None, os.environ.get(VARIABLE, '').split(os.pathsep)))
 
     def add_files(self, paths: Iterable[str]) -> None:
-        """Make effects known that lie in files of their own, one each.
+        """Make effects known that Python files define as EFFECT.
 
         Processes that simulate for this one learn of them by an environment variable.
-
-        Args:
-            paths: Python files that define EFFECT.
 
         Raises:
             IdentError: INVALID_GOAL where a file holds no effect, its id is taken, or the
@@ -162,11 +159,9 @@ add_effect_files, composed = _KNOWN.add_files, _KNOWN.close
 
 
 def title_at(effect_id: str, where: Iterable[str] = ()) -> str:
-    """Return an effect's title at its places, its id where the catalogue lacks it.
+    """Return an effect's title at its drives, its id where the catalogue lacks it.
 
-    Args:
-        effect_id: Its id.
-        where: Drives; none or `all` for the machine as a whole.
+    Drives are none or `all` for the machine as a whole.
     """
     effect = CATALOGUE.get(effect_id)
     title = effect.title if effect else effect_id

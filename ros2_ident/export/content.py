@@ -33,8 +33,8 @@ class Content:
         beside: The drives beside `laws`; of a joint with other effects, closest to these.
         laws: Effects that are a function of a joint's position and speed, by joint.
         delays: How late controllers take their set-points up, s, where they do, by joint.
-        effects: Effects of the machine.
-        logged: Effects of how it was logged, which a simulator does not want.
+        effects: Those of the machine.
+        logged: Those of how it was logged, which a simulator does not want.
         links: Links that bodies can be; None where there are none.
         spread: How far links were believed to be from the description, as a share.
         model: The model along the log, without what the log adds.

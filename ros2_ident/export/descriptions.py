@@ -110,9 +110,7 @@ def in_urdf(text: str, content: Content) -> ET.Element:
 def mjcf(text: str, content: Content) -> str:
     """Return an MJCF with what was identified of bodies and joints, position actuators too.
 
-    Args:
-        text: An MJCF, or a URDF of which MuJoCo makes one.
-        content: What was identified.
+    Of an MJCF, or a URDF of which MuJoCo makes one.
 
     Raises:
         IdentError: BAD_MACHINE_FILE where a joint or body is not in it; as `mjcf_of`.

@@ -49,7 +49,7 @@ def new_machine_file(
     Args:
         kind: The kind of machine.
         drives: Joint names; where there are none, those that description and log have in common.
-        description: URDF or MJCF of the machine.
+        description: URDF or MJCF.
         named: Where it can be found, for the file.
         states: Measured motion of the machine, which also gives the period.
 
@@ -76,15 +76,14 @@ def one_joint_file(
 
     No controller is in it: a log does not say its gains.
 
+    Bounds are what alone would make the effort. None where the kind has no rigid drive or link, or
+    the log no effort or another number of joints than one.
+
     Args:
         kind: The kind of machine.
         drives: Joint names; those of the log where there are none.
         log: A log with a measured motion.
         travel: Unit of its position, `rad` or `m`; empty where it is not known.
-
-    Returns:
-        The text, its bounds from what alone would make the effort; None where the kind has no
-        rigid drive or link, or the log no effort or another number of joints.
 
     Raises:
         IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link.
@@ -166,14 +165,8 @@ def followed_file(
     limit; what an MJCF states lies in them, with room above. Of the controllers' laws it has the
     one that leaves least of a half of the log by the other's gains, see `Serial.regressed`.
 
-    Args:
-        drives: Joint names; those that description and log have in common where there are none.
-        description: The description.
-        named: Where it can be found, for the file.
-        log: A log with a measured motion.
-
-    Returns:
-        The text; None where the log has no set-point, or an MJCF takes MuJoCo.
+    None where the log has no set-point, or an MJCF takes MuJoCo. Arguments as of
+    `new_machine_file`.
 
     Raises:
         IdentError: As `new_machine_file`, and as the model of the kind.

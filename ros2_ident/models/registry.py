@@ -198,12 +198,8 @@ def planned_model(
 ) -> 'FullModel':
     """Return a model of set-points that the drives follow as well as the model lets them.
 
-    Args:
-        machine: The machine.
-        position: (D, K) set-points, rad or m.
-        velocity: (D, K) their derivatives.
-        quantities: Its outputs; all that its kind can simulate where None.
-        more: As of `make_model`, as are errors.
+    Of set-points (D, K) [rad or m] and their derivatives; its outputs are all that its kind can
+    simulate where None are given. What else can be given, and errors, are those of `make_model`.
     """
     from ros2_ident.recording import Dataset
 

@@ -108,12 +108,8 @@ def simulate(
 ) -> Log:
     """Return a simulated log; what the kind does not simulate is as planned.
 
-    Args:
-        machine: The machine.
-        parameters: Parameters by name, SI units; `gear_stiffness` is that of every drive. What a
-            description holds is as described where not given.
-        motion: Set-points of the drives.
-        effects: What the machine has beside the nominal physics.
+    Parameters are by name, in SI units; `gear_stiffness` is that of every drive. What a
+    description holds is as described where not given.
 
     Raises:
         IdentError: INVALID_GOAL for an effect that has no place in the machine, UNKNOWN_PARAMETER
@@ -249,15 +245,10 @@ def simulate_bag(
     nuisance: Nuisance | None = None,
     effects: Sequence[Added] = (),
 ) -> SimulatedBag:
-    """Simulate a log and make streams of it; arguments and errors as of `simulate`.
+    """Simulate a log and make streams of it; see `simulate`.
 
-    Args:
-        machine: The machine.
-        parameters: Parameters by name.
-        motion: Set-points, from `draw_motion`.
-        seed: Seed of noise, jitter and losses.
-        nuisance: What lies between machine and log; by the machine file's noise where not given.
-        effects: What the machine has beside the nominal physics.
+    The seed is that of noise, jitter and losses; the nuisance is by the machine file's noise where
+    not given.
     """
     log = simulate(machine, parameters, motion, effects)
     rng = np.random.default_rng(seed)

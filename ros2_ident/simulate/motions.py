@@ -264,14 +264,9 @@ def draw_motion(
     seed: int | np.random.Generator,
     space: Space | None = None,
 ) -> Motion:
-    """Draw a motion that starts at rest in the middle of the workspace.
+    """Draw a motion of one of `KINDS` that starts at rest in the middle of the workspace.
 
-    Args:
-        kind: One of `KINDS`.
-        machine: The machine.
-        seconds: Duration [s].
-        seed: Seed, or source of chance.
-        space: Workspace and limits; the machine's usual ones where not given.
+    Workspace and limits are the machine's usual ones where no space is given.
 
     Raises:
         IdentError: INVALID_GOAL for an unknown kind or a duration that is too short.

@@ -218,10 +218,7 @@ class _Own(threading.local):
 
 
 class Plant:
-    """A user's MJCF, ready for candidates.
-
-    Args:
-        machine: A machine of the kind.
+    """The MJCF of a machine, ready for candidates.
 
     Attributes:
         places: Where each drive is.
