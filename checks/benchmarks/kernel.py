@@ -114,8 +114,9 @@ class Limit:
             [self.model._steps(block, fast=True), self.model._steps(block)], axis=1
         ).astype(float)
         order = np.lexsort(steps.T)
-        columns = [rows.row_of(n) for n in MACHINE]
-        columns += [rows.row_of(n, d) for d in range(3) for n in DRIVE]
+        columns = [rows.MACHINE_ROWS.index(n) for n in MACHINE]
+        for first in rows.MACHINE_COUNT + rows.DRIVE_COUNT * np.arange(3):
+            columns += [first + rows.DRIVE_ROWS.index(n) for n in DRIVE]
         blocks = _aligned(_lanes(block[order][:, columns]))
         out = _aligned(np.zeros((len(blocks), 3, 8)))
         model = self.model

@@ -136,13 +136,6 @@ def memory_row(effect_id: str) -> int:
     return len(MEMORY_ROWS) + [e.id for e in KEEPING_EFFECTS].index(effect_id)
 
 
-def row_of(name: str, drive: int | None = None) -> int:
-    """Return the row of a named number in a candidate's block."""
-    if drive is None:
-        return MACHINE_ROWS.index(name)
-    return MACHINE_COUNT + drive * DRIVE_COUNT + DRIVE_ROWS.index(name)
-
-
 def of(block: npt.NDArray[np.float64], name: str, drives: int) -> npt.NDArray[np.float64]:
     """Return a view of a number of candidates (S, R): (S,) the machine's, (S, D) the drives'.
 
