@@ -81,11 +81,7 @@ def remembered(parse: Parse) -> Parse:
 
 
 def decode(messages: Sequence[bytes] | ByteTable, parse: Parse) -> list[Block]:
-    """Decode serialised messages.
-
-    Args:
-        messages: T messages of one topic, in order; of one size (L) also as an array (T, L).
-        parse: Finds the parts of a message.
+    """Decode T messages of one topic, in order; of one size (L) also as an array (T, L).
 
     Returns:
         Blocks in the order of the messages: concatenated, their `rows` are 0..T-1.
@@ -206,11 +202,10 @@ def encode(
         fields: Position, velocity, effort, each (T, D) or None for an empty array.
     """
     store = standard()
-    header, joints, time = (
-        store.types[x] for x in ('std_msgs/msg/Header', JOINT_STATE, 'builtin_interfaces/msg/Time')
-    )
+    time = store.types['builtin_interfaces/msg/Time'](0, 0)
+    header = store.types['std_msgs/msg/Header'](time, '')
     rows = [np.zeros(0 if x is None else len(names)) for x in fields]
-    one = joints(header(time(0, 0), ''), list(names), *rows)
+    one = store.types[JOINT_STATE](header, list(names), *rows)
     message = bytes(store.serialize_cdr(one, JOINT_STATE))
     table = np.tile(np.frombuffer(message, dtype=np.uint8), (stamp.size, 1))
     time_of = np.stack(np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000), axis=1)

@@ -12,29 +12,12 @@ import numpy as np
 import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.recording import cdr
+from ros2_ident.recording import cdr, maps
+from ros2_ident.recording import definition as forms
 from ros2_ident.recording.cdr import Block, ByteTable
 from ros2_ident.recording.columns import TopicMap
-from ros2_ident.recording.definition import (
-    Definition,
-    definition_of,
-    found_at,
-    OF_ROS,
-    standard,
-    standard_of,
-    walker,
-)
+from ros2_ident.recording.definition import Definition, standard, standard_of
 from ros2_ident.recording.limits import limit, listed, printable, require_memory
-from ros2_ident.recording.maps import (
-    Clock,
-    map_of,
-    map_of_fields,
-    MessageMap,
-    nameless,
-    parser,
-    roles_of,
-    TRAJECTORY,
-)
 from ros2_ident.recording.objects import Decode, decoder, FORMS
 from ros2_ident.recording.storage import Budget, Damage, inflate, ZSTD
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP
@@ -61,19 +44,14 @@ class Trajectory:
 
 
 def parse_trajectory(data: bytes, arrival: int, gaps: bool = True) -> Trajectory:
-    """Read one serialised JointTrajectory.
-
-    Args:
-        data: The message; of ROS 2 with its four bytes of encapsulation.
-        arrival: When it came, ns.
-        gaps: Whether it is of ROS 2.
+    """Read one serialised JointTrajectory that came at a time, ns; of ROS 2 where it has `gaps`.
 
     Raises:
         ValueError: The bytes are no JointTrajectory, or it can not be followed.
     """
     try:
-        whole = data if gaps else bytes(standard().ros1_to_cdr(data, TRAJECTORY))
-        sent: Any = standard().deserialize_cdr(whole, TRAJECTORY)
+        whole = data if gaps else bytes(standard().ros1_to_cdr(data, maps.TRAJECTORY))
+        sent: Any = standard().deserialize_cdr(whole, maps.TRAJECTORY)
     except Exception as exc:  # generated code lets whatever damaged bytes cause through
         raise ValueError('no JointTrajectory') from exc
     names, stamp = tuple(sent.joint_names), sent.header.stamp
@@ -97,12 +75,8 @@ def parse_trajectory(data: bytes, arrival: int, gaps: bool = True) -> Trajectory
 def set_points(trajectories: Sequence[Trajectory]) -> list[Block]:
     """Return the set-point that a controller makes of trajectories, sampled evenly.
 
-    Args:
-        trajectories: In the order in which they came; those for the same joints replace each
-            other from their start on.
-
-    Returns:
-        One block for each set of joints: stamps, positions (T, D) and velocities (T, D).
+    One block for each set of joints: stamps, positions (T, D) and velocities (T, D). Trajectories
+    for the same joints replace each other, in the order in which they came, from their start on.
 
     Raises:
         IdentError: BAD_VALUES where it would take more memory than allowed.
@@ -156,9 +130,9 @@ _SHOWN = 10
 
 def why(kind: str, role: str) -> str:
     """Return what a message of a kind has to be."""
-    if kind == TRAJECTORY:
+    if kind == maps.TRAJECTORY:
         return 'a value for each joint, and times that increase'
-    if nameless(kind, role):
+    if maps.nameless(kind, role):
         return 'it has to hold a number for each of the joint names given'
     return 'arrays have to be empty or as long as the names'
 
@@ -177,7 +151,7 @@ class Messages:
     blocks_of: Decode  # makes blocks of messages
     # Of a counter, which counts from any instant, a line through it and the log times makes times
     # when all have come.
-    clock: Clock = 'stamp'
+    clock: maps.Clock = 'stamp'
     padded: bool = False  # whether joints at the end that never show a value but 0 are none
     count: int = 0  # messages that came
     lost: int = 0  # those that are no valid ones of their type
@@ -251,7 +225,6 @@ class Messages:
         require_memory('the values of one topic take', 3 * self._bytes)
 
     def _is_whole(self, log_time: int, message: bytes) -> bool:
-        """Say whether a message decodes by itself."""
         try:
             (block,) = self.blocks_of([message])
         except (ValueError, IndexError) as exc:
@@ -278,16 +251,14 @@ class Messages:
         x, y = count - count[0], clock - clock[0]
         off, mean = x - x.mean(), float(y.mean())
         rate = float(off @ y) / max(float(off @ off), 1e-300)
-        if count.size < _FEWEST or not abs(rate - 1.0) < _SLOW:
-            said = 'its counter does not run with the clock, the time of recording is used'
-            self.said.append(f'{said}, some milliseconds late')
-            stamp = clock
-        else:
+        stamp, said = clock, 'its counter does not run with the clock, the time of recording is '
+        said += 'used, some milliseconds late'
+        if count.size >= _FEWEST and abs(rate - 1.0) < _SLOW:
             shift = clock[0] + round(mean - rate * float(x.mean()))
             stamp = shift + x + np.round((rate - 1.0) * x).astype(np.int64)
-            scatter = 1e-6 * float(np.std(clock - stamp))
-            said = f'its counter is the time, set by the time of recording ({scatter:.3g} ms of'
-            self.said.append(f'{said} scatter)')
+            scatter = f'{1e-6 * float(np.std(clock - stamp)):.3g} ms of scatter'
+            said = f'its counter is the time, set by the time of recording ({scatter})'
+        self.said.append(said)
         ends = np.cumsum([x.stamp.size for x in self.blocks])[:-1]
         parts = zip(self.blocks, np.split(stamp, ends), strict=True)
         self.blocks = deque([replace(x, stamp=own) for x, own in parts])
@@ -332,7 +303,7 @@ class Trajectories(Messages):
 
 
 def messages_of(
-    about: MessageMap | None,
+    about: maps.MessageMap | None,
     role: str,
     names: Sequence[str] = (),
     drives: Sequence[str] = (),
@@ -341,17 +312,17 @@ def messages_of(
     schema: bytes = b'',
     stated: bool = False,
 ) -> Messages:
-    """Return what decodes a role's messages; see `maps.parser`, and of `FORMS` `objects.decoder`.
+    """Return what decodes a role's messages, trajectories where nothing is said about fields.
 
-    Args:
-        about: Meaning of their fields; None for trajectories.
+    See `maps.parser`, and of `FORMS` `objects.decoder`.
     """
     if about is None:
         return Trajectories(lambda data: [], gaps=definition is None or definition.gaps)
     if form in FORMS:
         decode = decoder(about, role, form, schema)
     else:
-        decode = partial(cdr.decode, parse=parser(about, role, names, drives, definition, stated))
+        parse = maps.parser(about, role, names, drives, definition, stated)
+        decode = partial(cdr.decode, parse=parse)
     return Messages(decode, about.clock, about.padded and not names)
 
 
@@ -400,12 +371,12 @@ class Content:
             if len(self.types) >= 100 * limit('joints'):
                 raise Damage('it names more topics than are allowed')
             self._schemas[topic] = kind, form, schema
-            known = form in ('', *OF_ROS) or (form in FORMS and roles_of(kind))
+            known = form in ('', *forms.OF_ROS) or (form in FORMS and maps.roles_of(kind))
             self.types[topic] = kind if known else f'{kind} ({form})'
         kind = self.types[topic]
         self.counts.setdefault(topic, 0)
-        able = ('',) * (topic in self.mapped) if self.mapped else roles_of(kind)
-        own = map_of(kind)
+        able = ('',) * (topic in self.mapped) if self.mapped else maps.roles_of(kind)
+        own = maps.map_of(kind)
         if not able and (own is None or own.names_of is None):
             return None
         roles = able if self.mapped else [x for x in self.wanted.get(topic, ()) if x in able]
@@ -435,57 +406,55 @@ class Content:
     ) -> Messages:
         """Return what decodes a role's messages of a topic; see `messages_of`."""
         kind, form, schema = self._schemas[topic]
-        about = self._mapped(topic) if self.mapped else map_of(kind)
+        about = self._mapped(topic) if self.mapped else maps.map_of(kind)
         known = None if self.mapped else self.definition(topic)
         titles = () if names else self.titles.get(topic, ())
         of = (names or titles, drives, known, form, schema, bool(titles))
         return messages_of(about, role, *of)
 
-    def _mapped(self, topic: str) -> MessageMap:
-        """Return the meaning of the fields of a topic that a column map names.
-
-        Raises:
-            IdentError: MISSING_STREAM where they have no such field, or no definition.
-        """
+    def _mapped(self, topic: str) -> maps.MessageMap:
+        """Return the meaning of the fields of a topic that a column map names."""
         about, (kind, form, _) = self.mapped[topic], self._schemas[topic]
-        known, own = self.definition(topic) or standard_of(self.types[topic]), map_of(kind)
-        known = None if form in FORMS else known or (own.definition if own else None)
-        if known is None and form not in FORMS:
-            text = f'{topic}: the file holds no definition of {printable(kind)}; record it '
-            raise ErrorCode.MISSING_STREAM.error(f'{text}as MCAP, which keeps definitions')
+        known, own = None, maps.map_of(kind)
+        if form not in FORMS:
+            known = self.definition(topic) or standard_of(self.types[topic])
+            known = known or (own.definition if own else None)
+            if known is None:
+                text = f'{topic}: the file holds no definition of {printable(kind)}; record it '
+                raise ErrorCode.MISSING_STREAM.error(f'{text}as MCAP, which keeps definitions')
         columns = [(str(x.cell), x.entry, x.of) for x in about.columns]
         try:
-            return map_of_fields(kind, columns, about.time, about.digits, known)
+            return maps.map_of_fields(kind, columns, about.time, about.digits, known)
         except LookupError as exc:
             text = f'{topic}: {printable(kind)} has no field {printable(str(exc.args[0]))}'
-            there = known.numbers(40) if known else []
-            text += f', its numbers are {listed(there, 30)}'
-            raise ErrorCode.MISSING_STREAM.error(f'{text}; correct the column map') from None
+            there = listed(known.numbers(40) if known else [], 30)
+            text += f', its numbers are {there}; correct the column map'
+            raise ErrorCode.MISSING_STREAM.error(text) from None
 
     def definition(self, topic: str) -> Definition | None:
         """Return a topic's message definition, None where the file has none that can be read."""
-        return definition_of(self.types[topic], *self._schemas[topic][1:])
+        return forms.definition_of(self.types[topic], *self._schemas[topic][1:])
 
     def offered(self) -> Iterator[tuple[str, str, tuple[str, ...]]]:
         """Yield topic, type and possible roles of what could be read and is not wanted."""
         for topic in sorted(self._first):
             kind = self.types[topic]
-            if able := roles_of(kind):
-                shown = [x for x in able if kind == TRAJECTORY or self._shows(topic, x)]
+            if able := maps.roles_of(kind):
+                shown = [x for x in able if kind == maps.TRAJECTORY or self._shows(topic, x)]
                 yield topic, kind, tuple(shown)
 
     def titled(self) -> dict[str, tuple[str, ...]]:
         """Return the names of numbers, by their topic, that another topic beside it has."""
         found = {}
         for topic, first in self._first.items():
-            about = map_of(self.types[topic])
+            about = maps.map_of(self.types[topic])
             if about is None or about.names_of is None or not first:
                 continue
             beside, path = about.names_of
             known = self.definition(topic) or about.definition
             assert known is not None
             with suppress(ValueError, IdentError):
-                names = found_at(walker(known, [path])(first[0])[0], path)
+                names = forms.found_at(forms.walker(known, [path])(first[0])[0], path)
                 found[f'{topic.rpartition("/")[0]}/{beside}'] = tuple(map(str, names))
         return found
 

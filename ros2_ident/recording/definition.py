@@ -119,12 +119,10 @@ class Definition:
 
 
 def definition_of(kind: str, form: str, data: bytes) -> Definition | None:
-    """Return what a definition in a file says, None where it says nothing that can be read.
+    """Return what a definition in a file says of a type, None where it cannot be read.
 
-    Args:
-        kind: The message type.
-        form: `ros2msg`, `ros2idl` or `ros1msg`.
-        data: UTF-8, with the types it is made of, each after a line of `=`.
+    Its form is one of `OF_ROS`, its data UTF-8 with the types it is made of, each after a line of
+    `=`.
     """
     if not 0 < len(data) <= _LARGEST or form not in OF_ROS:
         return None
@@ -160,14 +158,7 @@ def standard_of(kind: str) -> Definition | None:
 class Cursor:
     """Walks over one serialised message and notes which of its bytes make its layout.
 
-    Args:
-        data: The message; of ROS 2 with its four bytes of encapsulation.
-        gaps: Whether numbers are aligned, as `Definition` has it.
-
-    Attributes:
-        at: Place of the next byte.
-        big: Whether numbers are big-endian.
-        fixed: Mask (L,) of the bytes that lengths and names are made of.
+    Of ROS 2, where it has `gaps`, the message has its four bytes of encapsulation.
 
     Raises:
         ValueError: The bytes are no message, here and in every step.
@@ -178,10 +169,10 @@ class Cursor:
         head = _HEADER if gaps else 0
         if gaps and (len(data) < head or data[0] != 0 or data[1] not in (0, 1)):
             raise ValueError('no CDR message')
-        self.big = gaps and data[1] == 0
-        self.fixed = np.zeros(len(data), dtype=np.bool_)
+        self.big = gaps and data[1] == 0  # whether numbers are big-endian
+        self.fixed = np.zeros(len(data), dtype=np.bool_)  # the bytes of lengths and names (L,)
         self.fixed[: head // 2] = True
-        self.at = head
+        self.at = head  # place of the next byte
         self._data, self._gaps, self._left = data, gaps, 10_000 + _STEPS * len(data)
 
     def skip(self, size: int, align: int) -> int:
@@ -205,8 +196,7 @@ class Cursor:
             raise ValueError('message ends early')
         if not free and size > limit('name') + 1:
             text = f'a joint has a name of {size - 1} bytes, more than the {limit("name")} allowed'
-            remedy = f'shorten it, or raise {variable_of("name")}'
-            raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
+            raise ErrorCode.BAD_VALUES.error(f'{text}; shorten it, or raise {variable_of("name")}')
         begin = self.skip(size, 1)
         self.fixed[begin : self.at] = not free
         return '' if free else self._data[begin : self.at].rstrip(b'\0').decode()
@@ -237,12 +227,12 @@ class Cursor:
                 remedy = f'record the drives only, or raise {variable_of("joints")}'
                 raise ErrorCode.BAD_VALUES.error(f'{text}; {remedy}')
             return [self.one(inner[0], definition, kept, deep + 1) for _ in range(number)]
-        if node == Nodetype.BASE and inner[0] == 'string':
-            return self.text(free=kept is None)
         if node == Nodetype.BASE:
-            if inner[0] not in _FORMATS:
-                raise ValueError(f'{inner[0]} is not read')
-            return self._numbers(1, _FORMATS[inner[0]])
+            if inner[0] in _FORMATS:
+                return self._numbers(1, _FORMATS[inner[0]])
+            if inner[0] == 'string':
+                return self.text(free=kept is None)
+            raise ValueError(f'{inner[0]} is not read')
         if inner not in definition.types:
             raise ValueError(f'{inner} is not defined')
         kept = kept or {}

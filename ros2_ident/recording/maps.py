@@ -181,11 +181,10 @@ def parser(
     """
     known = definition or about.definition
     assert known is not None
-    sources = {
-        field: (path, source)
-        for field, source in about.roles[role].items()
-        if (path := next((x for x in source.paths if known.has(x)), None)) is not None
-    }
+    sources = {}
+    for field, source in about.roles[role].items():
+        for path in [x for x in source.paths if known.has(x)][:1]:
+            sources[field] = path, source
     titles = about.names.get(role)
     wanted = [*(path for path, _ in sources.values()), *(path for path, _ in about.stamp)]
     walk = walker(known, [*wanted, *([titles] if titles else [])])
@@ -267,9 +266,6 @@ def _present(layout: Layout) -> Layout:
     if np.all(there):
         return layout
     kept = np.flatnonzero(np.any(there, axis=0))
-    picks = (
-        replace(x, columns=np.arange(kept.size), places=x.places[kept])
-        for x, own in zip(layout.picks, there, strict=True)
-        if own.any()
-    )
-    return replace(layout, names=tuple(layout.names[k] for k in kept), picks=tuple(picks))
+    own, every = [x for x in layout.picks if (x.places >= 0).any()], np.arange(kept.size)
+    picks = tuple(replace(x, columns=every, places=x.places[kept]) for x in own)
+    return replace(layout, names=tuple(layout.names[k] for k in kept), picks=picks)

@@ -138,7 +138,6 @@ def _nanoseconds(tree: Any, path: Path, unit: int) -> int:
         return int(round(value * unit))
     if not isinstance(value, Mapping):
         value = {x.name: getattr(value, x.name) for x in value.DESCRIPTOR.fields}
-    second, rest = (
-        next((int(value[x]) for x in names if x in value), 0) for names in (_SECONDS, _NANOSECONDS)
-    )
+    found = ([int(value[x]) for x in names if x in value] for names in (_SECONDS, _NANOSECONDS))
+    second, rest = (x[0] if x else 0 for x in found)
     return int(second * 10 ** DIGITS['s'] + rest)
