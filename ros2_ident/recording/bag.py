@@ -10,7 +10,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.columns import load_topics, summed, TopicMap
+from ros2_ident.recording.columns import load_topics, summed
 from ros2_ident.recording.content import Content, Messages, why
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.limits import listed, printable
@@ -70,8 +70,7 @@ class Topics:
             if topic := self.topic(role):
                 found[topic] = (*found.get(topic, ()), role)
         if not found:
-            text = 'no topic is given; name at least the state topic'
-            raise ErrorCode.INVALID_GOAL.error(text)
+            raise ErrorCode.INVALID_GOAL.error('no topic is given; name at least the state topic')
         return found
 
 
@@ -107,8 +106,7 @@ def read_bag(
             return read_arrays(path, topics.columns)
         if is_lerobot(path):
             roles = [role for role in ROLES if topics.topic(role)]
-            unit = topics.position_unit
-            return read_lerobot(path, roles, unit, topics.columns, travel)
+            return read_lerobot(path, roles, topics.position_unit, topics.columns, travel)
         return _read(path, topics, tuple(drives))
     except OSError as exc:
         text = f'cannot be read ({exc.strerror or exc}); give the path of a log'
@@ -141,27 +139,27 @@ def read_bags(
 
 def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording]:
     """Read a bag; see `read_bag`."""
-    roles, notes = topics.roles(), tuple[str, ...]()
-    files, warnings = storage_files(path)
+    notes: tuple[str, ...] = ()
+    roles, (files, warnings) = topics.roles(), storage_files(path)
     layouts = load_topics(topics.columns) if topics.columns else {}
-    content = _scanned(files, topics, drives, layouts)
-    for topic in layouts:
-        if not content.counts.get(topic):
-            held = listed(f'{x} ({kind})' for x, kind in sorted(content.types.items()))
-            text = f'{path}: holds no message of {topic}, only {held}; correct the column map'
-            raise ErrorCode.MISSING_STREAM.error(text)
+    content = _scanned(files, Content(roles, topics.names, drives, layouts))
+    for topic in (x for x in layouts if not content.counts.get(x)):
+        held = listed(f'{x} ({kind})' for x, kind in sorted(content.types.items()))
+        text = f'{path}: holds no message of {topic}, only {held}; correct the column map'
+        raise ErrorCode.MISSING_STREAM.error(text)
     if not layouts:
         content.titles = titles = content.titled()
         chosen, open_, notes = supplemented(topics, content, drives)
         if chosen != topics or titles:
-            roles, content = chosen.roles(), _scanned(files, chosen, drives, titles=titles)
+            roles = chosen.roles()
+            content = _scanned(files, Content(roles, chosen.names, drives, titles=titles))
         read = any(x.count for x in content.messages.values())
         if open_ and not read and not any(map(topics.named, ROLES)):
             raise ErrorCode.MISSING_STREAM.error(f'{path}: {open_[0]}')
         _check_topics(path, content, roles, topics)
         notes = (*open_, *notes)
-    maps = [Path(topics.columns)] if layouts else []
-    builder = RecordingBuilder(str(path), digest([*files, *maps]), notes)
+    read_from = [*files, Path(topics.columns)] if layouts else files
+    builder = RecordingBuilder(str(path), digest(read_from), notes)
     # damage says it all: metadata.yaml cannot fit a broken file
     for sentence in content.warnings or warnings:
         builder.warn(sentence)
@@ -270,15 +268,8 @@ def _is_open(topics: Topics, role: str, content: Content, chosen: Mapping[str, s
     return not any(x is not None and np.isfinite(x).any() for x in efforts)
 
 
-def _scanned(
-    files: list[Path],
-    topics: Topics,
-    drives: tuple[str, ...],
-    mapped: Mapping[str, TopicMap] | None = None,
-    titles: Mapping[str, tuple[str, ...]] | None = None,
-) -> Content:
-    """Return the messages of all files, one after the other, and in warnings what is lost."""
-    content = Content(topics.roles(), topics.names, drives, mapped or {}, titles or {})
+def _scanned(files: list[Path], content: Content) -> Content:
+    """Return the content with the messages of all files, and in warnings what is lost."""
     refused: list[IdentError] = []
     found = 0
     with unpacked(files) as plain:
@@ -337,8 +328,8 @@ def _check_topics(
             if not roles_of(kind):
                 text = f'of which there is no map; give another as {role}, or --columns with the '
                 text += 'fields that it is in'
-            text = f'{topic} is of type {printable(kind)}, {text}'
-            raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
+            text = f'{path}: {topic} is of type {printable(kind)}, {text}'
+            raise ErrorCode.MISSING_STREAM.error(text)
         about = map_of(kind)
         same = about is None or len({str(about.roles[x]) for x in several}) < len(several)
         if len(several) > 1 and same:
@@ -376,11 +367,9 @@ def _tell(
         lost = f'{messages.lost} of {messages.count} messages'
         said.append(f'{lost} are no valid {named} and are left out')
     if messages.unstamped and messages.clock == 'none':
-        late = 'the time of recording is used, some milliseconds late'
-        said.append(f'{named} has no stamp, {late}')
+        said.append(f'{named} has no stamp, the time of recording is used, some milliseconds late')
     elif messages.unstamped:
-        text = 'all header stamps are 0, the time of recording is used; stamp the messages'
-        said.append(text)
+        said.append('all header stamps are 0, the time of recording is used; stamp the messages')
     said += messages.said
     names = messages.blocks[0].names if messages.blocks else ()
     said += [about.note] if about is not None and about.note else []
@@ -390,9 +379,10 @@ def _tell(
         said.append(f'its messages have no names: joints are called {called}')
     for sentence in said:
         builder.warn(f'{topic}: {sentence}')
-    if gains := [
-        f'{name} of {names[n]} {low:.4g}' + (f' to {high:.4g}' if high > low else '')
-        for (name, n), (low, high) in sorted(messages.gains.items())
-        if n < len(names)
-    ]:
+    gains = []
+    for (name, n), (low, high) in sorted(messages.gains.items()):
+        if n < len(names):
+            end = f' to {high:.4g}' if high > low else ''
+            gains.append(f'{name} of {names[n]} {low:.4g}{end}')
+    if gains:
         builder.notes += (f'{topic} comes with gains: {listed(gains, 24)}',)

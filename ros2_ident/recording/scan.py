@@ -37,7 +37,7 @@ from ros2_ident.recording.storage import Budget, Damage, inflate, Losses, MAGIC,
 
 HEAD = struct.Struct('<BQ')
 FOOTER_SIZE = HEAD.size + 20 + len(MAGIC)
-_STANDARD = frozenset(Opcode)
+_STANDARD, _DEFINE = frozenset(Opcode), (Opcode.SCHEMA, Opcode.CHANNEL)
 _KNOWN = _STANDARD.union(range(0x80, 0x100))  # those from 0x80 on are private
 _MESSAGE = struct.Struct('<HIQQ')
 _CHUNK_START = rb'\x06.{36}(?:\x00{4}|\x04\x00{3}zstd|\x03\x00{3}lz4)'
@@ -93,7 +93,7 @@ def _note(about: Summary, opcode: int, record: bytes) -> bool:
     with suppress(*_DAMAGED):
         if opcode == Opcode.STATISTICS:
             about.statistics = _parsed(Statistics, record)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        elif opcode in _DEFINE:
             schema = opcode == Opcode.SCHEMA
             found = _parsed(Schema if schema else Channel, record)
             (about.schemas if schema else about.channels)[found.id] = found
@@ -230,9 +230,7 @@ class _Walk:
                 times, data = found[number]
                 times.append(log_time)
                 data.append(raw[begin + _MESSAGE.size : end])
-            elif opcode not in (Opcode.SCHEMA, Opcode.CHANNEL) or not _note(
-                self.defined, opcode, raw[begin:end]
-            ):
+            elif opcode not in _DEFINE or not _note(self.defined, opcode, raw[begin:end]):
                 break
             at = end
         for number, (times, data) in found.items():
@@ -407,12 +405,9 @@ def _read(base: sqlite3.Connection, content: Content, losses: Losses) -> None:
     found: Counter[int] = Counter(dict(counts))
     losses.unknown = sum(count for number, count in found.items() if number not in ways)
     wanted = [number for number, (_, target) in ways.items() if target is not None]
-    rows = base.execute(
-        'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN '  # noqa: S608
-        f'({", ".join("?" * len(wanted))}) ORDER BY timestamp, rowid',
-        wanted,
-    )
-    for number, when, data in rows:
+    places = ', '.join('?' * len(wanted))
+    query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({places}) '  # noqa: S608
+    for number, when, data in base.execute(f'{query}ORDER BY timestamp, rowid', wanted):
         if not isinstance(when, int) or not isinstance(data, bytes):
             found[number] -= 1
             losses.unknown += 1

@@ -54,11 +54,10 @@ class Losses:
     def text(self) -> str:
         """The damage, without subject; empty for none."""
         several = self.blocks != 1
+        blocks = f'{self.blocks} block{"s" * several} inside {"are" if several else "is"}'
         said = {
             f'the file breaks off after byte {self.end} of {self.size}': self.end is not None,
-            f'{self.blocks} block{"s" * several} inside {"are" if several else "is"} damaged': (
-                self.blocks
-            ),
+            f'{blocks} damaged': self.blocks,
             f'{self.skipped} bytes make no sense': self.skipped,
             f'{self.unknown} messages belong to no topic': self.unknown,
         }
@@ -98,14 +97,10 @@ class Budget:
 
 
 def inflate(method: str, packed: bytes, most: int) -> tuple[bytes, bool]:
-    """Decompress a block as far as it goes.
-
-    Args:
-        method: '', 'zstd', 'lz4' or 'bz2'.
-        most: Bytes to which it may decompress.
+    """Decompress a block ('', 'zstd', 'lz4' or 'bz2') as far as it goes, to at most `most` bytes.
 
     Returns:
-        At most `most` bytes, and whether nothing in the block is damaged and no more would come.
+        These, and whether nothing in the block is damaged and no more would come.
     """
     pieces, size, sound = list[bytes](), 0, method in _OPEN
     try:

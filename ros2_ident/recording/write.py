@@ -106,20 +106,14 @@ def _write(folder: Path, topics: Sequence[Topic], noted: Mapping[str, str]) -> N
         about = {'offered_qos_profiles': yaml.safe_dump(qos).strip(), 'topic_type_hash': digest}
         schema = kinds.index(topic.kind) + 1
         channels.append(mcap.Channel(number, topic.name, 'cdr', about, schema))
-        told: dict[str, Any] = {
-            'name': topic.name,
-            'type': topic.kind,
-            'serialization_format': 'cdr',
-        }
+        told: dict[str, Any] = {'name': topic.name, 'type': topic.kind}
+        told['serialization_format'] = 'cdr'
         told |= {'type_description_hash': digest, 'offered_qos_profiles': qos}
         stated.append({'topic_metadata': told, 'message_count': len(topic.messages)})
     when = np.concatenate([np.asarray(topic.times, dtype=np.int64) for topic in topics])
     first, last = int(when.min(initial=2**63 - 1)), int(when.max(initial=0))
-    span = {
-        'starting_time': {'nanoseconds_since_epoch': first},
-        'duration': {'nanoseconds': max(0, last - first)},
-        'message_count': when.size,
-    }
+    span: dict[str, Any] = {'starting_time': {'nanoseconds_since_epoch': first}}
+    span |= {'duration': {'nanoseconds': max(0, last - first)}, 'message_count': when.size}
     information = {
         **{'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'rosbags'},
         **{'compression_format': '', 'compression_mode': '', 'relative_file_paths': [file]},
@@ -192,10 +186,7 @@ def _mcap(
 
 
 def require_room(path: str | Path, mark: str = '') -> None:
-    """Refuse to write a bag where something is that is not ours to replace.
-
-    Args:
-        mark: As for `write_bag`.
+    """Refuse, as `write_bag`, to write a bag where something is that is not ours to replace.
 
     Raises:
         IdentError: INVALID_GOAL with the remedy.
