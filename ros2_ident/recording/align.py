@@ -18,6 +18,8 @@ from ros2_ident.recording.streams import Dataset, FIELDS, FloatArray, IntArray, 
 _BRIDGED_SAMPLES, _BRIDGED_SECONDS = 10, 0.05
 # A command of fewer samples need not have stopped where its last one came.
 _STREAMED = 50
+# The stream that a grid spans is the first of these.
+_LEADERS = ('command', 'state', 'effort')
 # Joints beside the drives that are kept.
 _STRANGERS = 12
 # Arrays of drives and cycles that a data set holds, twice while they are made.
@@ -203,9 +205,8 @@ class _Layout:
         """Set first cycle and number of cycles of the grid."""
         role, leader = self._leader()
         first, last = (begin, end) = leader.tick[[0, -1]].tolist()
-        others = {
-            name: x.tick[[0, -1]].tolist() for name, x in self.placed.items() if name != role
-        }
+        others = {name: x.tick[[0, -1]].tolist() for name, x in self.placed.items()}
+        del others[role]
         if role == 'command':
             first, last = self._longest_stretch(leader)
             # the first or last sample of the command itself may be the one that was dropped
@@ -228,9 +229,7 @@ class _Layout:
 
     def _leader(self) -> tuple[str, _Placed]:
         """Return role and stream that the grid spans."""
-        return next(
-            (x, self.placed[x]) for x in ('command', 'state', 'effort') if x in self.placed
-        )
+        return next((x, self.placed[x]) for x in _LEADERS if x in self.placed)
 
     def _inside(self, placed: _Placed) -> tuple[IntArray, NDArray[np.bool_]]:
         """Return the cycles of the grid (T,) of a stream's samples, and which lie on it (T,)."""
@@ -284,9 +283,8 @@ class _Layout:
         best = int(np.argmax(ends - begins))
         first, last = int(begins[best]), int(ends[best])
         if holes.size:
-            longest, used, whole = (
-                float(x) * self.cycle for x in (steps.max(), last - first, tick[-1] - tick[0])
-            )
+            sizes = (float(steps.max()), float(last - first), float(tick[-1] - tick[0]))
+            longest, used, whole = (x * self.cycle for x in sizes)
             said = f'has {holes.size} holes of up to {longest:.3g} s; only the longest stretch '
             said += f'without, {used:.4g} s of {whole:.4g} s, is used'
             self.warnings.append(f'command: {said}')

@@ -156,31 +156,25 @@ class RecordingBuilder:
     def add_columns(
         self, stamp: IntArray, columns: Mapping[tuple[str, str, str], FloatArray]
     ) -> None:
-        """Append a table; a row without any value of a role is no message of it.
+        """Append a table: stamps (T,), ns, and values (T,) by role, joint and field.
 
-        Args:
-            stamp: Stamps of the rows (T,), ns.
-            columns: Values (T,) by role, joint and field.
-
-        Raises:
-            IdentError: As `add_block`.
+        A row without any value of a role is no message of it. Raises as `add_block`.
         """
         for role in dict.fromkeys(role for role, *_ in columns):
-            own = {(joint, field): x for (of, joint, field), x in columns.items() if of == role}
-            joints = list(dict.fromkeys(joint for joint, _ in own))
+            joints = list(dict.fromkeys(joint for of, joint, _ in columns if of == role))
             fields: dict[str, FloatArray] = {}
-            for (joint, name), row in own.items():
-                table = fields.setdefault(name, np.full((len(stamp), len(joints)), np.nan))
-                table[:, joints.index(joint)] = row
+            for (of, joint, name), row in columns.items():
+                if of == role:
+                    table = fields.setdefault(name, np.full((len(stamp), len(joints)), np.nan))
+                    table[:, joints.index(joint)] = row
             there = np.any([~np.isnan(x).all(axis=1) for x in fields.values()], axis=0)
             taken = {name: x[there] for name, x in fields.items()}
             self.add_block(role, stamp[there], joints, *map(taken.get, FIELDS))
 
     def build(self) -> list[Recording]:
-        """Cut what was collected into recordings; the builder is empty afterwards.
+        """Cut what was collected into recordings, one per segment, in the order of arrival.
 
-        Returns:
-            One recording per segment, in the order of arrival.
+        The builder is empty afterwards.
 
         Raises:
             IdentError: NO_DATA before the first message, BAD_VALUES where the stamps make no
@@ -208,7 +202,6 @@ class RecordingBuilder:
         return code.error(f'{self.source}: {text}')
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
-        """Return the segments of one role."""
         names = list(track.joints)
         if not any(track.measured):
             warnings.append(f'{role}: {track.count} messages without any value')

@@ -75,7 +75,7 @@ def missing_samples(steps: NDArray[np.number], period: float) -> int | None:
 
 
 def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
-    """Number the samples of a stream in controller cycles.
+    """Number the samples of a stream in controller cycles, from that nearest to a reference on.
 
     Where the stamps are sharp on the cycles, or the spacing is a multiple of the cycle, numbers
     are the increasing integers nearest to the stamps (isotonic regression, so that no two samples
@@ -85,9 +85,6 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
         stamp: Stamps (T,), ns, strictly increasing.
         reference: The stamp that phases and numbers count from, ns.
         cycle: Controller cycle, s.
-
-    Returns:
-        The numbers, counted from the cycle nearest to the reference.
 
     Raises:
         IdentError: BAD_VALUES where the cycle is no positive time.

@@ -43,9 +43,8 @@ _WORDS = {
     'place': 'joint joints j axis motor servo drive id',
 }
 _MEANT = {word: kind for kind, words in _WORDS.items() for word in words.split()}
-_FAINT = dict.fromkeys(('q', 'theta', 'encoder'), 'position') | dict.fromkeys(
-    ('current', 'i', 'load'), 'effort'
-)
+_FAINT = dict.fromkeys(('q', 'theta', 'encoder'), 'position')
+_FAINT |= dict.fromkeys(('current', 'i', 'load'), 'effort')
 # Beside a role a letter is enough: `p_des`, `t_actual`.
 _LETTERS = {'p': 'position', 'v': 'velocity', 't': 'effort'}
 _QUANTITIES = ('velocity', 'effort', 'position')
@@ -285,10 +284,7 @@ class Header:
         return out
 
     def assigned(self, given: Sequence[str]) -> 'Header':
-        """Return the header with columns read as a user says.
-
-        Args:
-            given: NAME=JOINT.QUANTITY, or NAME=JOINT.QUANTITY*SCALE.
+        """Return the header with columns read as NAME=JOINT.QUANTITY or as that *SCALE says.
 
         Raises:
             IdentError: INVALID_GOAL for another text, or a column or quantity that is not there.

@@ -41,9 +41,8 @@ _FEATURES = {
     'observation.effort': ('effort', 'effort'),
     'action': ('command', 'position'),
 }
-_ENDINGS = {'pos': 'position', 'q': 'position', 'vel': 'velocity'} | dict.fromkeys(
-    ('effort', 'torque', 'current', 'load'), 'effort'
-)
+_ENDINGS = {'pos': 'position', 'q': 'position', 'vel': 'velocity'}
+_ENDINGS |= dict.fromkeys(('effort', 'torque', 'current', 'load'), 'effort')
 # Beyond its ends by this share of its travel a joint is not; through less of it none is moved.
 _BEYOND, _MOVED = 0.05, 0.04
 # What JSON of another content raises: a number may be too large for a float, too.

@@ -64,9 +64,8 @@ def motion_in(data: Dataset, name: str) -> Motion:
     assert data.position is not None
     d = data.names.index(name)
     cutoff = allowed_cutoff(data.position[d], data.cycle, CUTOFF)
-    position, velocity, acceleration = (
-        x[0] for x in smooth_motion(data.position[d], data.cycle, cutoff)
-    )
+    moved = smooth_motion(data.position[d], data.cycle, cutoff)
+    position, velocity, acceleration = (x[0] for x in moved)
     reported, effort = (None if x is None else x[d] for x in (data.velocity, data.effort))
     others = [*np.delete(data.position, d, axis=0), *data.beside.values()]
     rows = [fill_gaps(row) for row in others if np.isfinite(row).sum() > 1]
@@ -179,9 +178,7 @@ MANY = 300_000
 def butterworth(order: int, share: float) -> tuple[FloatArray, FloatArray]:
     """Return poles (order,) and second-order sections (order / 2, 6), by the bilinear transform.
 
-    Args:
-        order: Even.
-        share: Cutoff over half the rate.
+    Of an even order, and the cutoff as a share of half the rate.
     """
     wide = 4.0 * np.tan(np.pi * share / 2.0)
     analogue = -wide * np.exp(1j * np.pi * np.arange(1.0 - order, order, 2.0) / (2 * order))

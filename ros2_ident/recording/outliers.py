@@ -194,13 +194,11 @@ def _found(
 def leave_out(
     role: str, stamp: IntArray, names: Sequence[str], fields: Sequence[FloatArray | None]
 ) -> list[str]:
-    """Set the lone jumps of a stream to NaN, in place; return a sentence on each signal with one.
+    """Set the lone jumps of a role's stream to NaN, in place; say it of each signal with one.
 
     Args:
-        role: `state`, `effort` or `command`.
         stamp: Stamps (T,), ns, increasing.
-        names: The D joints.
-        fields: Position, velocity and effort, each (T, D) or None.
+        fields: Position, velocity and effort of the D joints named, each (T, D) or None.
     """
     said = []
     for field, values in zip(FIELDS, fields, strict=True):

@@ -179,14 +179,10 @@ class Recording:
 
 
 def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> Recording:
-    """Convert the measured efforts of a recording.
+    """Convert the efforts of a recording, the command's feed-forward too, from its log's unit.
 
     Args:
-        recording: The recording in its log's unit.
         factor: To N m (or N), of all joints or by joint; those it does not name stay.
-
-    Returns:
-        The recording with state and effort streams scaled; the command's feed-forward effort too.
 
     Raises:
         IdentError: WRONG_UNITS where the factor is no finite number other than zero.
@@ -207,14 +203,9 @@ def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> R
 def with_positions(
     recording: Recording, names: Collection[str]
 ) -> tuple[Recording, tuple[str, ...]]:
-    """Integrate the speeds of joints without positions, by trapezia from 0.
+    """Integrate the speeds of joints without positions, by trapezia from 0; return which, too.
 
-    Args:
-        recording: The recording. Beside a set-point nothing is integrated: where the motion began
-            is not known.
-
-    Returns:
-        The recording with positions, and the joints whose positions are integrals.
+    Beside a set-point nothing is integrated: where the motion began is not known.
     """
     state = recording.state
     if state is None or state.velocity is None or recording.command is not None:
@@ -240,21 +231,13 @@ _EVERY_CYCLE = _SEEN[:2]
 
 @dataclass(frozen=True)
 class StreamQuality:
-    """How one stream arrived.
+    """How one stream arrived."""
 
-    Attributes:
-        samples: Samples used.
-        missing: Samples that should have come and did not.
-        rate: Samples per second, Hz.
-        jitter: Standard deviation of the stamps about the grid, s.
-        stride: Cycles from sample to sample; 0 where the stream does not keep to the grid.
-    """
-
-    samples: int
-    missing: int
-    rate: float
-    jitter: float
-    stride: int
+    samples: int  # that are used
+    missing: int  # samples that should have come and did not
+    rate: float  # samples per second, Hz
+    jitter: float  # standard deviation of the stamps about the grid, s
+    stride: int  # cycles from sample to sample; 0 where it does not keep to the grid
 
     @property
     def missing_share(self) -> float:

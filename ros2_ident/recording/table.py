@@ -39,6 +39,9 @@ TABLES = ('.csv', '.tsv', '.txt')
 _BLOCK = 1 << 14
 _NO_TIME = 'write a number, or leave lines of units below the names out by `skip_below: 1`'
 _NO_VALUE = 'leave a cell empty where nothing was measured'
+# Number of a line and its cells; makes a value of a cell.
+_Row = tuple[int, list[str]]
+_Convert = Callable[[str], Any]
 
 
 def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
@@ -150,8 +153,7 @@ def _parse(
 
 
 def _equal(cell: str, value: str) -> bool:
-    """Say whether a cell holds a value, as a text or as a number."""
-    with suppress(ValueError):
+    with suppress(ValueError):  # as a text or as a number
         return cell.strip() == value or float(cell) == float(value)
     return False
 
@@ -170,24 +172,24 @@ def _find(path: Path, cell: Cell, names: list[str]) -> int:
 
 def _rows_of(
     path: Path, reader: Any, width: int, skip: int, warnings: list[str]
-) -> Iterator[tuple[int, list[str]]]:
-    """Yield rows of one line each, at least `width` cells wide, after the number of the line."""
-    narrow, before = '', reader.line_num
+) -> Iterator[_Row]:
+    """Yield rows of one line each, at least `width` cells wide."""
+    narrow, last, before = '', 0, skip + reader.line_num
     try:
         for row in reader:
-            number, before = before + 1, reader.line_num
+            number, before = before + 1, skip + reader.line_num
             if before > number:
                 text = 'has a quotation mark that is not closed there; correct the line'
-                raise _bad(path, f'line {skip + number} {text}')
+                raise _bad(path, f'line {number} {text}')
             if not any(cell.strip() for cell in row):
                 continue
             if narrow:
                 text = f'{narrow}, the column map needs {width}; correct the line or the delimiter'
                 raise _bad(path, text)
-            if len(row) < width:
-                last, narrow = skip + number, f'line {skip + number} has {len(row)} cells'
-                continue
-            yield skip + number, row
+            if len(row) >= width:
+                yield number, row
+            else:
+                last, narrow = number, f'line {number} has {len(row)} cells'
     except csv.Error as exc:
         raise _bad(path, f'line {skip + reader.line_num} cannot be read ({exc})') from None
     if narrow:  # a log that was cut off ends in the middle of a line
@@ -195,15 +197,8 @@ def _rows_of(
 
 
 def _converted(
-    path: Path,
-    rows: list[tuple[int, list[str]]],
-    decimal: str,
-    at: int,
-    where: str,
-    remedy: str,
-    convert: Callable[[str], Any],
+    path: Path, rows: list[_Row], decimal: str, at: int, where: str, remedy: str, convert: _Convert
 ) -> list[Any]:
-    """Return the cells of a column as numbers."""
     out = []
     for number, row in rows:
         text = row[at] if decimal == '.' else row[at].replace(',', '.')
@@ -313,8 +308,8 @@ def _rows(
             raise _bad(path, text) from None
         chosen = chosen.reshape(len(table), -1)
         if chosen.shape[1] != of:
-            text = f'{printable(str(cell))} is {chosen.shape[1]} columns for {of} joints'
-            raise _bad(path, f'{text}; write as NAME[0], or NAME[0:{of}] for {of} joints')
+            text = f'{printable(str(cell))} is {chosen.shape[1]} columns for {of} joints; write as'
+            raise _bad(path, f'{text} NAME[0], or NAME[0:{of}] for {of} joints')
         return chosen[:, entry]
 
     values = [column(x.cell, x.entry, x.of) for x in layout.columns]
@@ -451,10 +446,11 @@ def _json_lines(path: Path) -> Iterator[_Opened]:
         try:
             row = json.loads(line) if line.strip() else None
         except (ValueError, RecursionError):
-            if number == len(lines):  # a log that was cut off ends in the middle of a line
-                warnings.append(f'{path}: its last line {number} breaks off and is left out')
-                continue
-            raise _bad(path, f'line {number} is no JSON; correct the line') from None
+            if number < len(lines):
+                raise _bad(path, f'line {number} is no JSON; correct the line') from None
+            # a log that was cut off ends in the middle of a line
+            warnings.append(f'{path}: its last line {number} breaks off and is left out')
+            row = None
         if isinstance(row, Mapping):
             rows.append(row)
     names = dict.fromkeys(name for row in rows[:_SHOWN] for name, _ in _leaves(row))
@@ -478,12 +474,6 @@ def _leaves(row: Mapping[str, Any], before: str = '', deep: int = 0) -> Iterator
 
 # Lines in which names are looked for.
 _SHOWN = 100
-_OPEN = {
-    '.npz': _numpy,
-    '.mat': _matlab,
-    '.hdf5': _hdf5,
-    '.h5': _hdf5,
-    '.parquet': _parquet,
-    '.jsonl': _json_lines,
-}
+_OPEN = {'.npz': _numpy, '.mat': _matlab, '.hdf5': _hdf5, '.h5': _hdf5, '.parquet': _parquet}
+_OPEN |= {'.jsonl': _json_lines}
 ARRAYS = tuple(_OPEN)
