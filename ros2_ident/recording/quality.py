@@ -163,12 +163,11 @@ def repeats(recording: Recording, name: str) -> Iterator[tuple[str, str]]:
         return
     seconds = (effort.stamp - recording.begin) * 1e-9
     moved = np.interp(effort.stamp, state.stamp, place)
-    frozen = [
-        f'{values[a]:.4g} from {seconds[a]:.3g} to {seconds[b - 1]:.3g} s'
-        for a, b in _runs(values)
-        if seconds[b - 1] - seconds[a] > _LONG
-        and np.abs(np.diff(moved[a:b])).sum() > _FAR * np.ptp(moved)
-    ]
+    frozen = []
+    for a, b in _runs(values):
+        long = seconds[b - 1] - seconds[a] > _LONG
+        if long and np.abs(np.diff(moved[a:b])).sum() > _FAR * np.ptp(moved):
+            frozen.append(f'{values[a]:.4g} from {seconds[a]:.3g} to {seconds[b - 1]:.3g} s')
     if frozen:
         text = f'the effort is {" and ".join(frozen[:3])} while the drive moves, so it was not '
         yield 'effort_frozen', f'{text}measured there; cut the log, or leave these cells empty'
@@ -176,14 +175,13 @@ def repeats(recording: Recording, name: str) -> Iterator[tuple[str, str]]:
         text = f'each position stays for {1e3 * held:.3g} ms, as of a bus that is read at '
         yield 'held', f'{text}{1.0 / held:.3g} Hz; log each value once, when it is read'
     command = recording.command
-    goal = command.column('position', name) if command else None
-    if command is not None and goal is not None:
+    if command is not None and (goal := command.column('position', name)) is not None:
         apart = np.interp(effort.stamp, command.stamp, goal) - moved
         scale = float(apart @ values) / (float(apart @ apart) or 1.0)
         if np.abs(values - scale * apart).max() <= _SAME * np.abs(values).max():
             text = f'the effort is {scale:.6g} times set-point less position, to the last digit: '
-            remedy = 'name the column or topic of the torque'
-            yield 'effort_error', f'{text}the following error, no torque; {remedy}'
+            text += 'the following error, no torque; name the column or topic of the torque'
+            yield 'effort_error', text
     whole = np.array_equal(values, np.round(values))
     above = 100.0 * float(np.mean(values >= _SIGN_BIT))
     if whole and values.min() >= 0.0 and values.max() < 2 * _SIGN_BIT and 5.0 < above < 95.0:
@@ -226,19 +224,12 @@ Said = tuple[Level, str, str]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found.
+    """One thing found."""
 
-    Attributes:
-        level: `ok`, `warn` (the result may suffer) or `error` (identification is of no use).
-        code: A stable short name, as `effort_sign`.
-        subject: A stream's role, a drive, or empty for the recording.
-        sentence: What was found, and the remedy where there is something to do.
-    """
-
-    level: Level
-    code: str
-    subject: str
-    sentence: str
+    level: Level  # `warn`: the result may suffer; `error`: identification is of no use
+    code: str  # a stable short name, as `effort_sign`
+    subject: str  # a stream's role, a drive, or empty for the recording
+    sentence: str  # what was found, and the remedy where there is something to do
 
 
 def about(subject: str, said: Iterable[Said]) -> list[Finding]:
@@ -248,34 +239,21 @@ def about(subject: str, said: Iterable[Said]) -> list[Finding]:
 
 @dataclass(frozen=True)
 class DriveSummary:
-    """How far one drive moved in one recording.
+    """How far one drive moved in one recording."""
 
-    Attributes:
-        recording: Number of the recording, from 0.
-        drive: Joint name.
-        stroke: Largest less smallest position, rad or m.
-        effort_rest: Mean effort at rest, N m or N; NaN where not measured.
-    """
-
-    recording: int
-    drive: str
-    stroke: float
-    effort_rest: float
+    recording: int  # its number, from 0
+    drive: str  # joint name
+    stroke: float  # largest less smallest position, rad or m
+    effort_rest: float  # mean effort at rest, N m or N; NaN where not measured
 
 
 @dataclass(frozen=True)
 class Report:
-    """The judgement on some recordings.
+    """The judgement on some recordings."""
 
-    Attributes:
-        source: Where they come from.
-        drives: One entry per drive whose motion was measured.
-        findings: Everything found, worst first.
-    """
-
-    source: str
-    drives: tuple[DriveSummary, ...] = ()
-    findings: tuple[Finding, ...] = ()
+    source: str  # where they come from
+    drives: tuple[DriveSummary, ...] = ()  # one entry per drive whose motion was measured
+    findings: tuple[Finding, ...] = ()  # everything found, worst first
 
     def __post_init__(self) -> None:
         """Sort the findings, worst first."""
@@ -338,13 +316,11 @@ def check(
 
 
 def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
-    """Judge rate, gaps and missing values of one stream."""
     steps, samples = np.diff(stream.stamp) * 1e-9, stream.stamp.size
     period = sample_period(stream.stamp)
-    gap = steps > 1.5 * period
+    near = steps[steps <= 1.5 * period]
     missing = missing_samples(steps, period)
     share = (missing or 0) / (samples + (missing or 0))
-    scatter = float(np.std(steps[~gap])) if (~gap).any() else 0.0
     text = f'{samples} samples of {"+".join(stream.fields)} in {stream.duration:.4g} s'
     level: Level = 'ok'
     if missing is None:
@@ -353,30 +329,30 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
         text += 'log at a fixed rate, stamped where they are taken'
     else:
         text += f', at {1.0 / period if period else 0.0:.6g} Hz, {missing or "none"} missing, '
-        text += f'stamps scatter by {scatter * 1e3:.3g} ms'
+        text += f'stamps scatter by {float(np.std(near)) * 1e3 if near.size else 0.0:.3g} ms'
     if share > _MISSING_WARN:
         level = 'error' if share > _MISSING_ERROR else 'warn'
         text += f'; {100.0 * share:.3g} % are missing, the longest gap lasts {steps.max():.3g} s: '
         text += 'record on the machine itself, or with a larger cache'
     yield level, 'missing', text
     for field, values in stream.fields.items():
-        shares = np.isnan(values).mean(axis=0).tolist()
-        for name, share in zip(stream.names, shares, strict=True):
-            what = f'{field} of {name}'
+        for name, share in zip(stream.names, np.isnan(values).mean(axis=0).tolist(), strict=True):
+            what, text = f'{field} of {name}', ''
             if share == 1.0:
-                remedy = ': it was not measured'
+                text = f'every value of the {what} is NaN: it was not measured'
                 if role != 'effort' and field == 'effort':
-                    remedy = '; name the topic that carries it, or switch its measurement on'
-                yield 'warn', 'nan', f'every value of the {what} is NaN{remedy}'
+                    text = f'every value of the {what} is NaN; name the topic that carries it, or '
+                    text += 'switch its measurement on'
             elif share > _MISSING_WARN:
-                text = f'{100.0 * share:.3g} % of the values of the {what} are missing or NaN'
-                yield 'warn', 'nan', f'{text}: they are left out'
+                text = f'{100.0 * share:.3g} % of the values of the {what} are missing or NaN: '
+                text += 'they are left out'
+            if text:
+                yield 'warn', 'nan', text
 
 
 def _judge_drives(
     number: int, recording: Recording, wanted: Sequence[str] | None, gravity: float
 ) -> tuple[list[DriveSummary], list[Finding]]:
-    """Judge motion and effort of every drive."""
     names = recording.state.names if recording.state else ()
     recording, integrated = with_positions(recording, names)
     state = recording.state
