@@ -18,7 +18,7 @@ from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, nameless, role
 from ros2_ident.recording.scan import scan
 from ros2_ident.recording.storage import Damage, damaged, digest, storage_files, SUFFIXES, unpacked
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
-from ros2_ident.recording.table import ARRAYS, read_arrays, read_table, TABLES
+from ros2_ident.recording.table import ARRAYS, read_columns, TABLES
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,9 @@ def read_bag(
     path = Path(path)
     topics = topics or Topics()
     try:
-        if path.suffix.lower() in TABLES:
-            return read_table(path, topics.columns)
-        if path.suffix.lower() in ARRAYS and not path.is_dir():
-            return read_arrays(path, topics.columns)
+        suffix = path.suffix.lower()
+        if suffix in TABLES or (suffix in ARRAYS and not path.is_dir()):
+            return read_columns(path, topics.columns)
         if is_lerobot(path):
             roles = [role for role in ROLES if topics.topic(role)]
             return read_lerobot(path, roles, topics.position_unit, topics.columns, travel)

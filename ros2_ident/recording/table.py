@@ -44,26 +44,31 @@ _Row = tuple[int, list[str]]
 _Convert = Callable[[str], Any]
 
 
-def read_table(path: str | Path, columns: str | Path = '') -> list[Recording]:
-    """Read a text file with one row per sample.
+def read_columns(path: Path, columns: str | Path = '') -> list[Recording]:
+    """Read a table, a text file with one row per sample, or arrays of samples.
 
     Args:
-        columns: The column map; where empty, `NAME.columns.yaml` beside `NAME.csv`.
+        columns: The column map; where empty, `NAME.columns.yaml` beside the file.
 
     Returns:
-        One recording per uninterrupted stretch. A row in which every column of a stream is empty
-        is no sample of it, so that streams of different rates fit into one table.
+        One recording per uninterrupted stretch, and per group that a `*` in the map of arrays
+        stands for. A row of a table in which every column of a stream is empty is no sample of
+        it, so that streams of different rates fit into one.
 
     Raises:
-        IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES, or INVALID_GOAL for the map; each with the
-            remedy.
+        IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES, DAMAGED_BAG, or INVALID_GOAL for the map
+            and for a library that is not there; each with the remedy.
     """
-    path = Path(path)
+    arrays = path.suffix.lower() in ARRAYS
     if why := unreadable(path):
-        text = f'{path}: {why}; give the path of a bag or a CSV file'
-        raise ErrorCode.NO_DATA.error(text)
-    text = text_of(path)
+        kind = 'a log' if arrays else 'a bag or a CSV file'
+        raise ErrorCode.NO_DATA.error(f'{path}: {why}; give the path of {kind}')
     where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
+    return _read_arrays(path, where) if arrays else _read_table(path, where)
+
+
+def _read_table(path: Path, where: Path) -> list[Recording]:
+    text = text_of(path)
     if not where.exists():
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
         text = f'is a table and {where} is missing; write this map as in docs/logs.md, or by '
@@ -210,8 +215,6 @@ def _converted(
     return out
 
 
-# ---------------------------------------------------------------------- files of arrays
-
 # Names of the arrays of a file, what returns one, and what was left out of it.
 _Opened = tuple[Sequence[str], Callable[[str], NDArray[Any]], Sequence[str]]
 # A name, and of several columns the number of one, or some as a slice.
@@ -219,22 +222,7 @@ _CELL = re.compile(r'(.*?)(?:\[(-?\d+)\]|\[(-?\d*):(-?\d*)\])?', re.DOTALL)
 _MOST_NAMES = 100_000
 
 
-def read_arrays(path: Path, columns: str | Path = '') -> list[Recording]:
-    """Read arrays of samples, in a file with one of the suffixes `ARRAYS`.
-
-    Args:
-        columns: The column map; where empty, `NAME.columns.yaml` beside the file.
-
-    Returns:
-        One recording per uninterrupted stretch, and per group that a `*` in its map stands for.
-
-    Raises:
-        IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES, DAMAGED_BAG, or INVALID_GOAL for the map
-            and for a library that is not there; each with the remedy.
-    """
-    if why := unreadable(path):
-        raise ErrorCode.NO_DATA.error(f'{path}: {why}; give the path of a log')
-    where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
+def _read_arrays(path: Path, where: Path) -> list[Recording]:
     found = []
     with ExitStack() as stack:
         with _careful(path):

@@ -16,14 +16,14 @@ from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bag, scale_effort, table
 from ros2_ident.recording.columns import load_columns, load_topics
 from ros2_ident.recording.headers import header_of
-from ros2_ident.recording.table import read_table
+from ros2_ident.recording.table import read_columns
 
 
 def read(tmp_path, text, more='', joints='a: {position: q}', time='t', unit='s'):
     (tmp_path / 'log.csv').write_bytes(text if isinstance(text, bytes) else text.encode())
     where = tmp_path / 'map.yaml'
     where.write_text(f'time: {{column: {time}, unit: {unit}}}\njoints: {{{joints}}}\n{more}')
-    return read_table(tmp_path / 'log.csv', where)
+    return read_columns(tmp_path / 'log.csv', where)
 
 
 def tabled(path, recording):
