@@ -15,18 +15,10 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 
+from ros2_ident.recording import definition as forms
 from ros2_ident.recording.cdr import JOINT_STATE as JOINT_STATE
 from ros2_ident.recording.cdr import Layout, Parse, Pick, remembered, VALUES
-from ros2_ident.recording.definition import (
-    Definition,
-    definition_of,
-    found_at,
-    Numbers,
-    Path,
-    path_of,
-    standard_of,
-    walker,
-)
+from ros2_ident.recording.definition import Definition, Path, path_of
 from ros2_ident.recording.streams import FIELDS, IntArray, ROLES
 
 _FOLDER = File(__file__).with_name('maps')
@@ -96,8 +88,8 @@ def map_of(kind: str) -> MessageMap | None:
             names[role] = path_of(titles)
     stamp = data.get('stamp', {})
     parts = tuple((path_of(path), 10 ** DIGITS[unit]) for path, unit in stamp.items())
-    text = data.get('definition', '')
-    known = definition_of(kind, 'ros2msg', text.encode()) if text else standard_of(kind)
+    text = data.get('definition', '').encode()
+    known = forms.definition_of(kind, 'ros2msg', text) if text else forms.standard_of(kind)
     definition = Definition(kind, known.types, whole=not text) if known else None
     clock: Clock = 'counter' if data.get('counter') else 'stamp' if parts else 'none'
     joints = tuple(data.get('joints', '').split())
@@ -187,17 +179,17 @@ def parser(
             sources[field] = path, source
     titles = about.names.get(role)
     wanted = [*(path for path, _ in sources.values()), *(path for path, _ in about.stamp)]
-    walk = walker(known, [*wanted, *([titles] if titles else [])])
+    walk = forms.walker(known, [*wanted, *([titles] if titles else [])])
     usual = 'effort' if role == 'effort' else 'position'
 
     def parse(data: bytes) -> Layout:
         tree, cursor = walk(data)
-        joints = tuple(found_at(tree, titles) if titles else names)
+        joints = tuple(forms.found_at(tree, titles) if titles else names)
         if not all(isinstance(x, str) for x in joints):
             raise ValueError('names that are no texts')
         picks: list[Pick] = []
         for field, (path, source) in sources.items():
-            places, form = _numbers(found_at(tree, path))
+            places, form = _numbers(forms.found_at(tree, path))
             if source.chosen:
                 joints, entry = about.joints, source.entry(places.size)
                 picks.append(Pick(0, np.array([int(field)]), places[[entry]], form))
@@ -213,7 +205,7 @@ def parser(
                     raise ValueError(f'{len(joints)} names but an array of {where.size} values')
                 number, every = VALUES.index(name), np.arange(where.size)
                 picks.append(Pick(number, every, where, form, source.scale, source.absent))
-        parts = ((found_at(tree, path)[0], factor) for path, factor in about.stamp)
+        parts = ((forms.found_at(tree, path)[0], factor) for path, factor in about.stamp)
         stamp = tuple((x.at, x.format, factor) for x, factor in parts)
         layout = Layout(joints, tuple(picks), cursor.fixed, cursor.big, stamp)
         return _present(layout) if titles else layout
@@ -223,13 +215,13 @@ def parser(
 
 def _numbers(found: Sequence[Any]) -> tuple[IntArray, str]:
     """Return the places (N,) of numbers, -1 where there is none, and their format."""
-    if not all(isinstance(x, Numbers) for x in found):
+    if not all(isinstance(x, forms.Numbers) for x in found):
         raise ValueError('values that are no numbers')
-    forms = {x.format for x in found if x.at >= 0} or {'f8'}
-    if len(forms) > 1:
+    written = {x.format for x in found if x.at >= 0} or {'f8'}
+    if len(written) > 1:
         raise ValueError('values of several formats')
     places = [x.places if x.at >= 0 else np.full(1, -1) for x in found]
-    return np.concatenate(places or [np.empty(0, np.int64)]), forms.pop()
+    return np.concatenate(places or [np.empty(0, np.int64)]), written.pop()
 
 
 def _named(about: MessageMap, drives: Sequence[str], count: int) -> tuple[str, ...]:

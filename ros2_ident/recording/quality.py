@@ -14,15 +14,9 @@ from numpy.typing import NDArray
 import scipy
 
 from ros2_ident.errors import IdentError
+from ros2_ident.recording import motion as motions
 from ros2_ident.recording.grid import missing_samples, sample_period
-from ros2_ident.recording.motion import (
-    best_lag,
-    count_reversals,
-    fill_gaps,
-    LATEST,
-    Motion,
-    motion_of,
-)
+from ros2_ident.recording.motion import fill_gaps, Motion
 from ros2_ident.recording.streams import FloatArray, Recording, Stream, with_positions
 
 # The sign of an effort: mean power where a drive passes the same positions both ways. There what
@@ -363,7 +357,7 @@ def _judge_drives(
     findings: list[Finding] = []
     for name in (x for x in (state.names if wanted is None else wanted) if x in state.names):
         try:
-            motion = motion_of(recording, name)
+            motion = motions.motion_of(recording, name)
         except IdentError as exc:
             findings.append(Finding('error', exc.code.name.lower(), name, exc.message))
             continue
@@ -417,7 +411,7 @@ def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -
 
 def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
     """Judge whether a drive moved in a way that tells its parameters apart."""
-    turns = count_reversals(motion.velocity)
+    turns = motions.count_reversals(motion.velocity)
     text = f'stroke {drive.stroke:.3g}, top speed {np.abs(motion.velocity).max():.3g}, {turns} '
     text += f'reversals, {100.0 * motion.resting.mean():.0f} % of the time at rest'
     if turns == 0:
@@ -434,7 +428,7 @@ def _of_velocity(motion: Motion) -> Iterator[Said]:
     if motion.reported is None or np.isfinite(motion.reported).sum() < 20:
         return
     reported = motion.slowly(fill_gaps(motion.reported))
-    lag, gain, share = best_lag(motion.velocity[:, None], reported, motion.period, -0.02)
+    lag, gain, share = motions.best_lag(motion.velocity[:, None], reported, motion.period, -0.02)
     text = f'the reported velocity is {gain[0]:.3g} times the derivative of the position and '
     text += f'explains {100.0 * share:.0f} % of it'
     if share < 0.5 or not 0.9 < gain[0] < 1.1:
@@ -453,9 +447,9 @@ def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:
     place = motion.position - motion.position.mean()
     rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), place])
     smooth = motion.slowly(fill_gaps(effort))
-    lag, _, share = best_lag(motion.slowly(rows).T, smooth, motion.period, 0.0)
+    lag, _, share = motions.best_lag(motion.slowly(rows).T, smooth, motion.period, 0.0)
     # a fit that is best at the very edge, or poor, knows nothing of a delay
-    known = lag <= LATEST - 2.0 * motion.period and share >= _KNOWN
+    known = lag <= motions.LATEST - 2.0 * motion.period and share >= _KNOWN
     return lag if known else math.nan, share
 
 
