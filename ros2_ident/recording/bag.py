@@ -158,10 +158,9 @@ def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording
         _check_topics(path, content, roles, topics)
         notes = (*open_, *notes)
     read_from = [*files, Path(topics.columns)] if layouts else files
-    builder = RecordingBuilder(str(path), digest(read_from), notes)
     # damage says it all: metadata.yaml cannot fit a broken file
-    for sentence in content.warnings or warnings:
-        builder.warn(sentence)
+    said = content.warnings or warnings
+    builder = RecordingBuilder(str(path), digest(read_from), notes, said)
     for (topic, role), messages in content.messages.items():
         _tell(builder, role, topic, content, messages)
         if topic in layouts:

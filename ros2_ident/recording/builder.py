@@ -82,16 +82,20 @@ class RecordingBuilder:
         source: Where the messages come from, for the recordings and the errors.
         sha256: Hash of the bag, empty for live data.
         notes: What is worth knowing of where the values come from, one sentence each.
+        warnings: As `warn` takes them.
     """
 
-    def __init__(self, source: str = LIVE, sha256: str = '', notes: Sequence[str] = ()) -> None:
+    def __init__(
+        self, source: str = LIVE, sha256: str = '', notes: Sequence[str] = (),
+        warnings: Sequence[str] = (),
+    ) -> None:  # fmt: skip
         self.source, self.sha256, self.notes = source, sha256, tuple(notes)
         self.clear()
+        self._warnings += dict.fromkeys(warnings)
 
     def copied(self) -> 'RecordingBuilder':
         """Return a copy, which another thread may build while this one collects."""
-        other = RecordingBuilder(self.source, self.sha256, self.notes)
-        other._warnings += self._warnings
+        other = RecordingBuilder(self.source, self.sha256, self.notes, self._warnings)
         for role, x in self._tracks.items():
             other._tracks[role] = _Track([*x.blocks], {**x.joints}, x.count)
         return other
@@ -265,9 +269,8 @@ def _merge(
 ) -> tuple[IntArray, list[FloatArray | None], int]:
     """Join rows of equal stamps (T,): drives that publish one by one, or a value that came twice.
 
-    Returns:
-        Stamps (U,) without repetition, the fields (U, D) with the latest measured value of each
-        joint, and how many values were overwritten.
+    Stamps (U,) come back without repetition, the fields (U, D) with the latest measured value of
+    each joint, and how many values were overwritten.
     """
     starts = np.flatnonzero(np.diff(stamp, prepend=stamp[0] - 1))
     if starts.size == stamp.size:
@@ -314,10 +317,8 @@ def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
 
     A message that was merely overtaken has a stamp of its own, lies at most a few periods back,
     and the next stamps go on above the highest one so far; everything else that steps back is a
-    restart.
-
-    Returns:
-        Rows of each segment in the order of their stamps, and how many messages were overtaken.
+    restart. Rows of each segment come back in the order of their stamps, and how many messages
+    were overtaken.
     """
     steps = np.diff(stamp)
     back = np.flatnonzero(steps < 0) + 1

@@ -69,7 +69,7 @@ def read_lerobot(
     calibration: str = '',
     travel: Travel | None = None,
 ) -> list[Recording]:
-    """Read the episodes of a LeRobot folder.
+    """Read the episodes of a LeRobot folder, one recording each, positions in rad.
 
     Args:
         roles: What to read: `state`, `effort`, and `command` for the action.
@@ -77,9 +77,6 @@ def read_lerobot(
             ends of their joints.
         calibration: LeRobot's calibration file of the robot, which says how far joints turn.
         travel: Ends of the machine's joints, where its description has any.
-
-    Returns:
-        One recording an episode, positions in rad.
 
     Raises:
         IdentError: NO_DATA, MISSING_STREAM, DAMAGED_BAG or BAD_VALUES; WRONG_UNITS where more than
@@ -104,9 +101,7 @@ def read_lerobot(
         rows = np.flatnonzero(episode == number)
         rows = rows[np.argsort(frame[rows], kind='stable')]
         source = f'{path}/episode_{number:06d}' if numbers.size > 1 else str(path)
-        builder = RecordingBuilder(source, total, notes)
-        for sentence in said:
-            builder.warn(sentence)
+        builder = RecordingBuilder(source, total, notes, said)
         stamp = np.round(frame[rows] * (1e9 / rate)).astype(np.int64)
         pairs = zip(columns, values[rows].T, strict=True)
         builder.add_columns(stamp, {key: x for key, x in pairs if not np.isnan(x).all()})

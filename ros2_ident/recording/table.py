@@ -84,9 +84,7 @@ def _recorded(
     values: Sequence[FloatArray], warnings: Sequence[str],
 ) -> list[Recording]:  # fmt: skip
     """Return recordings of columns (T,) with their stamps (T,), ns."""
-    builder = RecordingBuilder(source, digest(files))
-    for sentence in warnings:
-        builder.warn(sentence)
+    builder = RecordingBuilder(source, digest(files), warnings=warnings)
     builder.add_columns(stamp, maps.summed(str(files[0]), layout.columns, stamp, values))
     return builder.build()
 
