@@ -162,11 +162,8 @@ def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
     """Find the grid of a stated step, s, on which the times (T,), s, cluster best.
 
     The mean phase vector of short windows turns at a constant rate where the step is longer or
-    shorter than stated; the strongest line of its spectrum is that rate.
-
-    Returns:
-        Drift (a share of the step), phase of the grid, s, and the length of the mean phase vector,
-        0 to 1.
+    shorter than stated; the strongest line of its spectrum is that rate. Drift (a share of the
+    step), phase of the grid, s, and the length of the mean phase vector, 0 to 1, come back.
     """
     # within a window the largest drift turns the phase by a fifth of a turn
     width = 0.2 * step / _DRIFT_LIMIT
