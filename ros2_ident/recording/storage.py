@@ -65,14 +65,10 @@ class Losses:
         return ' and '.join(parts) or 'messages are missing' * bool(self.messages)
 
 
-def open_zstd(source: Any) -> Any:
-    """Return a file of what zstd frames, one after the other, decompress to."""
-    return ZstdDecompressor().stream_reader(source, read_across_frames=True)
-
-
-_OPEN: dict[str, Callable[[bytes], Any]] = {
+# Files of what blocks decompress to, of zstd also frames one after the other.
+_OPEN: dict[str, Callable[[Any], Any]] = {
     '': BytesIO,
-    'zstd': open_zstd,
+    'zstd': lambda packed: ZstdDecompressor().stream_reader(packed, read_across_frames=True),
     'lz4': lambda packed: LZ4FrameFile(BytesIO(packed)),
     'bz2': lambda packed: BZ2File(BytesIO(packed)),
 }
@@ -200,7 +196,7 @@ def _unpack_file(path: Path, target: Path) -> bool:
     # the disk is other programs' too
     free = shutil.disk_usage(target.parent).free // 2
     left = most = min(limit('unpacked'), total_of(size), free)
-    with path.open('rb') as source, open_zstd(source) as pieces, target.open('wb') as sink:
+    with path.open('rb') as source, _OPEN['zstd'](source) as pieces, target.open('wb') as sink:
         try:
             while piece := pieces.read(1 << 13):
                 left -= len(piece)
