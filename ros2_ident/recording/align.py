@@ -386,7 +386,7 @@ _STEP_RATIO = 8.0
 def interpolate_setpoint(
     time: FloatArray, position: FloatArray, velocity: FloatArray | None, wanted: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return one drive's set-point (K,) and its velocity (K,) at every cycle.
+    """Evaluate one drive's set-point at every cycle.
 
     Smooth stretches are a spline through the samples: quintic where they are evenly spaced, cubic
     where not (it reacts less to samples that lie close together), and cubic Hermite where the log
@@ -399,6 +399,9 @@ def interpolate_setpoint(
         velocity: Its velocity (T,), rad/s or m/s, or None where the log holds none.
         wanted: Times (K,) to evaluate at, s, increasing; beyond the samples the nearest one is
             held.
+
+    Returns:
+        Set-point (K,) and its velocity (K,).
     """
     time, position, velocity = _fill_holds(time, position, velocity)
     out, rate = np.zeros((2, wanted.size))

@@ -160,9 +160,14 @@ class RecordingBuilder:
     def add_columns(
         self, stamp: IntArray, columns: Mapping[tuple[str, str, str], FloatArray]
     ) -> None:
-        """Append a table: stamps (T,), ns, and values (T,) by role, joint and field.
+        """Append a table; a row without any value of a role is no message of it.
 
-        A row without any value of a role is no message of it. Raises as `add_block`.
+        Args:
+            stamp: Stamps of the rows (T,), ns.
+            columns: Values (T,) by role, joint and field.
+
+        Raises:
+            IdentError: As `add_block`.
         """
         for role in dict.fromkeys(role for role, *_ in columns):
             joints = list(dict.fromkeys(joint for of, joint, _ in columns if of == role))
@@ -267,10 +272,15 @@ def _in_range(recording: Recording, warnings: list[str]) -> Recording:
 def _merge(
     stamp: IntArray, fields: list[FloatArray | None]
 ) -> tuple[IntArray, list[FloatArray | None], int]:
-    """Join rows of equal stamps (T,): drives that publish one by one, or a value that came twice.
+    """Join rows of equal stamps: drives that publish one by one, or a value that came twice.
 
-    Stamps (U,) come back without repetition, the fields (U, D) with the latest measured value of
-    each joint, and how many values were overwritten.
+    Args:
+        stamp: Stamps (T,), ns, never decreasing.
+        fields: Arrays (T, D) or None.
+
+    Returns:
+        Stamps (U,) without repetition, the fields (U, D) with the latest measured value of each
+        joint, and how many values were overwritten.
     """
     starts = np.flatnonzero(np.diff(stamp, prepend=stamp[0] - 1))
     if starts.size == stamp.size:
@@ -313,12 +323,20 @@ def _find_stray(stamp: IntArray) -> IntArray:
 
 
 def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
-    """Cut a stream at the backward steps of its stamps (T,).
+    """Cut a stream at the backward steps of its stamps.
 
     A message that was merely overtaken has a stamp of its own, lies at most a few periods back,
     and the next stamps go on above the highest one so far; everything else that steps back is a
-    restart. Rows of each segment come back in the order of their stamps, and how many messages
-    were overtaken.
+    restart.
+
+    Args:
+        stamp: Stamps (T,), ns, in the order of arrival.
+
+    Returns:
+        Rows of each segment in the order of their stamps, and how many messages were overtaken.
+
+    Raises:
+        IdentError: BAD_VALUES where the stamps jump back and forth all the time.
     """
     steps = np.diff(stamp)
     back = np.flatnonzero(steps < 0) + 1

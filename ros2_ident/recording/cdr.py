@@ -81,9 +81,14 @@ def remembered(parse: Parse) -> Parse:
 
 
 def decode(messages: Sequence[bytes] | ByteTable, parse: Parse) -> list[Block]:
-    """Decode T messages of one topic, in order; of one size (L) also as an array (T, L).
+    """Decode serialised messages.
 
-    The blocks keep the order of the messages: concatenated, their `rows` are 0..T-1.
+    Args:
+        messages: T messages of one topic, in order; of one size (L) also as an array (T, L).
+        parse: Finds the parts of a message.
+
+    Returns:
+        Blocks in the order of the messages: concatenated, their `rows` are 0..T-1.
 
     Raises:
         ValueError: A message is of another type, or its arrays do not fit its names.

@@ -44,7 +44,12 @@ class Trajectory:
 
 
 def parse_trajectory(data: bytes, arrival: int, gaps: bool = True) -> Trajectory:
-    """Read one serialised JointTrajectory that came at a time, ns; of ROS 2 where it has `gaps`.
+    """Read one serialised JointTrajectory.
+
+    Args:
+        data: The message; of ROS 2 with its four bytes of encapsulation.
+        arrival: When it came, ns.
+        gaps: Whether it is of ROS 2, as `Definition` has it.
 
     Raises:
         ValueError: The bytes are no JointTrajectory, or it can not be followed.
@@ -75,8 +80,12 @@ def parse_trajectory(data: bytes, arrival: int, gaps: bool = True) -> Trajectory
 def set_points(trajectories: Sequence[Trajectory]) -> list[Block]:
     """Return the set-point that a controller makes of trajectories, sampled evenly.
 
-    One block for each set of joints: stamps, positions (T, D) and velocities (T, D). Trajectories
-    for the same joints replace each other, in the order in which they came, from their start on.
+    Args:
+        trajectories: In the order in which they came; those for the same joints replace each
+            other from their start on.
+
+    Returns:
+        One block for each set of joints: stamps, positions (T, D) and velocities (T, D).
 
     Raises:
         IdentError: BAD_VALUES where it would take more memory than allowed.

@@ -119,10 +119,12 @@ class Definition:
 
 
 def definition_of(kind: str, form: str, data: bytes) -> Definition | None:
-    """Return what a definition in a file says of a type, None where it cannot be read.
+    """Return what a definition in a file says, None where it says nothing that can be read.
 
-    Its form is one of `OF_ROS`, its data UTF-8 with the types it is made of, each after a line of
-    `=`.
+    Args:
+        kind: The message type.
+        form: `ros2msg`, `ros2idl` or `ros1msg`.
+        data: UTF-8, with the types it is made of, each after a line of `=`.
     """
     if not 0 < len(data) <= _LARGEST or form not in OF_ROS:
         return None
@@ -249,9 +251,15 @@ class Cursor:
 def walker(
     definition: Definition, paths: Iterable[Path]
 ) -> Callable[[bytes], tuple[Mapping[str, Any], Cursor]]:
-    """Return what finds fields in a message of a type: their places, nested, and what walked.
+    """Return what finds fields in a message: their places, nested, and what walked over it.
 
-    It raises ValueError where the bytes are no such message, and IdentError as `Cursor`.
+    Args:
+        definition: Of the message's type.
+        paths: Of the fields.
+
+    Raises:
+        ValueError: When called, where the bytes are no such message.
+        IdentError: When called, as `Cursor`.
     """
     kept: dict[str, Any] = {}
     for path in paths:

@@ -47,9 +47,10 @@ class Ticks:
 
 
 def sample_period(stamp: IntArray) -> float:
-    """Return the typical spacing of samples, s, by increasing stamps (T,), ns; 0 for one sample.
+    """Return the typical spacing of samples, s: robust against drops and jitter; 0 for one sample.
 
-    Drops and jitter hardly change it.
+    Args:
+        stamp: Stamps (T,), ns, increasing.
     """
     steps = np.diff(stamp)
     if not steps.size:
@@ -63,9 +64,11 @@ def sample_period(stamp: IntArray) -> float:
 
 
 def missing_samples(steps: NDArray[np.number], period: float) -> int | None:
-    """Return how many samples did not come, by the steps (T,) and the usual one.
+    """Return how many samples did not come, None where they come unevenly, so that none is due.
 
-    None where they come unevenly, so that none is due.
+    Args:
+        steps: From sample to sample (T,).
+        period: The usual step.
     """
     shares = steps / (period or 1.0)
     whole = np.maximum(np.round(shares), 1.0)
@@ -75,7 +78,7 @@ def missing_samples(steps: NDArray[np.number], period: float) -> int | None:
 
 
 def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
-    """Number the samples of a stream in controller cycles, from that nearest to a reference on.
+    """Number the samples of a stream in controller cycles.
 
     Where the stamps are sharp on the cycles, or the spacing is a multiple of the cycle, numbers
     are the increasing integers nearest to the stamps (isotonic regression, so that no two samples
@@ -85,6 +88,9 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
         stamp: Stamps (T,), ns, strictly increasing.
         reference: The stamp that phases and numbers count from, ns.
         cycle: Controller cycle, s.
+
+    Returns:
+        The numbers, counted from the cycle nearest to the reference.
 
     Raises:
         IdentError: BAD_VALUES where the cycle is no positive time.
@@ -159,11 +165,18 @@ def _regular(time: FloatArray, stride: int, cycle: float, least: float) -> Ticks
 
 
 def _search(time: FloatArray, step: float) -> tuple[float, float, float]:
-    """Find the grid of a stated step, s, on which the times (T,), s, cluster best.
+    """Find the grid on which the times cluster best.
 
     The mean phase vector of short windows turns at a constant rate where the step is longer or
-    shorter than stated; the strongest line of its spectrum is that rate. Drift (a share of the
-    step), phase of the grid, s, and the length of the mean phase vector, 0 to 1, come back.
+    shorter than stated; the strongest line of its spectrum is that rate.
+
+    Args:
+        time: Times (T,), s.
+        step: Stated step of the grid, s.
+
+    Returns:
+        Drift (a share of the step), phase of the grid, s, and the length of the mean phase vector,
+        0 to 1.
     """
     # within a window the largest drift turns the phase by a fifth of a turn
     width = 0.2 * step / _DRIFT_LIMIT

@@ -42,7 +42,11 @@ class Source:
     chosen: tuple[str, int, int] | None = None
 
     def entry(self, count: int) -> int:
-        """Return the number of the chosen entry of so many; raise ValueError where they differ."""
+        """Return the number of the chosen entry of so many.
+
+        Raises:
+            ValueError: There are not as many as there have to be.
+        """
         assert self.chosen is not None
         text, entry, of = self.chosen
         if count != of:

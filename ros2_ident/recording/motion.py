@@ -104,14 +104,15 @@ def samples_of(row: FloatArray, cycle: float) -> tuple[NDArray[np.intp], float]:
 
 
 def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
-    """Return the cutoff with which positions can be smoothed: as wanted, Hz, or what may be.
-
-    That is a fifth of the rate of the slowest drive's samples.
+    """Return the cutoff with which positions can be smoothed, as near to the wanted one as may be.
 
     Args:
         position: Measured positions (D, K), NaN at cycles without a sample.
         cycle: Time from cycle to cycle, s.
         wanted: Frequency up to which motion is wanted, Hz.
+
+    Returns:
+        The frequency wanted, or a fifth of the rate of the slowest drive's samples, Hz.
     """
     periods = (samples_of(row, cycle)[1] for row in np.atleast_2d(position))
     return min(wanted, ROOM / max(periods, default=cycle))
@@ -178,7 +179,9 @@ MANY = 300_000
 def butterworth(order: int, share: float) -> tuple[FloatArray, FloatArray]:
     """Return poles (order,) and second-order sections (order / 2, 6), by the bilinear transform.
 
-    Of an even order, and the cutoff as a share of half the rate.
+    Args:
+        order: Even.
+        share: Cutoff over half the rate.
     """
     wide = 4.0 * np.tan(np.pi * share / 2.0)
     analogue = -wide * np.exp(1j * np.pi * np.arange(1.0 - order, order, 2.0) / (2 * order))
@@ -230,7 +233,7 @@ def settling(cycle: float, cutoff: float) -> int:
 
 
 def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDER) -> FloatArray:
-    """Return rows (..., K) after a low-pass that runs forwards and backwards: no delay.
+    """Low-pass rows forwards and backwards: no delay.
 
     Args:
         values: Rows (..., K) without NaN.
@@ -238,6 +241,9 @@ def low_pass(values: FloatArray, cycle: float, cutoff: float, order: int = _ORDE
         cutoff: Frequency of gain one half, Hz; at or above half the rate the values come back as
             they are.
         order: Of the Butterworth filter that runs each way, even.
+
+    Returns:
+        The smooth rows (..., K).
     """
     if cutoff >= 0.499 / cycle:
         return np.array(values, dtype=np.float64)
@@ -321,8 +327,12 @@ _TURN = 3.0
 def told_band(data: Dataset) -> float:
     """Return the frequency below which motion tells efforts, Hz.
 
-    There the worst joint's readings ask for a third of the noise of its effort, or for a
-    thousandth of the effort if that is more; it is at most a tenth of the rate.
+    Args:
+        data: Positions and efforts of some joints; without efforts a tenth of the rate.
+
+    Returns:
+        Where the worst joint's readings ask for a third of the noise of its effort, or for a
+        thousandth of the effort if that is more; at most a tenth of the rate.
     """
     if data.position is None:
         return _HIGHEST / data.cycle
@@ -352,11 +362,7 @@ def standing(
     cutoff: float,
     least: FloatArray | None = None,
 ) -> NDArray[np.bool_]:
-    """Return where joints stand still or turn (D, K), as far as their readings tell.
-
-    That is where the readings of a period of the cutoff differ by no more than their step, their
-    noise or the least speed, and the samples at a change of direction, whose instant they do not
-    tell; nowhere for a joint that never moves.
+    """Return where joints stand still or turn, as far as their readings tell.
 
     Args:
         position: Measured (D, K), NaN at cycles without a sample.
@@ -364,6 +370,11 @@ def standing(
         cycle: Time from cycle to cycle, s.
         cutoff: Frequency up to which their motion is kept, Hz.
         least: (D,) speeds below which they stand all the same, rad/s or m/s.
+
+    Returns:
+        (D, K) where the readings of a period of the cutoff differ by no more than their step,
+        their noise or the least speed, and the samples at a change of direction, whose instant
+        they do not tell; nowhere for a joint that never moves.
     """
     out = np.zeros(position.shape, dtype=bool)
     slow = np.zeros(len(position)) if least is None else least

@@ -50,8 +50,12 @@ def _lone(
 ) -> tuple[IntArray, float]:
     """Return the samples (N,) of a signal (T,) that jump away and back, and the largest jump.
 
-    They are among those `found`, which increase; what is `least` is no jump. None where they last
-    as long as a machine could move, or are so many that the signal is like that.
+    None where they last as long as a machine could move, or are so many that the signal is like
+    that.
+
+    Args:
+        found: Where they may be, increasing.
+        least: What is no jump.
     """
     rows: list[int] = []
     largest, longest = 0.0, 0.0
@@ -92,8 +96,12 @@ def _floor(x: FloatArray, rule: _Rule) -> float:
 def _candidates(x: FloatArray, rule: _Rule, least: FloatArray) -> tuple[IntArray, IntArray]:
     """Return where a cubic through two samples on each side is far off, and not so beside it.
 
-    Of signals (T, D), and what is no jump of each (D,): samples (N,), increasing, and their
-    signals; none with a NaN among the samples around.
+    Args:
+        x: Signals (T, D).
+        least: What is no jump of each (D,).
+
+    Returns:
+        Samples (N,), increasing, and their signals; none with a NaN among the samples around.
     """
     far, (size, joints) = 8, x.shape
     # a run of samples shows half its jump at its edges
@@ -194,11 +202,16 @@ def _found(
 def leave_out(
     role: str, stamp: IntArray, names: Sequence[str], fields: Sequence[FloatArray | None]
 ) -> list[str]:
-    """Set the lone jumps of a role's stream to NaN, in place; say it of each signal with one.
+    """Set the lone jumps of a stream to NaN, in place.
 
     Args:
+        role: `state`, `effort` or `command`.
         stamp: Stamps (T,), ns, increasing.
-        fields: Position, velocity and effort of the D joints named, each (T, D) or None.
+        names: The D joints.
+        fields: Position, velocity and effort, each (T, D) or None.
+
+    Returns:
+        What was found, one sentence for each signal.
     """
     said = []
     for field, values in zip(FIELDS, fields, strict=True):

@@ -82,7 +82,11 @@ class Budget:
         self._left = total_of(size)
 
     def take(self, size: int) -> None:
-        """Allow a block to decompress to `size` bytes; raise `Damage` where it may not."""
+        """Allow a block to decompress to `size` bytes.
+
+        Raises:
+            Damage: It may not.
+        """
         if size > self.chunk:
             text = f'a block claims to unpack to {size_text(size)}, more than the '
             raise Damage(f'{text}{size_text(self.chunk)} allowed ({variable_of("chunk")})')
@@ -93,10 +97,14 @@ class Budget:
 
 
 def inflate(method: str, packed: bytes, most: int) -> tuple[bytes, bool]:
-    """Decompress a block ('', 'zstd', 'lz4' or 'bz2') as far as it goes, to at most `most` bytes.
+    """Decompress a block as far as it goes.
+
+    Args:
+        method: '', 'zstd', 'lz4' or 'bz2'.
+        most: Bytes to which it may decompress.
 
     Returns:
-        These, and whether nothing in the block is damaged and no more would come.
+        At most `most` bytes, and whether nothing in the block is damaged and no more would come.
     """
     pieces, size, sound = list[bytes](), 0, method in _OPEN
     try:

@@ -102,7 +102,14 @@ class Stream:
         return Stream(self.names, self.stamp[rows], **fields)
 
     def column(self, field: str, name: str) -> FloatArray | None:
-        """Return a joint's samples (T,) of a field by its name, None where never measured."""
+        """Return one joint's samples of a field.
+
+        Args:
+            field: `position`, `velocity` or `effort`.
+
+        Returns:
+            Samples (T,), or None where the joint or the field was never measured.
+        """
         array = self.values(field)
         if array is None or name not in self.names:
             return None
@@ -179,10 +186,14 @@ class Recording:
 
 
 def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> Recording:
-    """Convert the efforts of a recording, the command's feed-forward too, from its log's unit.
+    """Convert the measured efforts of a recording.
 
     Args:
+        recording: The recording in its log's unit.
         factor: To N m (or N), of all joints or by joint; those it does not name stay.
+
+    Returns:
+        The recording with state and effort streams scaled; the command's feed-forward effort too.
 
     Raises:
         IdentError: WRONG_UNITS where the factor is no finite number other than zero.
@@ -203,9 +214,14 @@ def scale_effort(recording: Recording, factor: float | Mapping[str, float]) -> R
 def with_positions(
     recording: Recording, names: Collection[str]
 ) -> tuple[Recording, tuple[str, ...]]:
-    """Integrate the speeds of joints without positions, by trapezia from 0; return which, too.
+    """Integrate the speeds of joints without positions, by trapezia from 0.
 
-    Beside a set-point nothing is integrated: where the motion began is not known.
+    Args:
+        recording: The recording. Beside a set-point nothing is integrated: where the motion began
+            is not known.
+
+    Returns:
+        The recording with positions, and the joints whose positions are integrals.
     """
     state = recording.state
     if state is None or state.velocity is None or recording.command is not None:

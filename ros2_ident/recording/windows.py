@@ -48,9 +48,13 @@ def effort_samples(recording: Recording, drives: Sequence[str]) -> int:
 def choose_windows(
     recordings: Sequence[Recording], drives: Sequence[str], samples: int = SAMPLES
 ) -> Windows | None:
-    """Choose so many effort samples of all drives together to fit on, at least one window.
+    """Choose what to fit on.
 
-    None where the log has no more samples than that.
+    Args:
+        samples: Effort samples to fit on, all drives together; at least one window is taken.
+
+    Returns:
+        The windows, or None where the log has no more samples than that.
     """
     whole = sum(effort_samples(x, drives) for x in recordings)
     if whole <= samples:
