@@ -37,10 +37,16 @@ def plain(value: Any) -> Any:
 
 
 def fast_noise(*series: Array) -> float:
-    """Return the standard deviation of what is fast in series (R,) of samples, taken as white.
+    """Return the standard deviation of what is fast in series of samples, taken as white.
 
-    By the median, so that impacts do not count; 0 where no series is long enough for a difference.
-    Source: Hall, Kay and Titterington (1990), Biometrika 77(3).
+    Args:
+        series: Each (R,) a time series; those too short for a difference tell nothing.
+
+    Returns:
+        By the median, so that impacts do not count; 0 where there is no difference.
+
+    Reference:
+        Hall, Kay and Titterington (1990), Biometrika 77(3).
     """
     fast = np.abs(np.concatenate([np.empty(0), *(np.diff(row, _ORDER) for row in series)]))
     return float(np.median(fast / _GAIN)) / MEDIAN if fast.size else 0.0

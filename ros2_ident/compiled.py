@@ -35,7 +35,11 @@ def digest_of(*paths: Path) -> str:
 
 
 def package_digest(package: Path) -> str:
-    """Return the digest for a copy of this package in a folder."""
+    """Return the digest for a copy of this package.
+
+    Args:
+        package: Its folder.
+    """
     files = [
         path
         for path in sorted((*package.rglob('*.py'), *package.rglob('*.yaml')))
@@ -52,7 +56,16 @@ def result_digest() -> str:
 
 
 def compiled(function: F, sources: str, **options: Any) -> F:
-    """Compile a function as `cached` does; `sources` is the digest of all that it is made of."""
+    """Compile a function, releasing the GIL, cached on disk.
+
+    Args:
+        function: A function in the subset of Python that numba compiles.
+        sources: Digest of all sources it is made of.
+        options: More of numba's.
+
+    Returns:
+        The compiled function under the type of the plain one.
+    """
     dispatcher: Any = cached(function, **options)
     cache_file = getattr(getattr(dispatcher, '_cache', None), '_cache_file', None)
     if cache_file is not None:

@@ -355,9 +355,13 @@ def room(*shape: int) -> np.ndarray:
 
 
 def padded(values: np.ndarray) -> np.ndarray:
-    """Return candidates (S, N) in whole vectors (G, N, WIDTH), C-contiguous.
+    """Pad candidates to whole vectors.
 
-    Candidate g * WIDTH + k is in lane k of block g; the last one is repeated, so no lane diverges.
+    Args:
+        values: (S, N) one candidate a row; the last is repeated, so no lane diverges.
+
+    Returns:
+        (G, N, WIDTH) C-contiguous: candidate g * WIDTH + k is in lane k of block g.
     """
     groups = -(-values.shape[0] // WIDTH)
     whole = np.pad(values, ((0, groups * WIDTH - values.shape[0]), (0, 0)), mode='edge')

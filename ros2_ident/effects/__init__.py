@@ -61,9 +61,12 @@ class Catalogue:
         self.add_files(filter(None, os.environ.get(VARIABLE, '').split(os.pathsep)))
 
     def add_files(self, paths: Iterable[str]) -> None:
-        """Make effects known that Python files define as EFFECT.
+        """Make effects known that lie in files of their own, one each.
 
         Processes that simulate for this one learn of them by an environment variable.
+
+        Args:
+            paths: Python files that define EFFECT.
 
         Raises:
             IdentError: INVALID_GOAL where a file holds no effect, its id is taken, or the
@@ -159,9 +162,11 @@ add_effect_files, composed = _KNOWN.add_files, _KNOWN.close
 
 
 def title_at(effect_id: str, where: Iterable[str] = ()) -> str:
-    """Return an effect's title at its drives, its id where the catalogue lacks it.
+    """Return an effect's title at its places, its id where the catalogue lacks it.
 
-    Drives are none or `all` for the machine as a whole.
+    Args:
+        effect_id: Its id.
+        where: Drives; none or `all` for the machine as a whole.
     """
     effect = CATALOGUE.get(effect_id)
     title = effect.title if effect else effect_id

@@ -67,14 +67,16 @@ class Content:
                 yield body.name, *body.inertial(own)
 
     def missed(self, holds: Collection[str]) -> dict[str, dict[str, Any]]:
-        """Return RMS of measured less simulated effort of each joint of an arm with links.
+        """Return RMS of measured less simulated effort of each joint of an arm.
 
-        By a target that has a place for what it `holds`, of `PARTS` and `laws`.
+        Args:
+            holds: What the target has a place for, of `PARTS` and `laws`.
 
         Returns:
             By joint its `unit`, N m or N; with links as the description has them and no friction;
             with what the target can say; with links that bodies can be; with all that was
-            identified; the whole effort, and `cost`, what each part asks that has no place there.
+            identified; the whole effort, and `cost`, what each part asks of it that the target has
+            no place for. Nothing where there are no links.
         """
         if self.links is None or not isinstance(self.model, Serial):
             return {}

@@ -110,7 +110,9 @@ def in_urdf(text: str, content: Content) -> ET.Element:
 def mjcf(text: str, content: Content) -> str:
     """Return an MJCF with what was identified of bodies and joints, position actuators too.
 
-    Of an MJCF, or a URDF of which MuJoCo makes one.
+    Args:
+        text: An MJCF, or a URDF of which MuJoCo makes one.
+        content: What was identified.
 
     Raises:
         IdentError: BAD_MACHINE_FILE where a joint or body is not in it; as `mjcf_of`.

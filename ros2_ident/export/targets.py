@@ -38,7 +38,13 @@ _ROS2_CONTROL = (
 
 
 def loader(text: str, content: Content, name: str) -> str:
-    """Return a module in Python, of a name in `loaders/`, that loads a URDF and adds the rest."""
+    """Return a module in Python that loads `robot.urdf` and adds what it has no place for.
+
+    Args:
+        text: The URDF.
+        content: What was identified.
+        name: Of a file in `loaders/`.
+    """
     of = content.beside if 'laws' in TARGETS[name].holds else content.joints
     rows = {j.name: {part: float(getattr(j, part)) for part in PARTS} for j in of}
     joints = ''.join(f'    {joint!r}: {row},\n' for joint, row in rows.items())
@@ -264,7 +270,11 @@ def write(
 def sentences(
     content: Content, target: Target, description: str, missed: Mapping[str, Mapping[str, Any]]
 ) -> Iterator[str]:
-    """Yield what a target cannot say of this machine, and how much that leaves, see `missed`."""
+    """Yield what a target cannot say of this machine, and how much that leaves.
+
+    Args:
+        missed: What `Content.missed` returns for it.
+    """
     rows = missed if target.of else {}
     lacking = list(_lacking(content, target, rows))
     if lacking:

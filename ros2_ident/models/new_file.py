@@ -76,14 +76,15 @@ def one_joint_file(
 
     No controller is in it: a log does not say its gains.
 
-    Bounds are what alone would make the effort. None where the kind has no rigid drive or link, or
-    the log no effort or another number of joints than one.
-
     Args:
         kind: The kind of machine.
         drives: Joint names; those of the log where there are none.
         log: A log with a measured motion.
         travel: Unit of its position, `rad` or `m`; empty where it is not known.
+
+    Returns:
+        The text, its bounds from what alone would make the effort; None where the kind has no
+        rigid drive or link, or the log no effort or another number of joints.
 
     Raises:
         IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link.
@@ -165,8 +166,14 @@ def followed_file(
     limit; what an MJCF states lies in them, with room above. Of the controllers' laws it has the
     one that leaves least of a half of the log by the other's gains, see `Serial.regressed`.
 
-    None where the log has no set-point, or an MJCF takes MuJoCo. Arguments as of
-    `new_machine_file`.
+    Args:
+        drives: Joint names; those that description and log have in common where there are none.
+        description: The description.
+        named: Where it can be found, for the file.
+        log: A log with a measured motion.
+
+    Returns:
+        The text; None where the log has no set-point, or an MJCF takes MuJoCo.
 
     Raises:
         IdentError: As `new_machine_file`, and as the model of the kind.

@@ -196,9 +196,12 @@ class FullModel(Model):
         """Return (S,) costs of candidates: eq. 2, the mean of the outputs' weighted RMS errors.
 
         Args:
-            theta: (S, N) candidates; a cost is inf where one diverged.
+            theta: (S, N) candidates.
             limit: Cost above which a lower bound will do, for all or (S,).
             stop: Asked now and then; True where the result is not needed any more.
+
+        Returns:
+            (S,) costs; inf where a candidate diverged, a lower bound where one is above `limit`.
         """
         theta = np.atleast_2d(theta)
         if stop is not None and stop():
@@ -217,7 +220,8 @@ class FullModel(Model):
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return parameters that a description holds, by name, with what is given put in.
 
-        Also what the description holds and no parameter is.
+        Args:
+            given: Values by name, also of what the description holds and no parameter is.
         """
         return {}
 
@@ -274,7 +278,10 @@ class FullModel(Model):
     def motor_effort(self, theta: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (O, K) what friction and motor inertia take of the effort.
 
-        Of a candidate (N,), by velocity and acceleration (O, K) of the outputs' places.
+        Args:
+            theta: (N,) a candidate.
+            velocity: (O, K) of the outputs' places.
+            acceleration: (O, K).
         """
         return np.zeros_like(velocity)
 
@@ -295,16 +302,19 @@ class FullModel(Model):
         return get_effect(at.effect).parameters
 
     def carrying(self, held: Array) -> 'FullModel':
-        """Return the model that knows which share (K,) of a payload it carries when.
+        """Return the model that knows when a payload is carried; itself where it carries none.
 
-        Itself where it carries none.
+        Args:
+            held: (K,) share of the payload at each instant.
         """
         return self
 
     def decided(self, theta: Array, noise: Array) -> 'FullModel':
         """Return the model that compares only what the recorded motion decides; itself where all.
 
-        By parameters (N,) and standard deviations (O,) of the outputs' noise.
+        Args:
+            theta: (N,) parameters.
+            noise: (O,) standard deviation of the outputs' noise.
         """
         return self
 
@@ -384,7 +394,11 @@ class _Restricted(_Completed):
 
 
 def complete(model: Any) -> FullModel:
-    """Return a `FullModel` as it is, and any object that meets `Model` with its defaults.
+    """Return a model with everything that the program asks for.
+
+    Args:
+        model: A `FullModel`, or any object that meets `Model`. For more than the
+            defaults derives from `FullModel`.
 
     Raises:
         IdentError: INVALID_GOAL naming what the object lacks.
@@ -401,9 +415,11 @@ def complete(model: Any) -> FullModel:
 
 
 def recorded_motion(data: Dataset, drives: Sequence[str]) -> RecordedMotion:
-    """Return the motion of drives in a recording, cycles without a sample filled smoothly.
+    """Return the motion of the drives, cycles without a sample filled smoothly.
 
-    It holds position and effort, on the grid of controller cycles.
+    Args:
+        data: The recording on the grid of controller cycles, with position and effort.
+        drives: Names, in the order wanted.
     """
     rows = [data.names.index(name) for name in drives]
     assert data.position is not None and data.effort is not None

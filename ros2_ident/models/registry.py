@@ -45,7 +45,12 @@ class Kinds(Mapping[str, Kind]):
         return any(name == known for known in self)
 
     def __getitem__(self, name: str) -> Kind:
-        """Return a kind; raises UNKNOWN_MODEL where the package that offers it gives none."""
+        """Return a kind.
+
+        Raises:
+            KeyError: Where there is none of that name.
+            IdentError: UNKNOWN_MODEL where the package that offers it does not give it.
+        """
         if name in OWN_KINDS:
             return OWN_KINDS[name]
         for point in entry_points(group=ENTRY_POINTS, name=name):
@@ -87,7 +92,13 @@ def read_machine_file(path: str | Path) -> MachineFile:
 
 
 def load_machine(path: str | Path) -> Machine:
-    """Return the machine of a YAML file in the format of `config/tripod.yaml`.
+    """Read a machine file.
+
+    Args:
+        path: A YAML file in the format of `config/tripod.yaml`.
+
+    Returns:
+        The machine.
 
     Raises:
         IdentError: BAD_MACHINE_FILE, UNKNOWN_MODEL, UNKNOWN_PARAMETER or WRONG_UNITS with file,
@@ -99,12 +110,18 @@ def load_machine(path: str | Path) -> Machine:
 def machine_from_mapping(
     data: Any, where: object = 'machine file', folder: Path = Path()
 ) -> Machine:
-    """Return the machine of a parsed machine file; raises as `load_machine`, without lines.
+    """Build a machine from a parsed machine file.
 
     Args:
         data: The mapping a machine file holds.
         where: What to call it in error messages.
         folder: Where the files lie that it names.
+
+    Returns:
+        The machine.
+
+    Raises:
+        IdentError: as `load_machine`, without lines.
     """
     return machine_file.judged(data, KINDS, str(where), folder=folder).usable()
 
@@ -198,8 +215,15 @@ def planned_model(
 ) -> 'FullModel':
     """Return a model of set-points that the drives follow as well as the model lets them.
 
-    Of set-points (D, K) [rad or m] and their derivatives; its outputs are all that its kind can
-    simulate where None are given. What else can be given, and errors, are those of `make_model`.
+    Args:
+        machine: The machine.
+        position: (D, K) set-points, rad or m.
+        velocity: (D, K) their derivatives.
+        quantities: Its outputs; all that its kind can simulate where None.
+        more: As of `make_model`.
+
+    Raises:
+        IdentError: As `make_model`.
     """
     from ros2_ident.recording import Dataset
 
@@ -216,9 +240,13 @@ def planned_model(
 def drives_moved(
     model: 'FullModel', position: 'Array', velocity: 'Array', told: 'Array'
 ) -> 'dict[str, Array]':
-    """Return (D, K) positions, velocities and efforts by a planned model's outputs (O, K).
+    """Return (D, K) positions, velocities and efforts: what a model does not tell is as planned.
 
-    What it does not tell is as planned: set-points (D, K) and their derivatives.
+    Args:
+        model: A planned model.
+        position: (D, K) its set-points, rad or m.
+        velocity: (D, K) their derivatives.
+        told: (O, K) its outputs.
     """
     still = np.zeros_like(position)
     rows = {'position': position.copy(), 'velocity': velocity.copy(), 'effort': still}

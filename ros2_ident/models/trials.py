@@ -51,14 +51,15 @@ def shape_values(
 def trials(
     candidate: EffectAt, model: FullModel, orders: tuple[float, ...] = ()
 ) -> list[list[Array]]:
-    """Return groups of values (P,) of an effect's parameters: within one, sizes superpose.
-
-    In physical units; none where the motion is too short for any.
+    """Return groups of values of an effect's parameters: within one, sizes superpose.
 
     Args:
         candidate: The effect and its place.
         model: The model on the first recording, for what the starts depend on.
         orders: Orders of the drive's turn that the residual shows, see `orders_shown`.
+
+    Returns:
+        Groups of (P,) vectors in physical units; none where the motion is too short for any.
     """
     parameters = model.scaled(candidate)
     neutral = np.array([p.neutral for p in parameters])

@@ -106,10 +106,17 @@ def simulate(
     motion: Motion,
     effects: Sequence[Added] = (),
 ) -> Log:
-    """Return a simulated log; what the kind does not simulate is as planned.
+    """Simulate a log.
 
-    Parameters are by name, in SI units; `gear_stiffness` is that of every drive. What a
-    description holds is as described where not given.
+    Args:
+        machine: The machine.
+        parameters: Parameters by name, SI units; `gear_stiffness` is that of every drive. What a
+            description holds is as described where not given.
+        motion: Set-points of the drives.
+        effects: What the machine has beside the nominal physics.
+
+    Returns:
+        The log; what the kind does not simulate is as planned.
 
     Raises:
         IdentError: INVALID_GOAL for an effect that has no place in the machine, UNKNOWN_PARAMETER
@@ -206,7 +213,17 @@ def nuisance_of(machine: Machine) -> Nuisance:
 def make_streams(
     log: Log, motion: Motion, nuisance: Nuisance, rng: np.random.Generator
 ) -> dict[str, Stream]:
-    """Return streams by topic: a log and its set-points, sampled as a recorder would."""
+    """Sample a simulated log as a recorder would.
+
+    Args:
+        log: What the machine did.
+        motion: Its set-points.
+        nuisance: What lies between.
+        rng: Source of chance.
+
+    Returns:
+        Streams by topic.
+    """
     every = max(1, round(nuisance.period / log.cycle))
     samples = np.arange(0, log.effort.shape[1], every)
 
@@ -245,10 +262,18 @@ def simulate_bag(
     nuisance: Nuisance | None = None,
     effects: Sequence[Added] = (),
 ) -> SimulatedBag:
-    """Simulate a log and make streams of it; see `simulate`.
+    """Simulate a log and make streams of it.
 
-    The seed is that of noise, jitter and losses; the nuisance is by the machine file's noise where
-    not given.
+    Args:
+        machine: The machine.
+        parameters: Parameters by name, see `simulate`.
+        motion: Set-points, from `draw_motion`.
+        seed: Seed of noise, jitter and losses.
+        nuisance: What lies between machine and log; by the machine file's noise where not given.
+        effects: What the machine has beside the nominal physics.
+
+    Raises:
+        IdentError: As `simulate`.
     """
     log = simulate(machine, parameters, motion, effects)
     rng = np.random.default_rng(seed)

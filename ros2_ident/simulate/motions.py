@@ -58,7 +58,13 @@ class Path:
         self._append(point, np.zeros_like(point))
 
     def move(self, target: Array, speed: float, acceleration: float) -> None:
-        """Go straight to a point (M,) [m] by a quintic within a speed and an acceleration."""
+        """Go straight to a point by a quintic.
+
+        Args:
+            target: (M,) point [m].
+            speed: Largest speed along the line [m/s].
+            acceleration: Largest acceleration along the line [m/s^2].
+        """
         way = np.asarray(target, dtype=float) - self.place
         length = float(np.linalg.norm(way))
         time = max(
@@ -264,9 +270,17 @@ def draw_motion(
     seed: int | np.random.Generator,
     space: Space | None = None,
 ) -> Motion:
-    """Draw a motion of one of `KINDS` that starts at rest in the middle of the workspace.
+    """Draw a motion that starts at rest in the middle of the workspace.
 
-    Workspace and limits are the machine's usual ones where no space is given.
+    Args:
+        kind: One of `KINDS`.
+        machine: The machine.
+        seconds: Duration [s].
+        seed: Seed, or source of chance.
+        space: Workspace and limits; the machine's usual ones where not given.
+
+    Returns:
+        The motion.
 
     Raises:
         IdentError: INVALID_GOAL for an unknown kind or a duration that is too short.

@@ -91,18 +91,28 @@ class BeltDrive:
         return full
 
     def simulate(self, theta: Array) -> Array:
-        """Return (S, 2, K) phi1 [rad] and M1 [Nm] at every sample of candidates (S, N).
+        """Simulate candidates.
 
-        inf where one is no stable drive (a stiffness, inertia or gain that is not positive).
+        Args:
+            theta: (S, N) parameters, physical units.
+
+        Returns:
+            (S, 2, K): phi1 [rad] and M1 [Nm] at every sample; inf where a candidate is no stable
+            drive (a stiffness, inertia or gain that is not positive).
         """
         return belt_kernels.modal_response(
             self.constants(theta), self.cycle, self.reference, self._step_at, self._step_by
         )
 
     def cost(self, theta: Array, measured: Array) -> Array:
-        """Return (S,) costs of candidates (S, N), eq. 2, without storing a trajectory.
+        """Return the cost of candidates, eq. 2, without storing a trajectory.
 
-        RMS error of measured (2, K) phi1 [rad] and M1 [Nm], averaged; inf as in `simulate`.
+        Args:
+            theta: (S, N) parameters, physical units.
+            measured: (2, K) phi1 [rad] and M1 [Nm], finite.
+
+        Returns:
+            (S,) RMS error averaged over the two outputs; inf as in `simulate`.
         """
         return belt_kernels.modal_cost(
             self.constants(theta), self.cycle, measured[0] - self.reference,

@@ -283,8 +283,10 @@ class Candidates:
     def rows(self, theta: Array, derive: Derive = lambda block: None) -> Array:
         """Return (S, R) kernel rows of (S, N) candidates in physical units.
 
-        `derive` fills what follows from other rows, before the gears' damping. It is not kept: a
-        method of the model would hold the model, and its data, in a circle.
+        Args:
+            theta: Candidates (S, N).
+            derive: Fills what follows from other rows, before the gears' damping. Not
+                kept: a method of the model would hold the model, and its data, in a circle.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=float))
         if theta.shape[1] != len(self.free):

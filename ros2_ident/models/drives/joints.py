@@ -58,7 +58,13 @@ class Joint:
     limit: float = math.inf
 
     def effort(self, velocity: Array, acceleration: Array, of: Collection[str] = PARTS) -> Array:
-        """Return (K,) what those of `PARTS` take along a motion (K,); other names take nothing."""
+        """Return (K,) what friction and armature take, without the offset.
+
+        Args:
+            velocity: (K,).
+            acceleration: (K,).
+            of: What counts, of `PARTS`; other names count for nothing.
+        """
         parts = {
             'coulomb': self.coulomb * np.sign(velocity),
             'viscous': self.viscous * velocity,
@@ -70,7 +76,10 @@ class Joint:
     def closest(self, effort: Array, velocity: Array, acceleration: Array) -> 'Joint':
         """Return the joint whose friction and armature come closest to an effort, by squares.
 
-        To what motor and gear take along a motion (K,), whatever effects make of it.
+        Args:
+            effort: (K,) that motor and gear take, whatever effects make of it.
+            velocity: (K,).
+            acceleration: (K,).
         """
         columns = np.stack([np.sign(velocity), velocity, acceleration], axis=1)
         if self.armature == 0.0:

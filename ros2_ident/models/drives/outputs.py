@@ -49,7 +49,9 @@ class Outputs:
     def described(self, efforts: Sequence[str], travels: Sequence[str]) -> tuple[Output, ...]:
         """Return the O outputs: `drive_1` for its effort, `drive_1.position` for its position.
 
-        By (D,) units of efforts and positions of the machine's drives.
+        Args:
+            efforts: (D,) unit of the effort of each drive of the machine.
+            travels: (D,) unit of its position.
         """
         units = {'effort': efforts, 'position': travels, 'velocity': [f'{x}/s' for x in travels]}
         out = []
@@ -129,9 +131,13 @@ def chosen_outputs(
     quantities: Sequence[str],
     weights: Sequence[float] | None,
 ) -> Outputs:
-    """Return the outputs that were asked for, of those of a machine's drives that are compared.
+    """Return the outputs that were asked for.
 
-    Each quantity is one of `QUANTITIES` and has a weight, 1 by default.
+    Args:
+        machine_drives: The machine's drives.
+        drives: Those that are compared.
+        quantities: What of them, each one of `QUANTITIES`.
+        weights: One for each quantity; 1 by default.
 
     Raises:
         IdentError: INVALID_GOAL with the remedy.

@@ -115,7 +115,11 @@ class Forces:
     def at(self, time: float, position: Array, velocity: Array, effort: Array) -> Array:
         """Return (2, S, D) size of friction and other forces at a step's beginning, N m or N.
 
-        By the time since the log's start [s] and (S, D), as the log counts; effort of actuators.
+        Args:
+            time: Since the log's start, s.
+            position: (S, D), as the log counts.
+            velocity: (S, D).
+            effort: (S, D) of the actuators.
         """
         seen = self._seen[:, :, : self._count]
         seen[2] = (velocity.T - seen[1]) / self._step if time > 0.0 else 0.0

@@ -218,7 +218,10 @@ class _Own(threading.local):
 
 
 class Plant:
-    """The MJCF of a machine, ready for candidates.
+    """A user's MJCF, ready for candidates.
+
+    Args:
+        machine: A machine of the kind.
 
     Attributes:
         places: Where each drive is.
@@ -268,7 +271,12 @@ class Plant:
         self._own = _Own(self.model)
 
     def changed(self, model: Any, values: Mapping[str, Mapping[int, float]]) -> None:
-        """Write values by parameter and drive into a copy of the model, as described before."""
+        """Write attributes into a copy of the model, from the description's on.
+
+        Args:
+            model: The copy.
+            values: Values by the name of the parameter and the number of the drive.
+        """
         for name in _FIELDS:
             getattr(model, name)[:] = getattr(self.model, name)
         model.opt.gravity[:] = self.model.opt.gravity
@@ -326,16 +334,18 @@ class Plant:
         start: Array,
         forces: Felt | None = None,
     ) -> dict[str, Array]:
-        """Return (S, D, K) positions, velocities and efforts by quantity of candidates.
-
-        All in the joints' own coordinates, at the instants of the set-points.
+        """Simulate candidates.
 
         Args:
             values: Of each candidate, as of `changed`.
-            command: (S, D, K) or (1, D, K) set-points.
+            command: (S, D, K) or (1, D, K) set-points in the joints' own coordinates.
             start: (S, 2, D) positions and rates of the joints at the first cycle.
             forces: What the joints feel besides: of an instant [s], and of positions, rates and
                 efforts (S, D), the size of friction and what else acts (2, S, D).
+
+        Returns:
+            (S, D, K) positions, velocities and efforts by quantity, in the joints' own
+            coordinates and at the instants of the set-points.
         """
         mj = loaded()
         while len(self._own.models) < len(values):
@@ -368,8 +378,12 @@ class Plant:
     def inverse(self, position: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (D, K) what the links ask of the drives' joints, N m or N.
 
-        Along a motion (D, K) in the joints' own coordinates. Neither friction nor armature of the
-        joints counts; joints without a drive stay as drawn.
+        Neither friction nor armature of the joints counts; joints without a drive stay as drawn.
+
+        Args:
+            position: (D, K), in the joints' own coordinates.
+            velocity: (D, K).
+            acceleration: (D, K).
         """
         mj, model = loaded(), copy.copy(self.model)
         data = mj.MjData(model)
@@ -436,9 +450,15 @@ def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
 
 
 def close_loops(mj: Any, model: Any, data: Any, driven: Sequence[int]) -> None:
-    """Move all degrees of freedom but those driven until loops are closed, with their speeds.
+    """Move all joints but the driven ones until loops are closed, and give them their speeds.
 
     By Newton's method from the pose in `data` on, so a loop's branch is that pose's.
+
+    Args:
+        mj: MuJoCo.
+        model: The model.
+        data: Its pose and speeds, which are changed.
+        driven: Degrees of freedom that stay as they are.
     """
     free = np.setdiff1d(np.arange(model.nv), driven)
     step = np.zeros(model.nv)

@@ -68,9 +68,10 @@ class Body:
     inertials: Array
 
     def inertial(self, inertials: Array) -> tuple[float, Array, Array]:
-        """Return mass, centre (3,) and inertia about it (3, 3) in the body's frame.
+        """Return mass, centre (3,) and inertia about it (3, 3), in the body's frame.
 
-        Of inertials (10,) in the joint's frame, of a mass above 0.
+        Args:
+            inertials: (10,) in the joint's frame, of a mass above 0.
         """
         pin = _pinocchio()
         there = pin.SE3(self.turn, self.place).actInv(pin.Inertia.FromDynamicParameters(inertials))
@@ -122,9 +123,15 @@ class Arm:
         )
 
     def terms(self, position: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return (D, K, 10 D) what inertial parameters of 1 ask of the joints [N m or N].
+        """Return what inertial parameters of 1 ask of the joints.
 
-        Along a motion (D, K) of the drives [rad or m].
+        Args:
+            position: (D, K) of the drives, rad or m.
+            velocity: (D, K).
+            acceleration: (D, K).
+
+        Returns:
+            (D, K, 10 D) N m or N.
         """
         pin = _pinocchio()
         data = self.model.createData()
@@ -154,10 +161,13 @@ class Arm:
 
     @property
     def hangs(self) -> tuple[Array, Array, Array]:
-        """How each joint's frame hangs in that of the joint which carries it.
+        """Return how each joint's frame hangs in that of the joint which carries it.
 
-        (D, 3, 3) orientation at position 0, (D, 3) origin [m], and (D, 3, 3) the turn of each
-        frame from that in which `inertials` are: its z axis is the one that the joint acts along.
+        Its z axis is turned into the one that the joint acts along.
+
+        Returns:
+            (D, 3, 3) orientation at position 0, (D, 3) origin [m], and (D, 3, 3) the turn of each
+            frame from that in which `inertials` are.
         """
         pin = _pinocchio()
         z = np.array([0.0, 0.0, 1.0])
@@ -192,10 +202,16 @@ class Arm:
         return max(d for d in range(len(self.joints)) if d not in carriers)
 
     def stations(self, position: Array) -> tuple[Array, Array]:
-        """Return joints (K, D, 3) and tool (K, 3) [m] in the base's frame, at positions (D, K).
+        """Return where the joints and the tool are.
 
         The tool is the farthest of the frames that the last joint carries, the joint itself where
         a table describes the arm.
+
+        Args:
+            position: (D, K) of the drives, rad or m.
+
+        Returns:
+            Joints (K, D, 3) and tool (K, 3) in the base's frame, m.
         """
         pin = _pinocchio()
         data = self.model.createData()
@@ -384,7 +400,12 @@ def _by_table(pin: Any, machine: Machine) -> Any:
 
 
 def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
-    """Say of a joint that is so far, or so fast, that the arm's log (D, K) is not in rad."""
+    """Say of the first joint that is so far, or so fast, that its log is not in rad.
+
+    Args:
+        machine: An arm.
+        position: (D, K) of its drives [rad or m], NaN where there is no sample.
+    """
     arm, cycle = arm_of(machine), machine.number('cycle')
     limits, apart = arm.limits, max(1, round(_WHILE / cycle))
     ways = np.abs(position[:, apart:] - position[:, :-apart])
@@ -421,9 +442,14 @@ def ends(machine: Machine) -> tuple[Array, Array]:
 
 
 def figure(machine: Machine, position: Array) -> Figure | None:
-    """Return an arm in space at positions (D, F), z upwards however its base is tilted.
+    """Return an arm in space, z upwards however its base is tilted.
 
-    None where all of it is at one place, as in a table without lengths.
+    Args:
+        machine: An arm.
+        position: (D, F) of its joints [rad or m].
+
+    Returns:
+        What to draw; None where all of it is at one place, as in a table without lengths.
     """
     arm, turn = arm_of(machine), base_turn(machine)
     joints, tool = arm.stations(position)

@@ -20,11 +20,15 @@ _HELD = 1e-6
 
 
 def information_of(model: DriveModel, theta: Array, deviations: Mapping[str, float]) -> Array:
-    """Return (N, N) what a model's log says of parameters (N,): the inverse of their covariance.
+    """Return (N, N) what the log says of the parameters: the inverse of their covariance.
 
     Joints count by what is left of them. As a whole it is as sure as the estimate's own intervals,
     which allow for what the model lacks; the box is all that is known where the log says nothing.
-    By name, deviations are inf where the log sets no limit.
+
+    Args:
+        model: The model along the log.
+        theta: (N,) the estimate.
+        deviations: Its standard deviations by name, inf where the log sets no limit.
     """
     width = np.array([p.high - p.low for p in model.parameters])
     step = np.diag(_STEP * width)
@@ -72,12 +76,13 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     """Return the links that a fit and the description make most probable together.
 
     The fit says what it knows of base parameters; the description says the rest, a link's mass
-    with the standard deviation `spread`, a share of it, and its shape likewise. What else was
-    identified moves with the base parameters to where the log wants it then.
+    with the standard deviation `spread` and its shape likewise. What else was identified moves
+    with the base parameters to where the log wants it then.
 
     Args:
         theta: (N,) the fit.
         information: (N, N) the inverse of its covariance, positive definite.
+        spread: Share of a link's mass.
 
     Raises:
         IdentError: INVALID_GOAL where no description says what the links are.

@@ -35,6 +35,10 @@ _NEW, _NOTHING = 1e-7, 1e-10
 class Inertials:
     """Unknown inertial parameters of an arm, and the stated rest.
 
+    Args:
+        machine: The machine.
+        arm: Its arm.
+
     Attributes:
         parameters: Base parameters and payload by the names of the machine file's boxes.
         names: (B,) the base parameters.
@@ -77,10 +81,14 @@ class Inertials:
         return f'{machine.drives[column // INERTIALS]}.{name}{axis}'
 
     def terms(self, whole: Array) -> Array:
-        """Return the terms (D, K, B) that coefficients are multiplied with.
+        """Return the terms that coefficients are multiplied with.
 
-        Those of `whole` (D, K, 10 D) that belong to base parameters, those of a payload, and at
-        the end what the links ask that the file describes.
+        Args:
+            whole: (D, K, 10 D) terms of all inertial parameters.
+
+        Returns:
+            (D, K, B) those of the base parameters, of a payload, and at the end what the links
+            ask that the file describes.
         """
         last = whole[:, :, -INERTIALS:] if self._carries else whole[:, :, :0]
         known = (whole @ self._known)[:, :, None]
@@ -88,9 +96,11 @@ class Inertials:
 
     @functools.cached_property
     def changes(self) -> tuple[Array, Array]:
-        """(B, 10 D) the base parameters' changes by those of all inertials.
+        """Change of all inertials by the parameters, and the ones that may not change.
 
-        And (H, 10 D) combinations that stay: what the file does not list or a rotor has already.
+        Returns:
+            (B, 10 D) the base parameters' changes by those of the inertials, and (H, 10 D)
+            combinations that stay: what the file does not list, and what a rotor has already.
         """
         terms, rotors = self._shown
         count = terms.shape[1]
@@ -106,13 +116,21 @@ class Inertials:
         return whole[told], whole[~told]
 
     def as_described(self, machine: Machine, given: Mapping[str, float]) -> dict[str, float]:
-        """Return the base parameters by name, with inertials as given, `elbow.link_mass`."""
+        """Return the base parameters by name where some inertials are others than described.
+
+        Args:
+            machine: The machine.
+            given: Inertials by name, `elbow.link_mass`, each as it is.
+        """
         names = [self._name(machine, int(column)) for column in self._listed]
         known = [given.get(n, v) for n, v in zip(names, self._known[self._listed], strict=True)]
         return dict(zip(self.names, (self._grouping @ known).tolist(), strict=True))
 
     def whole(self, values: Mapping[str, Array], count: int) -> Array:
-        """Return (S, 10 D) inertials, open ones as described; arguments as of `coefficients`."""
+        """Return (S, 10 D) inertials of candidates; arguments as of `coefficients`.
+
+        Those that base parameters leave open are as described.
+        """
         out = np.repeat(self._known[None], count, axis=0)
         changed = self.coefficients(values, count)
         out[:, self._base] += changed[:, : len(self._base)]
@@ -121,7 +139,12 @@ class Inertials:
         return out
 
     def coefficients(self, values: Mapping[str, Array], count: int) -> Array:
-        """Return (S, B) coefficients of S candidates by parameters (S,), held ones included."""
+        """Return (S, B) coefficients of candidates.
+
+        Args:
+            values: (S,) parameters by name, those that are held included.
+            count: Candidates S.
+        """
         columns = [values[n] - m for n, m in zip(self.names, self.middles, strict=True)]
         if self._carries:
             mass, *place = (values.get(name, np.zeros(count)) for name in PAYLOAD)
@@ -223,6 +246,9 @@ class Transmission:
     the power is the same. A counterbalance pulls at two points, each at a distance from the
     joint's axis; its length l follows from the cosine rule, and it asks F dl/dq of the joint.
 
+    Args:
+        machine: The machine.
+
     Attributes:
         motors: (D, D) C, angles of the motors by those of the joints.
         parameters: Those of counterbalances that are looked for, by the machine file's names.
@@ -263,9 +289,13 @@ class Transmission:
         return np.asarray(np.tensordot(np.linalg.inv(self.motors).T, joints, 1))
 
     def terms(self, position: Array) -> Array:
-        """Return (D, K, 2 P) what 1 N and 1 N/m of each of P counterbalances ask of joints [N m].
+        """Return what a force of 1 N and a rate of 1 N/m ask of the joints.
 
-        At positions (D, K) [rad].
+        Args:
+            position: (D, K) of the joints, rad.
+
+        Returns:
+            (D, K, 2 P) N m, force and rate of each of the P counterbalances in turn.
         """
         out = np.zeros((*position.shape, 2 * len(self._joints)))
         for number, d in enumerate(self._joints):
@@ -285,7 +315,12 @@ class Transmission:
         return out
 
     def coefficients(self, values: Mapping[str, Array], count: int) -> list[Array]:
-        """Return the (S,) forces and rates of S candidates, as `terms` has them, by parameters."""
+        """Return the (S,) forces and rates of candidates, as `terms` has them.
+
+        Args:
+            values: (S,) parameters by name; what is not looked for stands in the machine file.
+            count: Candidates S.
+        """
         return [
             values.get(f'{drive}.{name}', np.full(count, self._machine.number(name, drive)))
             for drive in (self._machine.drives[d] for d in self._joints)

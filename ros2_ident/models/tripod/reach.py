@@ -18,7 +18,9 @@ _LEAVES = 'the motion leaves the reach of the rods; shrink its space'
 def feet(machine: Machine, position: Array) -> Array:
     """Return (3, K, 3) upper ends of the rods [m], the platform's circle taken off.
 
-    Of a tripod, or a delta, whose arms carry them, at positions (3, K) [m or rad].
+    Args:
+        machine: A tripod, or a delta, whose arms carry them.
+        position: (3, K) positions of its drives [m or rad].
     """
     if not _turns(machine):
         radius, azimuth = machine.number('rail_radius'), machine.numbers('rail_azimuth')[:, None]
@@ -42,7 +44,12 @@ def sense(machine: Machine) -> float:
 
 
 def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
-    """Say where the rods cannot meet at positions (3, K) [m or rad], NaN without a sample."""
+    """Say where the rods cannot meet at the recorded positions.
+
+    Args:
+        machine: A tripod or a delta.
+        position: (3, K) of its drives [m or rad], NaN where there is no sample.
+    """
     rod = machine.number('rod_length')
     # The rods meet where the circle through their upper ends is smaller than they are long.
     radius = _circle(feet(machine, position))[1]
@@ -80,7 +87,15 @@ def space(machine: Machine) -> Space:
 
 
 def set_points(points: Array, speeds: Array, machine: Machine) -> tuple[Array, Array]:
-    """Return (3, K) set-points of carriages [m], and their rates, for a platform's way (3, K).
+    """Return the carriages' set-points of a platform's way.
+
+    Args:
+        points: (3, K) platform positions [m].
+        speeds: (3, K) platform speeds [m/s].
+        machine: A tripod.
+
+    Returns:
+        (3, K) carriage positions [m] and speeds [m/s].
 
     Raises:
         IdentError: BAD_VALUES where a rod would not reach.
@@ -135,8 +150,14 @@ def figure(machine: Machine, position: Array) -> Figure | None:
     """Return a machine in space: its frame, carriages or arms, rods and the platform.
 
     Only the difference of the two circles matters to the motion; the platform's is drawn as a
-    quarter of it, and rails or shafts stand out by as much. None for positions (3, F) [m or rad]
-    that no rod reaches.
+    quarter of it, and rails or shafts stand out by as much.
+
+    Args:
+        machine: A tripod or a delta.
+        position: (3, F) of its drives [m or rad].
+
+    Returns:
+        What to draw; None for positions that no rod reaches.
     """
     turns = _turns(machine)
     of = 'shaft' if turns else 'rail'
