@@ -30,7 +30,6 @@ class Error:
         quantity: `position`, `velocity` or `effort`.
         rmse: Root of the mean squared error; inf where the model diverged.
         mae: Mean absolute error.
-        samples: Samples compared.
     """
 
     drive: str
@@ -85,7 +84,6 @@ def predicted(
     """Run models freely.
 
     Args:
-        on: What the recordings are called.
         stages: For each model its name, and itself on every recording.
         warm_up: Samples at a recording's start that are simulated and not compared.
     """

@@ -62,11 +62,7 @@ class Series:
         return np.concatenate([sine, cosine]), np.concatenate([rate * cosine, -rate * sine])
 
     def deviation(self, coefficients: Array) -> tuple[Array, Array]:
-        """Return the way's deviation from its start (M, K), and its derivative.
-
-        Args:
-            coefficients: (2 M H,) free; what of them would not begin at rest is taken away.
-        """
+        """Return a way's deviation (M, K) from its start, and its rate, by (2 M H,) numbers."""
         sine, cosine = coefficients.reshape(2, *self.sizes.shape)
         # Neither speed nor acceleration at the start: sum h a_h = 0 and sum h^2 b_h = 0.
         sine = _without(sine, self.harmonics * self.sizes) * self.sizes

@@ -42,14 +42,11 @@ class Excitation:
     Attributes:
         loads: The largest share of a limit that set-points or machine take, by quantity; the
             machine with the parameters that are expected, and a quarter lower and higher.
-        courses: What it was chosen from, with machine and limits.
         values: (N,) at which the information was worked out.
         wanted: (N,) which of them were to be determined.
         half_widths: (N,) half the 95 % intervals that a log will give at best.
         chance: (N,) the same of a motion of the same frequencies and limits with the middling one
             of random coefficients.
-        evaluations: Motions simulated.
-        stop: Why the search ended.
     """
 
     planned: Moved
@@ -88,13 +85,10 @@ def excite(
     """Return the motion that determines parameters best, within the limits of its courses.
 
     Args:
-        sensitivity: The machine at the parameters that are expected.
         names: Parameters to determine, all if empty; `gear_stiffness` is that of every drive.
         criterion: `d` for the smallest volume of their joint confidence region (D-optimality), the
             others unknown as well; `worst` for the smallest of the largest intervals, in widths of
             the boxes.
-        threads: Motions that are simulated at a time.
-        on_progress: Called now and then from this thread.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER for a strange name, DIVERGED where the machine runs away

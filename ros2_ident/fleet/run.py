@@ -123,8 +123,6 @@ def run_fleet(
         out: Output directory; holds a file for each row, and `fleet.json`.
         scheduler: Address of a Dask scheduler whose workers see the same files; a bag is one task.
         cancel: Looked at between bags; rows that are done stay.
-        on_start: Called before a bag is begun in this process.
-        on_row: Called with each row as it is there.
 
     Returns:
         The rows that are there, in the order of the entries, and those of the comparisons.

@@ -255,21 +255,15 @@ def check_streams(data: Dataset) -> list[Gate]:
             )
         elif loose:
             text += '; a shorter delay cannot be seen: stamp samples where they are taken'
-        if 'state' in roles:
-            found += _slow(stream.rate)
+        if 'state' in roles and (cutoff := ROOM * stream.rate) < SEEN:
+            slow = (
+                f'positions come at {stream.rate:.4g} Hz, so motion is smoothed at {cutoff:.3g} '
+                'Hz: what is faster does not show and looks like a gap; log at '
+                f'{SEEN / ROOM:g} Hz or more'
+            )
+            found.append(Gate('rate', '', 'warn', stream.rate, 'Hz', slow))
         found.append(Gate('jitter', '', 'warn' if loose else 'ok', stream.jitter, 's', text))
     return found
-
-
-def _slow(rate: float) -> list[Gate]:
-    cutoff = ROOM * rate
-    if cutoff >= SEEN:
-        return []
-    text = (
-        f'positions come at {rate:.4g} Hz, so motion is smoothed at {cutoff:.3g} Hz: what is '
-        f'faster does not show and looks like a gap; log at {SEEN / ROOM:g} Hz or more'
-    )
-    return [Gate('rate', '', 'warn', rate, 'Hz', text)]
 
 
 def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:

@@ -50,7 +50,6 @@ class GateReport:
     """All checks, worst first.
 
     Attributes:
-        laws: The controller law of each drive where it could be read from the log.
         asked: By recording, how its drives make the efforts that they are asked for.
     """
 
@@ -65,11 +64,6 @@ class GateReport:
 
         ordered = sorted(dict.fromkeys(self.gates), key=rank)
         object.__setattr__(self, 'gates', tuple(ordered))
-
-    @property
-    def level(self) -> Level:
-        """The worst level found."""
-        return self.gates[0].level if self.gates else 'ok'
 
     @property
     def contradictions(self) -> tuple[Gate, ...]:
@@ -95,11 +89,6 @@ class GateReport:
             return ''
         more = f' ({len(found) - 1} more like it below.)' if len(found) > 1 else ''
         return f'{found[0].sentence.rstrip(".")}.{more}'
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Findings that are not ok, one sentence each."""
-        return tuple(g.sentence for g in self.gates if g.level != 'ok')
 
     def of(self, gate: str) -> tuple[Gate, ...]:
         """Return the findings of one check."""

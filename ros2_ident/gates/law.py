@@ -38,7 +38,6 @@ class Gain:
     Attributes:
         name: Its key in the machine file; `scale` for a factor on the whole effort.
         value: Estimate, in the machine file's unit.
-        expected: The machine file's value.
         misfit: RMS that is left with it, in the effort's unit.
     """
 

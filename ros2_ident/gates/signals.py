@@ -130,7 +130,6 @@ class Fit:
 
     Args:
         most: How many samples; all where None.
-        where: Those to choose from.
         weights: What a law of known gains multiplies the columns by; further ones of a law with an
             integral part are left out where this one has none. The constant is free all the same.
     """
@@ -170,12 +169,7 @@ class Fit:
         return out
 
     def left(self, lags: Array, late: float) -> Array:
-        """Return (L,) the mean square that is left, as a share of the effort's variance.
-
-        Args:
-            lags: (L,) delays of the effort, cycles.
-            late: Delay of the set-point, cycles.
-        """
+        """Return (L,) mean squares left, shares of the effort's variance, by delays in cycles."""
         columns = self._columns_at(lags, late)
         whole = max(float(self._effort.var()), 1e-300)
         if self._weights is not None:

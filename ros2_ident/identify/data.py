@@ -43,7 +43,6 @@ class Data:
         labels: The bag each segment came from, by a short name; empty where there is one only.
         source: Path of the bag, or the name of the live buffer; of several with ` + ` between.
         sha256: Hash of the bag's files likewise, empty for live data.
-        warnings: What was left out, one sentence each.
         held_out: Returns parts of a long log to validate on, unusable ones left out; or None.
     """
 

@@ -92,9 +92,7 @@ class Layout:
     Attributes:
         parameters: (N,) all parameters in the models' order; where each recording has its own,
             `tool_mass@run_1` and `tool_mass@run_2`.
-        names: Their names.
         low: (N,) lower ends of the box.
-        high: (N,) upper ends.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER or INVALID_GOAL where `conditions` names what is not there.

@@ -38,7 +38,6 @@ class Problem(Layout):
     Args:
         models: One for each recording or segment.
         labels: The recording each model belongs to.
-        conditions: How the recordings differ.
         fixed: Parameters held at a value, by name: `coulomb_torque` means that of every drive,
             `tool_mass` that of every recording where each has its own.
         bounds: (low, high) instead of the parameters' own, by name.
@@ -51,7 +50,6 @@ class Problem(Layout):
         noise: Standard deviation of the outputs' noise as stated, `unit`; 0 where it is not.
         drives: What the outputs belong to.
         fixed: Values of the parameters that are held.
-        samples: Samples compared.
         series: Lengths of the residual's time series: output after output, model after model.
 
     Raises:
@@ -251,7 +249,6 @@ class Setup:
         fixed: Parameters held at a value: by full name, or `gear_stiffness` for every drive's.
         bounds: (low, high) instead of the machine file's, by the same names.
         cutoff: Low-pass of recorded motion where it drives the model [Hz].
-        conditions: How the recordings differ.
         outputs: What is compared, and its weight; see `outputs.weights_of`.
     """
 

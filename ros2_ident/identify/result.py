@@ -33,12 +33,7 @@ class Outcome(enum.Enum):
     @property
     def error_code(self) -> ErrorCode:
         """The error a caller may report: OK where the estimate can be used."""
-        return {
-            Outcome.NOT_IDENTIFIABLE: ErrorCode.NOT_IDENTIFIABLE,
-            Outcome.CANCELLED: ErrorCode.CANCELLED,
-            Outcome.DIVERGED: ErrorCode.DIVERGED,
-            Outcome.CONTRADICTED: ErrorCode.CONTRADICTED,
-        }.get(self, ErrorCode.OK)
+        return ErrorCode.__members__.get(self.name, ErrorCode.OK)
 
 
 @dataclass(frozen=True)
@@ -51,16 +46,13 @@ class ParameterEstimate:
         low: Lower end of its 95 % interval, not clipped to the box; -inf where the data set no
             limit. It allows for what the model may lack: what effects of the catalogue can hide
             in the residual.
-        high: Upper end likewise.
         lower_bound: Lower end of the box that was searched.
-        upper_bound: Upper end of it.
         ga_value: What the genetic algorithm found, before the refinement.
         at_bound: Whether the estimate lies on a bound of the box.
         state: What is known of it; see `outcome`.
         kind: `physical`, `base` or `measurement`.
         note: The same in words, empty where there is nothing to say.
         noise_low: Lower end if the model lacked nothing: noise alone.
-        noise_high: Upper end likewise.
         hidden: Whether it would be identified if the model lacked nothing.
     """
 
@@ -254,20 +246,15 @@ class Identification:
     """The result of one identification.
 
     Attributes:
-        outcome: How it ended.
         drives: Drives whose effort was compared.
         parameters: The estimates, in the order of `theta`.
         fixed: Parameters that were held, by name.
         correlation: (N, N) correlations of the estimates; NaN where unknown.
-        cost: Cost before and after the refinement.
         evaluations: Candidates simulated, both phases.
         generations: Generations of the genetic algorithm that were completed.
         seconds: Wall time, s.
         search_stop: Why the genetic algorithm ended, as a sentence.
         refinement: How the refinement ended, as a sentence; empty where there was none.
-        history: How the genetic algorithm went.
-        quality: What the data were like.
-        provenance: Where the numbers came from.
         validation: Held-out error: what is left of data that was not fitted on, for each drive.
         validated_on: Which data that is: a bag, or how parts of the log were left out.
         gates: What log and machine file say of each other before any fit, the worst first.

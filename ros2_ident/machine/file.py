@@ -141,9 +141,6 @@ def judged(
     """Judge a parsed machine file.
 
     Args:
-        name: What to call it in messages.
-        lines: Line of each key, by path.
-        known: What is known already to need a change.
         digest: SHA-256 of the file.
         folder: Where the files lie that it names.
     """

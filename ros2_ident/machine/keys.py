@@ -53,13 +53,11 @@ class Key:
         absent: What its absence means, in words; empty where it may not be absent.
         default: What its absence means; where None, what `NEUTRAL` says.
         low: Smallest plausible value.
-        high: Largest plausible value.
         force_unit: Its unit where the effort is a force.
         shown: Whether a new machine file sets it; else it stands there behind a `#`.
         each: Whether it belongs to a drive: the file has one value for all, or a list.
         choices: What may stand there where it is no number; empty for anything.
         aliases: Other words for a choice.
-        remedy: What to do where a value is implausible.
         file: Whether it names a file, by its way from the machine file's folder. What the file
             holds is then the constant: a machine needs no path. `DESCRIPTION_TOPIC` stands for
             what the node hears.

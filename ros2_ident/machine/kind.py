@@ -157,7 +157,6 @@ class Kind:
 
     Attributes:
         name: What `machine:` in a machine file says.
-        title: What it is, in a few words.
         keys: Its keys, in the order of a new machine file; a constant's name stands there once.
         model: Builds its model: `model(machine, data, *, drives, effects, fixed, cutoff)` where
             it is identified from a bag; what else it can be asked for `make_model` says.

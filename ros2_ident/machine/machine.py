@@ -28,7 +28,6 @@ class Parameter:
         name: `tool_mass`, or `drive_1.gear_stiffness` where each drive has its own.
         unit: SI unit as text; `1` for a ratio.
         low: Lower bound of the search, in `unit`.
-        high: Upper bound of the search, in `unit`.
         kind: `physical` for the machine, `measurement` for how it was logged; `base` for what
             stands for several of the machine's that show together only, and has either sign.
         source: Equation or reference the parameter stands in.

@@ -28,7 +28,6 @@ class Prior:
 
     Attributes:
         sha256: Hash of the log that it was found from; empty where it is not known.
-        values: Means by name.
         deviations: Standard deviations by name; inf where nothing is known.
         noise: The same for noise alone.
         correlation: (N, N) correlations in the order of `values`; NaN where they are not known.
@@ -54,7 +53,6 @@ class Prior:
 
         Args:
             names: The N parameters; the mean of one that nothing is known of is NaN.
-            noise: Whether for noise alone.
         """
         deviations = self.noise if noise else self.deviations
         known = [name for name in self.values if name in names and self._known(name)]

@@ -38,10 +38,7 @@ class Written:
     """The content of `diagnosis.json`.
 
     Attributes:
-        maps: Maps of the residual.
-        machine_lines: Lines for the machine file.
         check_source: Recording that it was judged on; empty for blocks of the others.
-        check_sha256: Hash of that.
     """
 
     found: Diagnosis

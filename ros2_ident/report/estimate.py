@@ -43,7 +43,6 @@ class Estimate:
     Attributes:
         deviations: Standard deviations by name; inf where the log sets no limit.
         drives: Drives compared; all where empty.
-        source: Where the log was.
         prior: What a later run may take as known.
         doubt: Why it may not; empty where it may.
     """

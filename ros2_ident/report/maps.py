@@ -43,12 +43,9 @@ class ResidualMap:
     """A drive's residual along one coordinate.
 
     Attributes:
-        coordinate: The coordinate.
         label: The same with its unit, for an axis.
-        unit: Unit of the residual.
         linear: Places nearer to zero than this stand on a linear axis, the others on a
             logarithmic one; 0 where all of the axis is linear.
-        noise_floor: The drive's.
         before: Lines of the nominal fit's residual: one along the velocity, which tells the
             direction itself; elsewhere one for each direction of motion.
         after: The same with the effects found; none where there are none.

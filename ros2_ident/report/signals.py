@@ -32,7 +32,6 @@ class Curves:
     """One recording.
 
     Attributes:
-        title: What it is, in words.
         time: (T,) s since its first cycle; those at which a drive has a sample.
         measured: (D, T) measured effort, NaN where a drive has no sample.
         simulated: (M, D, T) what each model says there.
@@ -51,7 +50,6 @@ class Signals:
     """Measured and simulated effort of all recordings of a run.
 
     Attributes:
-        unit: Unit of the effort.
         travel: Unit of the drives' positions.
         judged: The model whose residual matters, and which a page shows at first; -1 for all.
     """

@@ -36,9 +36,6 @@ _STATES = {ErrorCode.OK: Status.STATE_DONE, ErrorCode.CANCELLED: Status.STATE_CA
 class GoalServer:
     """An action of which one goal runs at a time, beside whatever else keeps the node busy.
 
-    Args:
-        node: The node, with the board, outlet, pages and worker that its runs share.
-
     Attributes:
         pending: Whether a goal has been accepted that has not begun yet.
         open: How many accepted goals have no result yet.

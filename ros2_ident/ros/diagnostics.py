@@ -132,7 +132,11 @@ class Diagnostics:
         values |= _numbered(r.warnings)
         if r.error_code:
             return _ERROR, r.error_message, values
-        return _WARN if bound or loose or r.warnings else _OK, _with_first(r), values
+        said = str(r.outcome_sentence)
+        if r.warnings:
+            more = f' ({len(r.warnings) - 1} more)' if len(r.warnings) > 1 else ''
+            said += f' Warning: {r.warnings[0]}{more}'
+        return _WARN if bound or loose or r.warnings else _OK, said, values
 
     def _gap(self) -> _Judged:
         g = self.gap
@@ -170,14 +174,6 @@ class Diagnostics:
 
 def _numbered(warnings: Sequence[str]) -> dict[str, object]:
     return {f'warning {number}': text for number, text in enumerate(warnings, 1)}
-
-
-def _with_first(result: IdentificationResult) -> str:
-    """Return a result's sentence and, where there are some, the first of its warnings."""
-    if not result.warnings:
-        return str(result.outcome_sentence)
-    more = f' ({len(result.warnings) - 1} more)' if len(result.warnings) > 1 else ''
-    return f'{result.outcome_sentence} Warning: {result.warnings[0]}{more}'
 
 
 def _place(effect: str, where: Sequence[str]) -> str:

@@ -37,13 +37,9 @@ class Entry:
     """One parameter of the node.
 
     Attributes:
-        default: Its value where none is set.
-        text: What it does and when to change it.
         low: Least value of a number; None where there is no range.
         high: Largest value of a number that has a least one.
         unit: Unit of a number, empty for a count.
-        choices: Allowed strings, empty for any.
-        read_only: Whether it is fixed when the node starts.
     """
 
     name: str

@@ -41,7 +41,6 @@ class Wanted(Request):
     """Request of a goal; complete, so that a change of parameters has no effect on its run.
 
     Attributes:
-        machine_text: Content of the machine file.
         output_directory: Where to make the run's folder; empty to write nothing.
         description: What was heard of the robot in the place of a file; None where it has one.
         preview_rate: Most previews of an identification per second, Hz; 0 for none.
@@ -195,7 +194,6 @@ def checkpoint_of(directory: str, *what: str) -> Path | None:
 
     Args:
         directory: The request's output directory; empty to write nothing.
-        what: What the run depends on beside the sources.
     """
     if not directory:
         return None

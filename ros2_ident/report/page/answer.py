@@ -59,7 +59,6 @@ class Gap:
         before: Length of a bar, 0 to 1.
         after: Likewise; None where nothing closes it.
         floor: Likewise, the noise floor; None where it is not known.
-        note: What is to be said of it.
     """
 
     drive: str
@@ -77,13 +76,9 @@ class Answer:
 
     Attributes:
         level: `good`, `doubtful` or `bad`: the colour of its edge.
-        sure: How sure that is, sentences.
         gaps: How far the gap closes, for the drives that matter most.
-        closes: The same in sentences.
-        steps: What to do now.
         careful: What else to know, the most important first.
         first: What has to be said before anything else.
-        compared: What is compared: effort, position or velocity.
     """
 
     level: Level

@@ -32,8 +32,6 @@ class LivePage:
     """Page of a run in progress, from its start until the report takes its place.
 
     Args:
-        directory: That of the results; exists.
-        lead: Drives and duration.
         problem: Of an identification: its parameters and efforts are shown, too.
     """
 

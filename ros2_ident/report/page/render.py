@@ -26,13 +26,7 @@ INK, BLUE, ORANGE, RED, GREY, SKY = (
 
 @dataclass(frozen=True)
 class Key:
-    """An entry of a legend, which stands beside the picture as text.
-
-    Attributes:
-        text: What it is.
-        colour: Of the line or mark.
-        style: A line's width in pixels, `dashed`, `dot`, or `square`.
-    """
+    """An entry of a legend: its style is a line's width [px], `dashed`, `dot`, or `square`."""
 
     text: str
     colour: str
@@ -49,9 +43,6 @@ class Picture:
     Attributes:
         drawn: SVG, or Bokeh's model of plots that zoom.
         summary: What it shows, for who cannot see it.
-        title: Its title where it stands among others.
-        keys: The legend.
-        notes: Sentences for the caption.
         choices: Groups of buttons above it: what they choose, what `page.js` does with their
             values, and of each button the text, the value, and whether it is pressed at first.
         height: Of plots that zoom [px]: the page keeps it free until they are drawn.

@@ -55,14 +55,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Strip:
-    """One parameter of several runs on one scale.
-
-    Attributes:
-        name: The parameter.
-        ends: The scale's ends, with their unit.
-        marks: The values.
-        differs: Whether some differ beyond their intervals.
-    """
+    """One parameter of several runs on a scale, and whether some differ beyond their intervals."""
 
     name: str
     ends: tuple[str, str]

@@ -40,12 +40,7 @@ class Law:
 
 @dataclass(frozen=True)
 class Step:
-    """Something to do.
-
-    Attributes:
-        laws: Equations to put into a simulation.
-        code: Lines to paste.
-    """
+    """Something to do, with equations for a simulation and lines to paste."""
 
     text: str
     laws: tuple[Law, ...] = ()
