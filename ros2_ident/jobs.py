@@ -106,7 +106,6 @@ class Logs:
     """Data of a run.
 
     Attributes:
-        fit: The recordings to fit.
         check: The recordings to judge on; None for parts held out of the others.
         sha256: Hash of the bags to fit, or of the samples received.
         since: When reading began, by `time.monotonic`, s.
@@ -155,11 +154,7 @@ class Identified(Ended[Identification]):
 
 @dataclass(frozen=True, eq=False)
 class Diagnosed(Ended['Diagnosis']):
-    """A diagnosis that has ended.
-
-    Attributes:
-        cancelled: Whether a cancel cut it short.
-    """
+    """A diagnosis that has ended, and whether a cancel cut it short."""
 
     cancelled: bool = False
 
@@ -201,11 +196,7 @@ def knowing(request: Asking, path: str | Path | None) -> Asking:
 
 @dataclass(frozen=True, eq=False)
 class Compared(Ended['Comparison']):
-    """A comparison of two sides that has ended; request and logs are those before.
-
-    Attributes:
-        later: Paths of the bags after; none for what was received.
-    """
+    """A comparison of a request's logs with later bags; none of these for what was received."""
 
     later: tuple[str, ...] = ()
 

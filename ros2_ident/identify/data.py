@@ -90,11 +90,7 @@ def read_data(
     samples: int = SAMPLES,
     quantities: Sequence[str] | None = None,
 ) -> Data:
-    """Read bags of one machine into the data that `identify` takes; the rest is as of `gather`.
-
-    Raises:
-        IdentError: As `read_bags`, `align` and `gather`.
-    """
+    """Read bags of one machine for `identify`; the rest is as of `gather` and `read_bags`."""
     several = [bags] if isinstance(bags, str | Path) else bags
     recordings = read_bags(several, topics, travel_of(machine), machine.drives)
     return gather(recordings, machine, drives, samples=samples, quantities=quantities)
@@ -116,9 +112,6 @@ def gather(
             taken that tell most (see `recording.windows`), and others are held out.
         quantities: What will be compared, so has to be in the log: of `effort`, `position` and
             `velocity`; what the kind of machine compares where None.
-
-    Returns:
-        The segments that can be used.
 
     Raises:
         IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it.

@@ -108,7 +108,6 @@ def half_of_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
 
     Args:
         a: `value`, and `low` and `high` of its 95 % interval, None where not known.
-        b: The other.
     """
     less, more = sorted((a, b), key=lambda v: float(v['value']))
     if less['high'] is None or more['low'] is None:

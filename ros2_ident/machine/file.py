@@ -35,7 +35,6 @@ class MachineFile:
     """A machine file as read.
 
     Attributes:
-        name: What to call it in messages: its path.
         lines: Line of each key, by path.
         remarks: What there is to change, errors first, else in the order of the file.
         machine: Its content; None where there are errors.

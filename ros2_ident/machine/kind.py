@@ -39,7 +39,6 @@ class Draft:
     """A machine file's content by path.
 
     Attributes:
-        keys: The kind's keys by path.
         present: What the file holds, by path; nothing of it need be in order.
     """
 

@@ -191,11 +191,7 @@ class Machine:
         return replace(self.with_constants(**dict.fromkeys(asking, text)), digest=digest)
 
     def with_values(self, values: Mapping[str, float]) -> 'Machine':
-        """Return the same machine with the constants that some of these parameters are.
-
-        Args:
-            values: Parameters by name, `rail_mass` or `drive_2.rail_mass`; others are passed over.
-        """
+        """Return the machine with the constants that some of these are, as `drive_2.rail_mass`."""
         named = {name.rpartition('.')[2] for name in values}
         changed = {
             name: tuple(

@@ -96,8 +96,7 @@ def write_overlay(
 def require_place(path: str | Path, data: Data, inputs: Sequence[str | Path | None] = ()) -> None:
     """Refuse, before any work, a place of an overlay whose bags are not ours to replace.
 
-    Args:
-        inputs: The bags that were read; an overlay among them is not replaced either.
+    An overlay among the inputs that were read is not replaced either.
     """
     read = {Path(x).resolve() for x in inputs if x}
     for number in range(1, len(data.recordings) + 1):
