@@ -54,7 +54,11 @@ def check_both(
 ) -> Report:
     """Judge recordings, the machine file, and whether they fit each other.
 
-    A finding that a line of the machine file can mend names it.
+    Args:
+        drives: Drives that are to be identified; all where None.
+
+    Returns:
+        The report; a finding that a line of the machine file can mend names it.
     """
     machine = file.machine
     aside = machine is not None and not kind_of(machine).follows(machine)

@@ -80,7 +80,11 @@ def require_ours(
 
 
 def make_directory(path: str | Path) -> Path:
-    """Make the directory results go to, with its parents, or raise INVALID_GOAL."""
+    """Make the directory results go to, with its parents.
+
+    Raises:
+        IdentError: INVALID_GOAL where something else is there or it cannot be written to.
+    """
     path, why = Path(path), ''
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -190,14 +194,25 @@ def replacing_directory(path: str | Path, *, replace: bool = False) -> Iterator[
 
 
 def remove_file(path: str | Path) -> None:
-    """Remove a file of ours, or the link that is there, if any, or raise INVALID_GOAL."""
+    """Remove a file, or the link that is there; nothing need be.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be removed, or is not ours.
+    """
     require_ours([path])
     with _explained(Path(path)):
         Path(path).unlink(missing_ok=True)
 
 
 def remove_directory(path: str | Path) -> None:
-    """Remove the caller's own directory, whole or not at all, or raise INVALID_GOAL."""
+    """Remove a directory: it is whole there, or not at all.
+
+    Args:
+        path: It is for the caller to know that it is his own.
+
+    Raises:
+        IdentError: INVALID_GOAL where it cannot be removed.
+    """
     partial = _beside(Path(path))
     with _explained(Path(path)):
         os.rename(path, partial)
@@ -239,7 +254,14 @@ def unreadable(path: str | Path) -> str:
 
 
 def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
-    """Return a file that people write, of so many bytes at most, or raise OSError; no pipe."""
+    """Return the content of a file that people write, as a configuration.
+
+    Args:
+        most: Most bytes of it.
+
+    Raises:
+        OSError: It cannot be read, is no regular file (which might never end), or is larger.
+    """
     with regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size > most:
@@ -248,7 +270,11 @@ def read_small(path: str | Path, most: int = 1 << 18) -> bytes:
 
 
 def read_yaml(path: str | Path, most: int = 1 << 18) -> Any:
-    """Return what a YAML file holds, as `read_small`; a ValueError's words follow its name."""
+    """Return what a YAML file holds; arguments as of `read_small`.
+
+    Raises:
+        ValueError: It cannot be read or is no YAML, in words that follow its name.
+    """
     import yaml
 
     try:

@@ -40,15 +40,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """Request of a run; the machine and what its problem is made from are as of `problem.Setup`.
+    """Request of a run.
 
     Attributes:
         bags: Paths of the recordings to fit; none for what was received.
         check: Paths of the recordings to judge on; none for parts held out of the others.
+        drives: Drives to compare, in the machine's order; all where None.
         topics: Names of the topics in the bags.
-        bounds: Of an identification only.
-        outputs: What is compared, with weights, of a diagnosis one; by the kind where None.
+        fixed: Parameters held at a value [their units].
+        bounds: (low, high) instead of the machine file's [their units]; of an identification.
+        outputs: What is compared, with weights; what the kind of machine compares where None. A
+            diagnosis takes one.
         without: Ids of effects to leave out of the catalogue; of a diagnosis.
+        settings: Search, budgets, threads.
         samples: Effort samples to fit on, all drives together; of an identification.
         workers: Who simulates; `settings.threads` threads of this process where None.
         machine_file: Path of the machine file, for the record; empty where there is none.
@@ -170,7 +174,7 @@ def knowing(request: Asking, path: str | Path | None) -> Asking:
             request stays as it is where None.
 
     Raises:
-        IdentError: As `report.files.read_estimate`; INVALID_GOAL where nothing follows from it.
+        IdentError: As `report.estimate.read_estimate`; INVALID_GOAL where nothing follows from it.
     """
     if path is None:
         return request
@@ -202,7 +206,11 @@ class Compared(Ended['Comparison']):
 
 
 def read(request: Request, received: RecordingBuilder | None = None) -> Logs:
-    """Read the logs of a request; raises NO_DATA, MISSING_STREAM, BAD_VALUES, or as readers do."""
+    """Read the logs of a request.
+
+    Raises:
+        IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES and what else a log can lack.
+    """
     since = time.monotonic()
     if not request.bags and received is None:
         raise ErrorCode.NO_DATA.error('there is no live data; replay a bag or name its path')
@@ -371,6 +379,9 @@ def save(
         folder: Where to write; it exists.
         overlay: Whether to write the overlay bags, too.
         live: Whether the page there is this run's own, which a browser reloads.
+
+    Raises:
+        IdentError: INVALID_GOAL where something cannot be written.
     """
     # A fleet writes nothing of this, and its rows do not depend on it.
     from ros2_ident.report import files as results

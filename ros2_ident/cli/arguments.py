@@ -79,7 +79,11 @@ def interval(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
-    """Return pairs as a dictionary; raises INVALID_GOAL where a name comes twice."""
+    """Return pairs as a dictionary.
+
+    Raises:
+        IdentError: INVALID_GOAL where a name comes twice.
+    """
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
@@ -121,7 +125,11 @@ def topics_of(args: argparse.Namespace) -> Any:
 
 
 def effort_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the effort unit given, as fields of a machine; WRONG_UNITS without its constant."""
+    """Return the effort unit of parsed arguments, as fields of a machine; none where not given.
+
+    Raises:
+        IdentError: WRONG_UNITS for a unit that lacks its constant.
+    """
     from ros2_ident.machine.units import effort_factors
 
     unit, constants = args.effort_unit, (args.torque_constant, args.rated_torque)
@@ -178,7 +186,11 @@ def searched(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def asked(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`."""
+    """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`.
+
+    Raises:
+        IdentError: As `load_machine`; WRONG_UNITS for a unit that lacks its constant.
+    """
     from ros2_ident.models import load_machine
     from ros2_ident.search import Threads
     from ros2_ident.search.evaluators import Cluster

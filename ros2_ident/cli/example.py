@@ -8,7 +8,11 @@ _BAG = Path('bags', 'axis_reversals')
 
 
 def shipped(inside: Path | str) -> Path:
-    """Return where `config/emps.yaml` or the like lies: in a wheel, a clone, or a ROS prefix."""
+    """Return where what comes with the package lies: in a wheel, a clone, or a ROS prefix.
+
+    Args:
+        inside: Its path in the clone, as `config/emps.yaml`.
+    """
     import ros2_ident
 
     package = Path(ros2_ident.__file__).parent

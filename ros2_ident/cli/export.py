@@ -72,7 +72,11 @@ def _problem(args: argparse.Namespace, estimate: 'Estimate') -> 'Problem':
 
 
 def machine_behind(args: argparse.Namespace, estimate: 'Estimate') -> Any:
-    """Return the machine of the file given, else of the estimate's; INVALID_GOAL for none."""
+    """Return the machine of the file that is given, else of that of the estimate.
+
+    Raises:
+        IdentError: INVALID_GOAL where it is not there.
+    """
     from ros2_ident.models import load_machine
 
     before = estimate.settings.get('machine_file')

@@ -127,9 +127,13 @@ def _live_page(
 
 
 def page_line(directory: Path, *, wanted: bool) -> str:
-    """Write the page at the end of a run, which is not lost if that fails; return a line on it.
+    """Write the page at the end of a run; a run is not lost where that fails.
 
-    Where it is not wanted, that of an earlier run is removed.
+    Args:
+        wanted: False only takes away the page on an earlier run.
+
+    Returns:
+        The line that says where it is; empty where none was written.
     """
     from ros2_ident.files import remove_file
     from ros2_ident.report.files import PAGE

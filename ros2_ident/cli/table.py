@@ -23,7 +23,12 @@ def alarming(text: str) -> str:
 
 
 def columns(rows: Sequence[Sequence[str]], sides: str) -> None:
-    """Print rows of cells in aligned columns, each by its side `<` or `>`."""
+    """Print rows in aligned columns.
+
+    Args:
+        rows: Cells, the same number in each row.
+        sides: For each column `<` to set it to the left, or `>`.
+    """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = (f'{x:{s}{w}}' for x, s, w in zip(row, sides, widths, strict=True))

@@ -62,7 +62,11 @@ class Series:
         return np.concatenate([sine, cosine]), np.concatenate([rate * cosine, -rate * sine])
 
     def deviation(self, coefficients: Array) -> tuple[Array, Array]:
-        """Return a way's deviation (M, K) from its start, and its rate, by (2 M H,) numbers."""
+        """Return the way's deviation from its start (M, K), and its derivative.
+
+        Args:
+            coefficients: (2 M H,) free; what of them would not begin at rest is taken away.
+        """
         sine, cosine = coefficients.reshape(2, *self.sizes.shape)
         # Neither speed nor acceleration at the start: sum h a_h = 0 and sum h^2 b_h = 0.
         sine = _without(sine, self.harmonics * self.sizes) * self.sizes
@@ -98,7 +102,12 @@ class Courses:
         return self.series.dimension + len(self.limits.way_low)
 
     def motion(self, point: Array, share: float = 1.0) -> Moved:
-        """Return the set-points of a point (N,), a share of the largest motion in their limits."""
+        """Return the set-points of a point (N,) of the unit cube, scaled to their limits.
+
+        Args:
+            point: (N,).
+            share: What of the largest motion, and of the room that it uses, is wanted, 0 to 1.
+        """
         value, rate = self.series.deviation(2.0 * point[: self.series.dimension] - 1.0)
         middle = 0.5 * (self.limits.way_high + self.limits.way_low)
         bottom, span = value.min(axis=1), np.ptp(value, axis=1)
@@ -146,13 +155,14 @@ def derived(position: Array, velocity: Array, cycle: float) -> Moved:
 def courses_for(
     machine: Machine, limits: Limits, seconds: float, harmonics: int = 8, rest: float = 0.25
 ) -> Courses:
-    """Return motions of so many seconds, with both rests, their frequencies to suit the limits.
+    """Return the motions of a machine within limits, their frequencies to suit these.
 
     The fundamental is a quarter of the frequency at which a sine over the whole reach has full
     speed, the highest that at which full acceleration has full jerk; so neither far ways nor quick
     turns are out of reach.
 
     Args:
+        seconds: Duration with both rests, s.
         harmonics: Frequencies that a motion has; fewer where they do not lie apart.
         rest: Rest before and after, s.
 

@@ -29,8 +29,12 @@ def write_excitation(
     """Write a motion; return the files.
 
     Args:
+        directory: Where to; it is made.
         lead: Time that the controller of a trajectory has to reach its first point, s.
         asked: The command, for the bag's metadata.
+
+    Raises:
+        IdentError: INVALID_GOAL where something is in the way.
     """
     require_place(directory)
     folder = make_directory(directory)
@@ -49,7 +53,11 @@ def write_excitation(
 
 
 def require_place(directory: str | Path) -> None:
-    """Refuse, before any work, a directory that holds what is not ours to replace."""
+    """Refuse, before any work is done, a directory that holds what is not ours to replace.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
     folder = Path(directory)
     require_room(folder / BAG, MARK)
     require_ours([folder / WORTH])

@@ -80,7 +80,11 @@ class Sensitivity:
         return np.asarray(np.linalg.inv(transmission(self.machine)).astype(np.float64))
 
     def meant(self, names: Collection[str]) -> npt.NDArray[np.bool_]:
-        """Return (N,) which are meant, of all drives by base names; UNKNOWN_PARAMETER."""
+        """Return (N,) which parameters are meant; `gear_stiffness` is that of every drive.
+
+        Raises:
+            IdentError: UNKNOWN_PARAMETER for a strange name.
+        """
         known = [{p.name, p.name.rpartition('.')[2]} for p in self.parameters]
         for name in names:
             if not any(name in both for both in known):
@@ -110,7 +114,11 @@ class Sensitivity:
         return planned_model(self.machine, *at, quantities, **self._asked)
 
     def of(self, planned: Moved) -> Shown:
-        """Return what a log of set-points shows; DIVERGED where nothing can be simulated."""
+        """Return what a log of set-points shows.
+
+        Raises:
+            IdentError: DIVERGED where the machine cannot be simulated at the expected values.
+        """
         model = self._model(planned, self._quantities)
         told = model.simulate(self.values[None])[0]
         if not np.isfinite(told).all():

@@ -35,12 +35,17 @@ _STEP = 1e-4
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of D drives, largest values (D,), and of a way of M dimensions that leads them.
+    """Limits of D drives, and of a way of M dimensions that leads them.
 
     Attributes:
-        low: (D,) lowest position, rad or m; -inf where there is none, as `high` is inf.
-        effort: In the model's unit; inf where there is none.
+        low: (D,) lowest position, rad or m; -inf where there is none.
+        high: (D,) highest.
+        velocity: (D,) largest speed.
+        acceleration: (D,) largest acceleration.
+        jerk: (D,) largest jerk.
+        effort: (D,) largest effort, the model's unit; inf where there is none.
         way_low: (M,) lowest point of the way: of the tool where drives carry one, else `low`.
+        way_high: (M,) highest.
     """
 
     low: Array
@@ -74,11 +79,14 @@ class Limits:
 
 @dataclass(frozen=True)
 class Moved:
-    """A motion of D drives at K instants, rad or m, with its derivatives, each (D, K).
+    """A motion of D drives at K instants, with its derivatives.
 
     Attributes:
-        jerk: None where it does not count.
-        effort: In the model's unit; None where it is not known.
+        position: (D, K) rad or m.
+        velocity: (D, K).
+        acceleration: (D, K).
+        jerk: (D, K); None where it does not count.
+        effort: (D, K), the model's unit; None where it is not known.
         tool: (M, K) where the tool is that the drives carry, m; None where there is none.
     """
 

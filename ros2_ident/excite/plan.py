@@ -156,8 +156,9 @@ def scaled(
 ) -> tuple[Moved, Shown, dict[str, float]]:
     """Return the largest motion of a point that keeps to the limits when it is simulated, too.
 
-    With what it shows, and the largest shares of the limits that it and the machine take, also
-    where its parameters are other ones (`Sensitivity.elsewhere`).
+    Returns:
+        The set-points, what they show, and the largest shares of the limits that they and the
+        machine take, also where its parameters are other ones (`Sensitivity.elsewhere`).
     """
     share = 1.0
     for _ in range(_ROUNDS):

@@ -203,11 +203,14 @@ def _worked(
 
 
 def key_of(entry: Row, how: How, before: Row | None = None) -> str:
-    """Return a digest of what a row depends on; raises as `load_machine`, or where a bag is lost.
+    """Return a digest of what a row depends on.
 
     That is what the list gives, what is asked for, the sources of everything that has a part in a
     result, the versions of the libraries, the bytes of the machine file and of the bags, and all
     of that of the bag it is compared with.
+
+    Raises:
+        IdentError: As `load_machine`, or where a bag is not there.
     """
     from ros2_ident.identify.problem import sources
     from ros2_ident.recording.storage import digest, storage_files

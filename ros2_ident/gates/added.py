@@ -23,10 +23,11 @@ from ros2_ident.recording import Dataset
 
 
 def added_to(machine: Machine, data: Dataset, law: Law, recording: int = 1) -> Asked | None:
-    """Return the effort that a drive's law did not ask for, from start to end.
+    """Find effort that a control law did not ask for.
 
-    None where there is none, or where what the law leaves is not that of instants. Recordings are
-    counted from 1.
+    Returns:
+        What was added, from start to end; None where nothing was, or where what the law leaves is
+        not that of instants.
     """
     signals = signals_of(machine, data, law.drive)
     if signals is None or math.isfinite(law.limit):

@@ -115,7 +115,11 @@ class _Log:
 
 
 def fit_asked(machine: Machine, data: Dataset, drive: str, recording: int = 1) -> Asked | None:
-    """Compare a drive's effort with the one that it is asked for; None where that is not told."""
+    """Compare a drive's effort with the one that it was asked for.
+
+    Returns:
+        How it makes its effort, None where it is not told it.
+    """
     log = _log_of(machine, data, data.names.index(drive))
     if log is None:
         return None

@@ -51,12 +51,15 @@ def examine(
     drives: Sequence[str] | None = None,
     noise: Array | None = None,
 ) -> GateReport:
-    """Return what every gate finds in recordings; of what these share, each drive's worst.
+    """Ask every gate about every recording.
 
     Args:
-        datasets: On the grid of controller cycles.
+        datasets: Its recordings on the grid of controller cycles.
         drives: The drives looked at; all where None.
         noise: (D,) their noise floors, where known.
+
+    Returns:
+        The findings; of those that recordings share, each drive's worst.
     """
     chosen = tuple(drives or machine.drives)
     reports = [_of_one(machine, x, chosen, noise, n) for n, x in enumerate(datasets, 1)]
@@ -292,7 +295,12 @@ def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
 
 
 def check_asked(found: Asked, unit: str) -> list[Gate]:
-    """Judge how a drive makes the effort [unit] that it is asked for."""
+    """Judge how a drive makes the effort that it is asked for.
+
+    Args:
+        found: From `fit_asked`.
+        unit: Unit of an effort.
+    """
     drive = found.drive
     off = not near(found.factor)
     text = (

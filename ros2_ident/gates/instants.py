@@ -35,13 +35,16 @@ class Peaks:
 
 
 def peaks_of(apart: Array, least: ArrayLike, step: float, small: float = 0.0) -> Peaks | None:
-    """Return where a series stands out; None where nothing does, or many, long ones, or a swing.
+    """Find where a series stands out, if that is at instants.
 
     Args:
         apart: (T,) the series about its middle.
         least: What stands out, one number or (T,).
         step: Time from value to value, s.
         small: Peaks below this share of the highest are passed over.
+
+    Returns:
+        The peaks; None where there is none, or where they are many, long, or halves of a swing.
     """
     height = np.abs(apart)
     prominence = _SINKS * float(np.min(least))

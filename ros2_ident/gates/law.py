@@ -152,7 +152,8 @@ def fit_law(
     noise = math.hypot(machine.effort_noise, law.steps)
     if law.left <= scale.OTHER_NOISE * noise or inside.sum() < scale.FEWEST:
         return law
-    # A loop is late by about the time of its gain at most, 0.1 s if unknown. Grids are by hand.
+    # A loop follows late by at most about the time of its gain, 0.1 s where that is not known. The
+    # grids are by hand.
     gain = sane(machine.number('position_gain', drive))
     reach = min(1.5 / gain, 0.1) if gain > 0.0 else 0.1
     coarse = np.arange(tracked - reach - LATEST_COMMAND, tracked + 7e-3, 2e-3)

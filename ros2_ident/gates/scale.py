@@ -10,7 +10,8 @@ FEWEST = 100
 STEP = 0.005
 # Efforts are compared with motion up to this frequency, Hz.
 SLOW = 10.0
-# Periods of a band's end left out at either end of a log, which a filter does not know beyond.
+# Periods of a band's end that are left out at either end of a log, where a filter knows nothing of
+# what came before.
 ENDS = 1.5
 # Shares of one signal that another explains, from which on it follows and below which it does not.
 FOLLOWS, STRAYS = 0.9, 0.3

@@ -169,7 +169,12 @@ class Fit:
         return out
 
     def left(self, lags: Array, late: float) -> Array:
-        """Return (L,) mean squares left, shares of the effort's variance, by delays in cycles."""
+        """Return (L,) the mean square that is left, as a share of the effort's variance.
+
+        Args:
+            lags: (L,) delays of the effort, cycles.
+            late: Delay of the set-point, cycles.
+        """
         columns = self._columns_at(lags, late)
         whole = max(float(self._effort.var()), 1e-300)
         if self._weights is not None:

@@ -90,7 +90,12 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
 
 
 def check_tracking(tracking: Tracking, cycle: float, unit: str) -> list[Gate]:
-    """Judge whether positions [unit] and set-points belong together."""
+    """Judge whether positions and set-points belong together.
+
+    Args:
+        cycle: The controller's cycle, s.
+        unit: Unit of the positions, `m` or `rad`.
+    """
     swapped = _mixed(tracking)
     if swapped:
         return swapped

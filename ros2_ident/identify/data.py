@@ -90,7 +90,21 @@ def read_data(
     samples: int = SAMPLES,
     quantities: Sequence[str] | None = None,
 ) -> Data:
-    """Read bags of one machine for `identify`; the rest is as of `gather` and `read_bags`."""
+    """Read bags into the data that `identify` takes.
+
+    Args:
+        bags: Path of a bag, or of several of one machine, for one fit.
+        machine: The machine it was recorded on.
+        drives: Drives to identify; all where None.
+        samples: As for `gather`.
+        quantities: As for `gather`.
+
+    Returns:
+        The segments.
+
+    Raises:
+        IdentError: As `read_bags`, `align` and `gather`.
+    """
     several = [bags] if isinstance(bags, str | Path) else bags
     recordings = read_bags(several, topics, travel_of(machine), machine.drives)
     return gather(recordings, machine, drives, samples=samples, quantities=quantities)
@@ -108,10 +122,15 @@ def gather(
 
     Args:
         recordings: From `read_bag` or a `RecordingBuilder`; of one bag or of several.
+        machine: The machine they were recorded on.
+        drives: Drives to identify; all where None.
         samples: Effort samples to fit on, all drives together; of a longer log the windows are
             taken that tell most (see `recording.windows`), and others are held out.
         quantities: What will be compared, so has to be in the log: of `effort`, `position` and
             `velocity`; what the kind of machine compares where None.
+
+    Returns:
+        The segments that can be used.
 
     Raises:
         IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it.
@@ -197,7 +216,11 @@ def _labels(recordings: Sequence[Recording]) -> tuple[str, ...]:
 
 
 def chosen_drives(machine: Machine, drives: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the drives to identify in the machine's order; raises INVALID_GOAL."""
+    """Return the drives to identify in the machine's order.
+
+    Raises:
+        IdentError: INVALID_GOAL where the list is empty, repeats a drive or names a strange one.
+    """
     if drives is None:
         return machine.drives
     known = ', '.join(machine.drives)

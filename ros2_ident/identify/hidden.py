@@ -63,7 +63,11 @@ def settled(model: FullModel) -> Mask:
 
 
 def rows_of(models: Sequence[FullModel], most: int) -> Rows:
-    """Return the samples weighed, at most so many: all, or whole blocks spread evenly."""
+    """Return the samples weighed: all, or whole blocks spread evenly where they are too many.
+
+    Args:
+        most: Most samples.
+    """
     masks = [settled(m) for m in models]
     total = sum(int(mask.sum()) for mask in masks)
     seconds = sum(m.shape[1] * model.cycle for m, model in zip(masks, models, strict=True))
@@ -104,7 +108,12 @@ def _uninterrupted(there: npt.NDArray[np.intp]) -> list[npt.NDArray[np.intp]]:
 
 
 def slopes_of(fitted: Layout, theta: Array, rows: Rows) -> tuple[Array, Array]:
-    """Return (R,) the residual of a fit, and (R, N) its derivative by shares of the box."""
+    """Return (R,) the residual of a fit, and (R, N) its derivative by shares of the box.
+
+    Args:
+        theta: (N,) their parameters.
+        rows: The R samples that are looked at.
+    """
     box = fitted.box
     point = Point.at(residuals_at(fitted, rows), box, box.inside(theta))
     return point.residual, point.jacobian
@@ -181,6 +190,7 @@ def missing_beside(
     """Return the effects that the models of a fit may lack.
 
     Args:
+        theta: (N,) their parameters.
         candidates: Effects that the models do not have; all of the catalogue where None.
         stopped: Asked often; True leaves the rest of the candidates empty.
         threads: That simulate; one for each processor where None.

@@ -43,7 +43,14 @@ class Conditions:
         return {'each': list(self.each), 'differences': known} if self else {}
 
     def check(self, labels: Sequence[str]) -> None:
-        """Hold them against the labels (M,) of the recordings, or raise INVALID_GOAL."""
+        """Hold them against the recordings that are there.
+
+        Args:
+            labels: (M,) the recording each model belongs to.
+
+        Raises:
+            IdentError: INVALID_GOAL where there is no such recording, or only one.
+        """
         there = dict.fromkeys(labels)
         strange = [label for label in self.known if label not in there]
         if strange:
@@ -58,10 +65,14 @@ class Conditions:
 
 
 def read_conditions(each: Sequence[str], path: str | Path | None) -> Conditions:
-    """Read the known differences between recordings, or raise INVALID_GOAL.
+    """Read the known differences between recordings.
 
     Args:
+        each: Parameters with a value of their own for every recording.
         path: A YAML file, `{bag: {parameter: how much above the shared value}}`; None for none.
+
+    Raises:
+        IdentError: INVALID_GOAL where the file cannot be read or says something else.
     """
     if path is None:
         return Conditions(tuple(each))
@@ -93,6 +104,7 @@ class Layout:
         parameters: (N,) all parameters in the models' order; where each recording has its own,
             `tool_mass@run_1` and `tool_mass@run_2`.
         low: (N,) lower ends of the box.
+        high: (N,) upper ends.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER or INVALID_GOAL where `conditions` names what is not there.
@@ -167,7 +179,11 @@ class Layout:
         return Box.of(self.low, self.high, self.known(noise=True))
 
     def known(self, *, noise: bool = False) -> Known | None:
-        """Return what an earlier result knows, for noise alone or with what its model may lack."""
+        """Return what an earlier result knows of the parameters; None for nothing.
+
+        Args:
+            noise: Whether for noise alone; else with what its model may have lacked.
+        """
         machine = self.models[0].machine
         if machine is None or machine.prior is None:
             return None
@@ -245,7 +261,12 @@ def _more(
 def held_of(
     machine: Machine, free: Model, drives: Sequence[str], given: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the values held in a model, by full name; `gear_stiffness` is that of every drive.
+    """Return the values held in a model, by full name.
+
+    Args:
+        free: Its model with nothing held.
+        drives: The drives that are compared.
+        given: Values by name; `gear_stiffness` means that of every drive.
 
     Raises:
         IdentError: UNKNOWN_PARAMETER where nothing is called so; INVALID_GOAL where the machine's
@@ -276,7 +297,11 @@ def expanded(known: Sequence[str], given: Mapping[str, T], what: str) -> dict[st
 
 
 def check_overrides(fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse parameters fixed or bounded to no number, or both: INVALID_GOAL."""
+    """Refuse parameters fixed or bounded to no number, or both.
+
+    Raises:
+        IdentError: INVALID_GOAL, naming the parameter.
+    """
     for name, value in fixed.items():
         if not np.isfinite(value):
             raise ErrorCode.INVALID_GOAL.error(

@@ -211,7 +211,11 @@ def provenance_of(machine: Machine | None = None, data: Data | None = None) -> P
 def rival_minima(problem: Problem, found: Fitted) -> tuple[StartOutcome, ...]:
     """Return minima beside the best one that fit almost as well, lowest cost first.
 
-    None where the best fit leaves noise only, or several refinements ended there.
+    Args:
+        found: How; its refinements' ends are compared.
+
+    Returns:
+        Nothing where the best fit leaves noise only, or several refinements ended there.
     """
     refined, known = found.refined, found.intervals
     if refined is None or known is None or not np.isfinite(found.residual).all():

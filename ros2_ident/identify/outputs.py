@@ -18,7 +18,11 @@ Outputs = Mapping[str, float | None]
 
 
 def checked(outputs: Outputs | None, otherwise: Sequence[str] = ()) -> Outputs:
-    """Return the quantities compared, in the order of `QUANTITIES`; INVALID_GOAL for others."""
+    """Return the quantities compared, in the order of `QUANTITIES`; `otherwise` where None.
+
+    Raises:
+        IdentError: INVALID_GOAL naming what is wrong.
+    """
     given = dict(outputs) if outputs else dict.fromkeys(otherwise)
     for quantity, weight in given.items():
         if quantity not in QUANTITIES:
@@ -33,7 +37,11 @@ def checked(outputs: Outputs | None, otherwise: Sequence[str] = ()) -> Outputs:
 
 
 def read_outputs(texts: Sequence[str]) -> Outputs | None:
-    """Read words as `effort` and `position=1e4`, None for no word, or raise INVALID_GOAL."""
+    """Read quantities compared from words as `effort` and `position=1e4`; None for no word.
+
+    Raises:
+        IdentError: INVALID_GOAL where one is not understood.
+    """
     found: dict[str, float | None] = {}
     for text in texts:
         name, equals, value = text.partition('=')

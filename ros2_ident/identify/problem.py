@@ -149,13 +149,16 @@ class Problem(Layout):
     def costs(
         self, theta: Array, limit: float = math.inf, stop: Callable[[], bool] | None = None
     ) -> Array:
-        """Return the costs (S,) of candidates, `unit`; inf where one diverged.
+        """Return the costs of candidates.
 
         Args:
             theta: (S, N) candidates.
-            limit: Cost above which a candidate need not be simulated to the end: it has a lower
-                bound of its cost then.
+            limit: Cost above which a candidate need not be simulated to the end.
             stop: Asked now and then; True where the result is not needed any more.
+
+        Returns:
+            (S,) costs, `unit`; inf where a candidate diverged. Where one is above `limit` it is a
+            lower bound of the cost.
         """
         total = np.zeros(len(theta))
         below = np.arange(len(theta))
@@ -334,11 +337,14 @@ def problem_of(
     outputs: Outputs | None = None,
     **asked: Any,
 ) -> Problem:
-    """Return a machine's model on every segment, as one problem; raises as `Setup.problem`.
+    """Return a machine's model on every segment, as one problem.
 
     Args:
         outputs: What is compared; what the kind of machine compares where None.
         asked: Other attributes of `Setup`.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `make_model`.
     """
     differ, compared = conditions or Conditions(), checked(outputs, compared_of(machine))
     differ.check(data.labels)
@@ -381,12 +387,16 @@ def problem_of_models(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     conditions: Conditions | None = None,
 ) -> Problem:
-    """Return a user's own models as one problem; errors as of `Problem`.
+    """Return a user's own models as one problem.
 
     Args:
         models: One, or one for each recording; a parameter of one name is one parameter.
+        fixed: Parameters held at a value, by name.
         bounds: (low, high) instead of the parameters' own, by name.
         conditions: What differs between the recordings, which are called `1`, `2` and so on.
+
+    Raises:
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER or NO_DATA with the remedy.
     """
     several = models if isinstance(models, Sequence) else [models]
     labels = [str(number) for number in range(1, len(several) + 1)]
@@ -404,7 +414,14 @@ def sources() -> str:
 
 
 def require_sources(digest: str) -> None:
-    """Raise INVALID_GOAL for a process with other sources: it would get other numbers."""
+    """Refuse to work for a process whose sources differ: it would get other numbers.
+
+    Args:
+        digest: What `sources` returns there.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
+    """
     if digest != sources():
         raise ErrorCode.INVALID_GOAL.error(
             'a worker has other sources of ros2_ident, or another NumPy, SciPy or Numba, than '

@@ -43,16 +43,20 @@ class ParameterEstimate:
     Attributes:
         name: `tool_mass`, or `drive_1.gear_stiffness` where each drive has its own.
         unit: SI unit; `1` for a ratio.
+        value: The estimate.
         low: Lower end of its 95 % interval, not clipped to the box; -inf where the data set no
             limit. It allows for what the model may lack: what effects of the catalogue can hide
             in the residual.
+        high: Upper end likewise.
         lower_bound: Lower end of the box that was searched.
+        upper_bound: Upper end of it.
         ga_value: What the genetic algorithm found, before the refinement.
         at_bound: Whether the estimate lies on a bound of the box.
         state: What is known of it; see `outcome`.
         kind: `physical`, `base` or `measurement`.
         note: The same in words, empty where there is nothing to say.
         noise_low: Lower end if the model lacked nothing: noise alone.
+        noise_high: Upper end likewise.
         hidden: Whether it would be identified if the model lacked nothing.
     """
 
@@ -155,7 +159,8 @@ class DriveResidual:
 
     Attributes:
         rms: RMS of measured less simulated effort, in the cost's unit.
-        share: The same over the RMS of the measured effort; EMPS's relative error over 100.
+        share: The same over the RMS of the measured effort; times 100 it is the relative error of
+            the EMPS benchmark.
         samples: Measured samples compared.
         unit: Unit of `rms`; the cost's where empty.
     """

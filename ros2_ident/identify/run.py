@@ -41,7 +41,8 @@ PARTS = 4
 QUARTERS = 'each quarter of the log, predicted from the other three'
 REST = 'parts of the log that were not fitted on'
 
-# A model is not the machine's that leaves this share of an output's variation, far over its noise.
+# A model that leaves this share of how an output varies, and far more than its noise, is not the
+# machine's. By hand.
 LARGE = 0.3
 # What is said of every parameter then.
 NOTE = 'means nothing: the model does not fit the log'
@@ -340,6 +341,10 @@ def quarters(problem: Problem, weighed: Missing, theta: Array) -> Array:
     """Return (R,) each part's residual at the estimate from all other parts of the log.
 
     That estimate is a Gauss-Newton step away from the one of the whole log; no fit is repeated.
+
+    Args:
+        weighed: Residual and slopes at its solution.
+        theta: (N,) the solution.
     """
     slopes, residual, blocks = weighed.slopes, weighed.residual, weighed.rows.blocks
     part = (blocks - blocks.min()) * PARTS // (int(np.ptp(blocks)) + 1)

@@ -238,7 +238,11 @@ def own_physics(root: ET.Element, joints: Collection[str]) -> str:
 
 
 def joints_in(text: str) -> tuple[str, ...]:
-    """Return the joints of a description that turn about or slide along one axis."""
+    """Return the joints of a description that turn about or slide along one axis.
+
+    Raises:
+        IdentError: As `judged_tree`.
+    """
     root = judged_tree(text)
     found = root.iterfind('joint' if root.tag == 'robot' else './/worldbody//joint')
     one_axis = 'revolute', 'continuous', 'prismatic', 'hinge', 'slide'

@@ -56,7 +56,11 @@ class MachineFile:
         return f'{self.place(remark.path)}: {remark.text}'
 
     def usable(self) -> Machine:
-        """Return the machine; raises the first remark where that is an error."""
+        """Return the machine.
+
+        Raises:
+            IdentError: The first remark, where it is an error.
+        """
         if self.machine is None:
             first = self.remarks[0]
             raise first.code.error(self.sentence(first))
@@ -64,10 +68,13 @@ class MachineFile:
 
 
 def read(path: str | Path, kinds: Mapping[str, Kind]) -> MachineFile:
-    """Return a machine file with everything there is to change in it.
+    """Read a machine file and judge it.
 
     Args:
         path: A YAML file; its keys are those of its kind.
+
+    Returns:
+        The file, with everything there is to change in it.
 
     Raises:
         IdentError: BAD_MACHINE_FILE where it cannot be read or is no YAML.

@@ -95,7 +95,11 @@ class Key:
         return replace(self, example=example, **changes)  # type: ignore[arg-type]
 
     def value(self, before: Mapping[str, Value]) -> Value:
-        """Return what the absence means, by the drive's constants before it in the table."""
+        """Return what the key's absence means.
+
+        Args:
+            before: The same drive's constants before it in the table.
+        """
         if self.default == TURN_OF_GEAR:
             return 2.0 * math.pi / float(before['gear_factor'])
         return NEUTRAL.get(self.name, math.nan) if self.default is None else self.default

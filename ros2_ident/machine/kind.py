@@ -142,7 +142,11 @@ class Figure:
 
 
 def later(name: str) -> Callable[..., Any]:
-    """Return `package.module:name`, a function or class imported when it is called first."""
+    """Return a function or class that is imported when it is called first.
+
+    Args:
+        name: `package.module:name`.
+    """
 
     def call(*args: Any, **kwargs: Any) -> Any:
         return pkgutil.resolve_name(name)(*args, **kwargs)
@@ -171,7 +175,8 @@ class Kind:
         travel: Unit of its drives' positions, `m` or `rad`; where empty, `moving_mass` says it.
         compares: Quantities that are compared by default.
         freely: The same where controllers follow a set-point; None where they are those.
-        logs: Units of efforts that its model simulates as logged, beside `effort_factors`'.
+        logs: Units of a logged effort that its model simulates as they are, beside those of
+            `units.effort_factors`.
         released: Whether its motors are switched off where no set-point comes any more.
         efforts: Returns the (D,) size of the drives' efforts, of which bounds of effects are
             shares; None where the log says it.

@@ -28,6 +28,7 @@ class Parameter:
         name: `tool_mass`, or `drive_1.gear_stiffness` where each drive has its own.
         unit: SI unit as text; `1` for a ratio.
         low: Lower bound of the search, in `unit`.
+        high: Upper bound of the search, in `unit`.
         kind: `physical` for the machine, `measurement` for how it was logged; `base` for what
             stands for several of the machine's that show together only, and has either sign.
         source: Equation or reference the parameter stands in.
@@ -101,11 +102,15 @@ class Machine:
         return name in self.given or name in self.bounds
 
     def number(self, name: str, drive: str | None = None) -> float:
-        """Return a numeric constant, SI units: a drive's, or one that is the same for all.
+        """Return a numeric constant, SI units.
+
+        Args:
+            name: Its key.
+            drive: The drive it belongs to; without it, one that is the same for all.
 
         Raises:
             IdentError: BAD_MACHINE_FILE where it differs from drive to drive and none is named,
-                or where machines of this kind have no such constant.
+            or where machines of this kind have no such constant.
         """
         return float(self._value(name, drive))
 
@@ -141,7 +146,12 @@ class Machine:
         return values[0]
 
     def box(self, name: str, drive: str | None = None) -> Box:
-        """Return (low, high, unit) of a parameter to be identified, a drive's or that of all."""
+        """Return (low, high, unit) of a parameter to be identified.
+
+        Args:
+            name: Its name without a drive.
+            drive: The drive whose parameter it is; without it, the box of all.
+        """
         return self.own_bounds.get(f'{drive}.{name}', self.bounds[name])
 
     @property
@@ -172,11 +182,14 @@ class Machine:
         return replace(self, constants=constants, given=self.given | set(changed))
 
     def described(self, text: str | None) -> 'Machine':
-        """Return the machine with what was heard, URDF or MJCF, where its file asks for that.
+        """Return the machine with a description that was heard, where its file asks for that.
+
+        Args:
+            text: URDF or MJCF; None where nothing was heard.
 
         Raises:
             IdentError: MISSING_STREAM where it is asked for and nothing was heard,
-                BAD_MACHINE_FILE where it is no such description.
+            BAD_MACHINE_FILE where it is no such description.
         """
         asking = [n for n, values in self.constants.items() if values == (DESCRIPTION_TOPIC,)]
         if not asking:
@@ -191,7 +204,11 @@ class Machine:
         return replace(self.with_constants(**dict.fromkeys(asking, text)), digest=digest)
 
     def with_values(self, values: Mapping[str, float]) -> 'Machine':
-        """Return the machine with the constants that some of these are, as `drive_2.rail_mass`."""
+        """Return the same machine with the constants that some of these parameters are.
+
+        Args:
+            values: Parameters by name, `rail_mass` or `drive_2.rail_mass`; others are passed over.
+        """
         named = {name.rpartition('.')[2] for name in values}
         changed = {
             name: tuple(

@@ -71,11 +71,14 @@ class Prior:
         return math.isfinite(deviation) and max(deviation, abs(self.values[name])) > 0.0
 
     def check(self, free: Mapping[str, tuple[float, float, str]], drives: Sequence[str]) -> None:
-        """Refuse, INVALID_GOAL, parameters of another machine.
+        """Hold it against the parameters of a machine.
 
         Args:
             free: (low, high, unit) of each parameter of the machine by name.
             drives: Drives that are not looked at, whose parameters may be missing there.
+
+        Raises:
+            IdentError: INVALID_GOAL where it is of another machine.
         """
         remedy = 'give a result of this machine, or leave out --from'
         for name, value in self.values.items():

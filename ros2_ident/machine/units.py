@@ -15,7 +15,11 @@ LEVER = 0.05
 
 
 def angular(unit: str) -> str:
-    """Return a unit of straight motion as it is where a joint turns: `N m s/rad` for `N s/m`."""
+    """Return a unit of straight motion as it is where a joint turns: `N m s/rad` for `N s/m`.
+
+    Args:
+        unit: A unit of masses, forces and lengths.
+    """
     return re.sub(r'\b(kg|N|m)\b', lambda found: _ANGULAR[found[0]], unit)
 
 

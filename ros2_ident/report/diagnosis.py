@@ -173,12 +173,15 @@ def write_diagnosis(
     check: Data | None = None,
     settings: Mapping[str, object] | None = None,
 ) -> tuple[Path, Path]:
-    """Write `diagnosis.json`, and measured and simulated effort to `diagnosis.npz`.
+    """Write a diagnosis.
 
     Args:
         directory: Exists.
         fit: The recordings fitted to.
         check: The recordings it was judged on; None where those are blocks of the others.
+
+    Returns:
+        `diagnosis.json`, and `diagnosis.npz` with measured and simulated effort.
     """
     folder = Path(directory)
     data = {
@@ -200,7 +203,11 @@ def write_diagnosis(
 
 
 def load_diagnosis(directory: str | Path) -> Written:
-    """Read `diagnosis.json`; raises NO_DATA, or BAD_VALUES where it cannot be read."""
+    """Read what `write_diagnosis` wrote into `diagnosis.json`.
+
+    Raises:
+        IdentError: NO_DATA where there is none, BAD_VALUES where it cannot be read.
+    """
     path = Path(directory) / DIAGNOSIS
     data = content(path, '`ident diagnose --out` wrote')
     if not isinstance(data, dict) or 'verdict' not in data or data.get('schema') != SCHEMA:
@@ -212,10 +219,12 @@ def load_diagnosis(directory: str | Path) -> Written:
 
 
 def machine_lines(found: Diagnosis, machine: Machine) -> tuple[str, ...]:
-    """Return YAML for the machine file by section; none without an effect or a key for it.
+    """Return YAML for the machine file.
 
-    A constant gets its new value. What the file does not know becomes a parameter to identify,
-    searched up to twice the size found.
+    Returns:
+        Lines by section; none where no effect was found or the machine file has no key for it. A
+        constant gets its new value. What the file does not know becomes a parameter to identify,
+        searched up to twice the size found.
     """
     sections: dict[str, list[str]] = {}
     for at in named(found):

@@ -25,7 +25,11 @@ _UNSOUND = {Cause.CUT_SHORT, Cause.LOG, Cause.CONSTANT, Cause.MODEL, Cause.EVENT
 
 
 def load(directory: str | Path) -> tuple[Identification | None, Written | None]:
-    """Read a directory's identification and diagnosis, None for one that is not there."""
+    """Read the identification and the diagnosis of a directory; None for one that it lacks.
+
+    Raises:
+        IdentError: NO_DATA where it holds neither, BAD_VALUES where a file cannot be read.
+    """
     folder = Path(directory)
     if not holds_results(folder):
         raise ErrorCode.NO_DATA.error(

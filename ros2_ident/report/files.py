@@ -37,11 +37,16 @@ def write_result(
     problem: Problem | None = None,
     check: Problem | None = None,
 ) -> tuple[Path, ...]:
-    """Write a result, and return the files; older ones in the directory are replaced.
+    """Write a result.
 
     Args:
-        problem: What it solves, to write measured and simulated effort, unless all diverged.
+        directory: Is made where it does not exist; older results in it are replaced.
+        problem: What it solves, to write measured and simulated effort as well.
         check: The same problem on recordings that were held out.
+
+    Returns:
+        The files: the result as JSON, the candidates of the search as NPZ, and the
+        efforts as NPZ where there is a problem and a candidate that did not diverge.
 
     Raises:
         IdentError: INVALID_GOAL where the directory cannot be written to.
@@ -61,10 +66,13 @@ def write_result(
 
 
 def load_result(path: str | Path) -> Identification:
-    """Read a result, with the candidates of the search where `history.npz` lies beside it.
+    """Read a result.
 
     Args:
         path: The directory `write_result` wrote to, or its JSON file.
+
+    Returns:
+        The result, with the candidates of the search where `history.npz` lies beside it.
 
     Raises:
         IdentError: NO_DATA where there is no result, BAD_VALUES where it cannot be read.
@@ -82,7 +90,11 @@ def load_result(path: str | Path) -> Identification:
 
 
 def content(path: Path, whose: str) -> Any:
-    """Return what a file of JSON holds; NO_DATA or BAD_VALUES with whose directory is wanted."""
+    """Return what a file of JSON holds.
+
+    Raises:
+        IdentError: NO_DATA or BAD_VALUES, with whose directory is wanted.
+    """
     try:
         with regular(path) as file:
             return json.loads(file.read().decode())

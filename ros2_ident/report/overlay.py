@@ -33,7 +33,10 @@ Series = list[Stream]
 
 
 def overlay_streams(problem: Problem, theta: Array) -> list[dict[str, Stream]]:
-    """Simulate every segment with parameters (N,) at the stamps of its measured efforts.
+    """Simulate every segment at the stamps of its measured efforts.
+
+    Args:
+        theta: (N,) parameters, physical units.
 
     Returns:
         For each segment `simulated` and `residual` (measured less simulated), with the drives
@@ -73,6 +76,9 @@ def write_overlay(
 
     Returns:
         The bags' directories; none where the data hold no recordings.
+
+    Raises:
+        IdentError: INVALID_GOAL as `require_place`.
     """
     if len(problem.data.recordings) != len(problem.data.datasets) or not np.isfinite(theta).all():
         return ()
@@ -94,9 +100,15 @@ def write_overlay(
 
 
 def require_place(path: str | Path, data: Data, inputs: Sequence[str | Path | None] = ()) -> None:
-    """Refuse, before any work, a place of an overlay whose bags are not ours to replace.
+    """Refuse, before any work is done, a place whose bags are not ours to replace.
 
-    An overlay among the inputs that were read is not replaced either.
+    Args:
+        path: As for `write_overlay`.
+        data: What the overlay will be of.
+        inputs: The bags that were read; an overlay among them is not replaced either.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy.
     """
     read = {Path(x).resolve() for x in inputs if x}
     for number in range(1, len(data.recordings) + 1):

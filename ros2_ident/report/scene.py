@@ -57,12 +57,15 @@ class Scene:
 
 
 def scene_of(problem: Problem, theta: Array, residual: Stream, segment: int = 0) -> Scene | None:
-    """Return the motion of a machine in space; None where it has no figure or no positions.
+    """Return the motion of a machine in space.
 
     Args:
         theta: (N,) parameters, physical units.
         residual: The segment's residual effort, from `overlay_streams`.
         segment: Its number, from 0.
+
+    Returns:
+        The scene; None where nothing of the machine is drawn or no positions were measured.
     """
     machine = problem.machine
     dataset = problem.data.datasets[segment]

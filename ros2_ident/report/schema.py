@@ -72,7 +72,8 @@ def read(kind: Any, value: Any) -> Any:
 
     Args:
         kind: A dataclass, or a type as those of its fields; others stay as they are.
-        value: What `plain` made of it, or was read already; what is not there has its default.
+        value: What `plain` made of it, or what was read already; what a file lacks has its
+            default.
     """
     parts, origin = get_args(kind), get_origin(kind)
     if is_dataclass(value):
@@ -102,7 +103,13 @@ def read(kind: Any, value: Any) -> Any:
 
 
 def from_mapping(data: Any, path: Path) -> Identification:
-    """Return the result of a file's content; its history holds the best costs and no candidates.
+    """Return the result that a file's content describes.
+
+    Args:
+        data: What `to_mapping` returned.
+
+    Returns:
+        The result; its history holds the best costs and no candidates.
 
     Raises:
         IdentError: BAD_VALUES where it is no result, or another version's.

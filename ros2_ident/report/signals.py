@@ -128,7 +128,11 @@ def write_signals(path: Path, signals: Signals) -> Path:
 
 
 def read_arrays(path: Path, remedy: str) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of an NPZ; BAD_VALUES with what helps beside deleting it."""
+    """Return the arrays of an NPZ.
+
+    Raises:
+        IdentError: BAD_VALUES with what helps beside deleting it.
+    """
     try:
         with regular(path) as source, np.load(source, allow_pickle=False) as file:
             return dict(file)
@@ -139,7 +143,11 @@ def read_arrays(path: Path, remedy: str) -> dict[str, npt.NDArray[Any]]:
 
 
 def load_signals(path: Path) -> Signals:
-    """Read signals; raises BAD_VALUES where the file is damaged, or another version's."""
+    """Read signals.
+
+    Raises:
+        IdentError: BAD_VALUES where the file is damaged, or another version's.
+    """
     arrays = read_arrays(path, 'or run again')
     with intact(path):
         written = str(arrays['schema']), int(arrays['version'])

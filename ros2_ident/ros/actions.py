@@ -165,7 +165,11 @@ class GoalServer:
     def begin(
         self, goal: Any, tell: Says = lambda feedback: None, done: Says = lambda message: None
     ) -> None:
-        """Start a run, or raise and start nothing where the goal is unusable."""
+        """Start a run.
+
+        Raises:
+            IdentError: Where the goal is unusable; nothing has been started then.
+        """
         node = self.node
         now = parameters.snapshot(node)
         heard, states = node.description, node.states

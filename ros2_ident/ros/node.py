@@ -137,7 +137,11 @@ class Identifier(Node):
         return self.capture.idle < RECEIVING
 
     def received(self) -> RecordingBuilder:
-        """Return what has been received, or raise NO_DATA."""
+        """Return what has been received.
+
+        Raises:
+            IdentError: NO_DATA where that is nothing.
+        """
         if self.capture.empty:
             raise ErrorCode.NO_DATA.error(f'{self.capture.silence()}; or name a bag to read')
         return self.capture.snapshot()
@@ -180,7 +184,11 @@ class Identifier(Node):
             server.give_up(error)
 
     def spin(self, executor: Executor, seconds: float | None = None) -> None:
-        """Let one callback run in time; what it raises is logged, and the node goes on."""
+        """Let one callback run; what it raises is logged, and the node goes on.
+
+        Args:
+            seconds: Longest wait for one; without end where None.
+        """
         try:
             executor.spin_once(seconds)
         except ExternalShutdownException:

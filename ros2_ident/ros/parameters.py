@@ -113,7 +113,11 @@ def descriptor(entry: Entry) -> ParameterDescriptor:
 
 
 def declare(node: Node) -> None:
-    """Declare every parameter of the table; raises BAD_VALUES where an override does not fit."""
+    """Declare every parameter of the table on a node.
+
+    Raises:
+        IdentError: BAD_VALUES where an override does not fit, with the remedy.
+    """
     given = dict(node._parameter_overrides)  # as launch files and the command line say; read only
     for entry in BY_NAME.values():
         value = given[entry.name].value if entry.name in given else None
@@ -189,7 +193,11 @@ _PATHS: Mapping[str, Callable[[Path], Any]] = {
 
 
 def check_path(name: str, value: Any) -> None:
-    """Read the machine file, or make the output directory, and raise where that cannot be done."""
+    """Read the machine file, make the output directory; any other parameter is none of those.
+
+    Raises:
+        IdentError: Where that cannot be done.
+    """
     if value and name in _PATHS:
         _PATHS[name](expanded(value))
 

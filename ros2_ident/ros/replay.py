@@ -42,7 +42,11 @@ Message = tuple[str, int, bytes]
 
 
 def opened(path: str | Path, topics: Sequence[str] = ()) -> tuple[AnyReader, list[Connection]]:
-    """Return a bag's reader and its JointState topics, those named or all, or raise IdentError."""
+    """Return the reader of a bag, and its JointState topics: those named, or all.
+
+    Raises:
+        IdentError: NO_DATA, MISSING_STREAM or DAMAGED_BAG.
+    """
     path = Path(path).expanduser()
     for place in (path, *path.glob('*')):
         if why := unreadable(place):

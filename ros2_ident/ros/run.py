@@ -76,7 +76,12 @@ class Wanted(Request):
 
 @dataclass(frozen=True)
 class Step:
-    """How far a comparison is, as a share of the work."""
+    """How far a comparison is.
+
+    Attributes:
+        stage: What is being done.
+        fraction: Share of the work that is done.
+    """
 
     stage: str
     fraction: float
@@ -96,12 +101,20 @@ def carry_out(
     on_progress: Callable[[Any], None] = lambda progress: None,
     on_preview: Callable[[Series, Series], None] | None = None,
 ) -> Any:
-    """Identify, diagnose or compare; return what `jobs` does, and raise as that.
+    """Identify, diagnose or compare.
 
     Args:
         received: What the node has received; needed where the request is live.
+        cancel: The best so far is kept.
+        on_progress: Called from this thread.
         on_preview: Gets simulated and residual effort of better and better candidates of an
             identification, from this thread; see `preview`.
+
+    Returns:
+        What `jobs` returns, also where the run was cancelled.
+
+    Raises:
+        IdentError: With the remedy.
     """
     if what == 'diff':
         return jobs.compare(
@@ -132,7 +145,11 @@ def _no_path(path: str, reason: object) -> IdentError:
 
 
 def expanded(path: str) -> Path:
-    """Return a path with `~` replaced; raises INVALID_GOAL where it can be no path."""
+    """Return a path with `~` replaced by the home directory.
+
+    Raises:
+        IdentError: INVALID_GOAL where it can be no path.
+    """
     if '\0' in path:
         raise _no_path(path, 'it holds a zero byte')
     try:
@@ -142,12 +159,15 @@ def expanded(path: str) -> Path:
 
 
 def allowed(path: str, directory: str, *, there: bool = True) -> Path:
-    """Return a path to read, or raise NO_DATA, or INVALID_GOAL where it is not allowed.
+    """Return a path to read.
 
     Args:
         path: As the goal has it.
         directory: What it has to lie in, wherever links lead; empty for anywhere.
         there: Whether it has to exist.
+
+    Raises:
+        IdentError: NO_DATA where nothing is there, INVALID_GOAL where it is not allowed.
     """
     found = expanded(path)
     try:
@@ -168,7 +188,11 @@ def allowed(path: str, directory: str, *, there: bool = True) -> Path:
 
 
 def new_folder(directory: str) -> Path:
-    """Make a folder named by the time, never one that is there; raises INVALID_GOAL."""
+    """Make a folder named by the time; never one that is there already.
+
+    Raises:
+        IdentError: INVALID_GOAL where nothing can be written there.
+    """
     base = expanded(directory)
     stamp = f'{datetime.now().astimezone():%Y%m%d_%H%M%S}'
     for number in range(1, 1000):
@@ -213,10 +237,16 @@ def checkpoint_of(directory: str, *what: str) -> Path | None:
 
 
 def save(done: Identified | Diagnosed | Compared, directory: str | None = None) -> str:
-    """Write a result and its configuration in a new folder; return the result file's path.
+    """Write a result and the configuration it was found with, in a new folder.
 
     Args:
-        directory: Where to make the folder, empty for none; that of the goal where None.
+        directory: Where to make its folder; that of the goal where None.
+
+    Returns:
+        Path of the result file; empty where the directory is.
+
+    Raises:
+        IdentError: INVALID_GOAL where nothing can be written there.
     """
     wanted = asked_of(done)
     base = wanted.output_directory if directory is None else directory

@@ -34,7 +34,13 @@ def interval(value: float, low: float, high: float) -> str:
 
 
 def in_travel(text: str, unit: str, per_metre: float) -> str:
-    """Return a sentence with um, mm or m in a drive's unit, so many of which are a metre."""
+    """Return a sentence with its lengths and speeds in a drive's unit of travel.
+
+    Args:
+        text: A sentence with lengths in um, mm or m.
+        unit: Unit of the drive's position.
+        per_metre: How many of these a metre stands for.
+    """
     if unit == 'm':
         return text
 

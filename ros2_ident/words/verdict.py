@@ -95,7 +95,12 @@ def _at_bounds(d: Diagnosis) -> str:
 
 
 def unseen(effects: Iterable[EffectAt], drives: int) -> dict[str, str]:
-    """Return effects that a motion of so many drives cannot show, by title, with their places."""
+    """Return effects that a motion cannot show, by title, with their places.
+
+    Args:
+        effects: Each at one place.
+        drives: Number of drives.
+    """
     places: dict[str, list[str]] = {}
     for at in effects:
         places.setdefault(title_at(at.effect), []).append(place([at.where]))
@@ -111,7 +116,11 @@ def _unseen(d: Diagnosis) -> str:
 
 
 def separating(rival: str, where: str, travel: Sequence[Any]) -> str:
-    """Return the motion that tells an effect from another, in the drives' unit of travel."""
+    """Return the motion that tells an effect from another one.
+
+    Args:
+        travel: Unit of the drives' positions, and how many of them are a metre.
+    """
     return in_travel(get_effect(rival).separated_by.format(drive=place([where])), *travel)
 
 

@@ -40,7 +40,14 @@ Laws = Sequence[tuple[str, Array, Array]]
 
 
 def picture(found: ResidualMap, effects: str = '') -> Picture | None:
-    """Draw a map of the residual, and the effects' law, if any; None where it has no line."""
+    """Draw a map of the residual.
+
+    Args:
+        effects: Name of the law; empty draws none.
+
+    Returns:
+        The picture; None where the map holds no line.
+    """
     before = [line for line in found.before if line.place.size]
     if not before:
         return None
@@ -115,13 +122,14 @@ def _stretches(axis: Axis, place: Array) -> list[slice]:
 
 
 def all_of(w: Written, effects: str) -> tuple[Picture | None, list[Picture]]:
-    """Return the picture of the first screen, None where there is no map, and all others.
-
-    The first is the map on which the effects explain most, of a drive they sit on where there is
-    one; the first of all where none was found.
+    """Return the picture of the first screen, and all others.
 
     Args:
         effects: What was found, for the text; empty where no effect was named.
+
+    Returns:
+        The map on which the effects explain most, of a drive they sit on where there is one; the
+        first where none was found. None where there is no map.
     """
     if not w.maps:
         return None, []

@@ -190,7 +190,16 @@ def write_comparison(directories: Sequence[str | Path], page: str | Path | None 
 
 
 def write_difference(directory: str | Path, page: str | Path | None = None) -> Path:
-    """Write the page on what `ident diff` found; arguments and errors as of `write_report`."""
+    """Write the page on what changed between two sets of logs.
+
+    Args:
+        directory: Where `ident diff` wrote.
+        page: The file to write; `report.html` in the directory where None.
+
+    Raises:
+        IdentError: NO_DATA or BAD_VALUES where `change.json` cannot be read, INVALID_GOAL where
+            the page cannot be written.
+    """
     data = content(Path(directory) / CHANGE, '`ident diff` wrote')
     found, asked = read(Comparison, data), data['settings']
     headline, *_ = changed(found)
@@ -216,7 +225,16 @@ def _effects(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def write_fleet(directory: str | Path, page: str | Path | None = None) -> Path:
-    """Write the page on a fleet; arguments and errors as of `write_report`."""
+    """Write the page on a fleet.
+
+    Args:
+        directory: Where `ident fleet` wrote.
+        page: The file to write; `report.html` in the directory where None.
+
+    Raises:
+        IdentError: NO_DATA or BAD_VALUES where `fleet.json` cannot be read, INVALID_GOAL where
+            the page cannot be written.
+    """
     path = Path(directory) / FLEET
     data = content(path, '`ident fleet` wrote')
     kind = isinstance(data, dict) and (data.get('schema'), data.get('version'))

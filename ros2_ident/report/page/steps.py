@@ -151,7 +151,11 @@ def _steps_of_effects(w: Written, out: str) -> Iterator[Step]:
 
 
 def moved_names(d: Diagnosis, *, together: bool = False) -> list[str]:
-    """Return the nominal parameters that made up for the effects; all that moved, if together."""
+    """Return the nominal parameters that had made up for the effects.
+
+    Args:
+        together: Whether to return all that moved, for they are determined together only.
+    """
     if not words.named(d):
         return []
     least = MOVED_TOGETHER if together else MOVED
