@@ -94,6 +94,7 @@ def once(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
 
 def add_arguments(parser: argparse.ArgumentParser, own: Mapping[str, Any]) -> None:
     """Add the arguments of a command, as `commands.yaml` has it."""
+    parser.set_defaults(**own.get('without', {}))
     groups: list[tuple[Any, Mapping[str, Any]]] = [(parser, own['arguments'])]
     for title, arguments in own.get('groups', {}).items():
         groups.append((parser.add_argument_group(title), arguments or _TABLE['groups'][title]))
@@ -186,7 +187,7 @@ def searched(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def asked(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what identification and diagnosis ask alike, as fields of a `jobs.Request`.
+    """Return what commands on bags ask alike, as fields of a `jobs.Request`.
 
     Raises:
         IdentError: As `load_machine`; WRONG_UNITS for a unit that lacks its constant.

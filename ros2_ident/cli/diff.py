@@ -11,25 +11,15 @@ def run(args: argparse.Namespace) -> int:
     # Before the simulations are composed of the effects there are.
     add_effect_files(args.effect)
     from ros2_ident import jobs
-    from ros2_ident.cli.arguments import once, topics_of, with_effort
+    from ros2_ident.cli.arguments import asked
     from ros2_ident.cli.progress import Meter
     from ros2_ident.cli.runs import interrupts, page_line
     from ros2_ident.files import make_directory
     from ros2_ident.identify.settings import IdentifySettings
-    from ros2_ident.models import load_machine
     from ros2_ident.words.change import sentences
 
-    request = jobs.Request(
-        with_effort(load_machine(args.machine), args),
-        bags=tuple(args.bag),
-        drives=args.drives,
-        topics=topics_of(args),
-        fixed=once(args.fix, '--fix'),
-        without=args.without,
-        settings=IdentifySettings(threads=args.threads),
-        seed=args.seed,
-        machine_file=str(args.machine),
-    )
+    settings = IdentifySettings(threads=args.threads)
+    request = jobs.Request(**asked(args), without=args.without, settings=settings)
     request = jobs.knowing(request, args.earlier)
     with interrupts() as cancel, Meter(quiet=args.quiet) as meter:
         done = jobs.compare(request, args.after, paired=args.pairs, cancel=cancel, on_step=meter)

@@ -213,6 +213,9 @@ def _diagnosed(done: Diagnosed) -> Gap:
             f'The time budget of {done.request.seconds:g} s ended the run before every effect '
             'had been tried; give it more.',
         )
+    gates = [gate.sentence for gate in found.gates if gate.level != 'ok']
+    logs = [data for data in (done.logs.fit, done.logs.check) if data]
+    warnings = dict.fromkeys([*gates, *(w for data in logs for w in data.quality(0).warnings)])
     return _filled(
         Gap,
         found,
@@ -225,7 +228,7 @@ def _diagnosed(done: Diagnosed) -> Gap:
             for name in ('before', 'after', 'noise_floor', 'share_closed')
         },
         sentence=sentence(found),
-        warnings=_warnings_of(done),
+        warnings=list(warnings),
         also=[_also(found, at) for at in found.also],
         confusable=[_candidate(found, r) for r in found.confusable],
         ranking=[_candidate(found, r) for r in found.ranking],
@@ -240,14 +243,6 @@ def _interval(name: str, step: Sequence[Step]) -> dict[str, float]:
     """Return the gap at a step of the waterfall with its interval; NaN where there is none."""
     gap = step[0].gap if step else Interval(math.nan, math.nan, math.nan)
     return {name: gap.value, f'{name}_low': gap.low, f'{name}_high': gap.high}
-
-
-def _warnings_of(done: Diagnosed) -> list[str]:
-    """Return what gates and data warn of, each sentence once."""
-    gates = [gate.sentence for gate in done.result.gates if gate.level != 'ok']
-    logs = done.logs.fit, done.logs.check
-    said = [w for data in logs if data for w in data.quality(0).warnings]
-    return list(dict.fromkeys([*gates, *said]))
 
 
 def _candidate(found: Diagnosis, ranked: Ranked) -> Any:
