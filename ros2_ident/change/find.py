@@ -257,7 +257,10 @@ def _round(
 ) -> _Round:
     theta, first = sides.inside(theta), sides.models[0]
     taken = {*first.effects, *(at for at, _ in sides.effects)}
-    candidates = [at for at in first.extensions() if at not in taken and at.effect not in without]
+    candidates = [
+        at for at in first.extensions(changed=True)
+        if at not in taken and at.effect not in without
+    ]  # fmt: skip
     # Twice: what is common, and what changed.
     seen = missing_beside(sides, theta, candidates, stopped, threads, times=2)
     rows, residual, jacobian = seen.rows, seen.residual, seen.slopes

@@ -28,6 +28,8 @@ class Context:
         features: What the structure has, such as `platform`.
         effort: Whether logged efforts are compared.
         turns: Whether the log shows when a payload is carried.
+        combined: Rows that parameters of the machine file make up together: nothing is missing
+            there, though between two logs it may change as one.
     """
 
     drives: int = 1
@@ -39,6 +41,7 @@ class Context:
     features: frozenset[str] = frozenset()
     effort: bool = True
     turns: bool = False
+    combined: frozenset[str] = frozenset()
 
 
 def anywhere(context: Context) -> bool:
@@ -138,8 +141,9 @@ class EffectParameter:
         unit: SI unit as text, of a carriage. Its numbers are shares of what the drive does in
             the log, see `models.protocol.Scales`: `effort` (N m or N, whichever the machine logs)
             of the size of the logged effort, `force` of that effort at the load (N, or N m of a
-            joint), m of the stroke, m/s of the highest speed, W of force times speed. What is of
-            the machine and not of a drive (see `kernel.rows`) is in SI units.
+            joint), `load` (kg) of the mass that this holds, a metre away where joints turn, m of
+            the stroke, m/s of the highest speed, W of force times speed. What else is of the
+            machine and not of a drive (see `kernel.rows`) is in SI units.
         low: Lower bound of the search, physical sign included.
         high: Upper bound of the search.
         neutral: Value at which the effect vanishes, or that means nothing while another parameter
@@ -271,4 +275,5 @@ class Effect:
         if self.group == 'measurement' and not context.effort:
             return False
         sizes = {p.target for p in self.parameters if p.role == 'size'}
-        return not sizes <= context.identified and self.needs(context)
+        known = context.identified | context.combined
+        return not sizes <= known and self.needs(context)

@@ -41,6 +41,11 @@ MACHINE_ROWS = (
     # Of a tripod whose drives turn arms.
     'arm_length',  # m
     'arm_sense',  # 1 where positive angles lift the arms, -1 where they lower them
+    # Of a chain of links, carried by the last one.
+    'hand_mass',  # kg
+    'hand_moment_x',  # kg m, mass times place
+    'hand_moment_y',
+    'hand_moment_z',
 )
 DRIVE_ROWS = (
     'gear_stiffness',  # N/m

@@ -231,8 +231,13 @@ class FullModel(Model):
 
     # ------------------------------------------------------------------ what may be missing
 
-    def extensions(self) -> tuple[EffectAt, ...]:
-        """Return every effect of the catalogue at every place it can sit in this model."""
+    def extensions(self, *, changed: bool = False) -> tuple[EffectAt, ...]:
+        """Return every effect of the catalogue at every place it can sit in this model.
+
+        Args:
+            changed: Whether for what two logs differ by: then also one that does what parameters
+                do together.
+        """
         return ()
 
     def restricted(self, there: Mask) -> 'FullModel':

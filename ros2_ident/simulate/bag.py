@@ -130,7 +130,7 @@ def simulate(
     each = [(at, effect) for effect in effects for at in effect.places(machine)]
     there = [at for at, _ in each]
     added = {f'{at.prefix}{name}': x for at, one in each for name, x in one.values.items()}
-    offered = model.extensions() if there else ()
+    offered = model.extensions(changed=True) if there else ()
     for at in there:
         if at not in offered:
             raise ErrorCode.INVALID_GOAL.error(

@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 
+from arm_cases import described
 import numpy as np
 import pytest
 
@@ -170,3 +171,20 @@ def test_names_that_explain_little_of_the_logs_left_out_are_not_believed():
     first, best, *_ = sentences(replace(found, pushed=True))
     assert 'efforts that were not commanded act in them' in first
     assert best.startswith('Fits best: Stribeck friction')
+
+
+@pytest.mark.slow
+def test_a_load_in_the_hand_is_one_change_of_an_arm(tmp_path):
+    boxes = {'link_mass': [-9.0, 9.0, 'kg'], 'link_moment': [-9.0, 9.0, 'kg m']}
+    machine = described(tmp_path, **boxes, drive_inertia=[0.0, 9.0, 'kg m^2'])
+    load = 'hand_load@all:mass=1,moment_x=0.05,moment_y=0,moment_z=0.1'
+    for name, more in (('empty', ['--seed', '1']), ('loaded', ['--seed', '2', '--effect', load])):
+        words = ['simulate', f'{tmp_path}/{name}', '--machine', f'{tmp_path}/arm.yaml']
+        assert main([*words, '--motion', 'multisine', '--seconds', '3', *more]) == 0
+    request = jobs.Request(machine, bags=(str(tmp_path / 'empty'),))
+    found = jobs.compare(request, [str(tmp_path / 'loaded')]).result
+    (change,) = found.changes
+    assert (change.suspect.name, change.suspect.side) == ('hand_load', 'after')
+    for size, true in zip(change.sizes, (1.0, 0.05, 0.0, 0.1), strict=True):
+        assert size.low <= true <= size.high and size.high - size.low < 0.03
+    assert found.explained > 0.95

@@ -20,6 +20,7 @@ PRESSED = {
 }
 # Of logs without a set-point only.
 OF_FILES = {'effort_smoothing'}
+OF_ARMS = {'hand_load'}
 GEAR = {'backlash', 'transmission_eccentricity', 'position_dependent_stiffness'}
 
 
@@ -41,7 +42,7 @@ def left_out(machine: Machine, *, command: bool = True) -> set[str]:
 
 def test_on_a_tripod_only_what_is_nominal_is_left_out() -> None:
     nominal = {'coulomb_friction', 'viscous_friction', 'effort_delay'}
-    others = {'gear_flexibility', 'payload_turns'} | OF_FILES | PRESSED
+    others = {'gear_flexibility', 'payload_turns'} | OF_ARMS | OF_FILES | PRESSED
     assert left_out(machine_of('tripod')) == nominal | others
 
 

@@ -113,9 +113,17 @@ def test_a_payload_and_other_links_are_those_of_the_described_arm_with_them(
     still = np.zeros((4, 1))
     terms = arm.terms(place[:, :1], still, still)[:, 0]
     assert carried[3, 0] == pytest.approx(0.0, abs=1e-9)  # a gain alone makes the first effort
-    settled = found.inertials.whole(found.candidates.own_values(middle), 1)[0]
-    added = terms @ (settled - bare.inertials.whole(bare.candidates.own_values(middle), 1)[0])
+    nothing = np.empty((1, 0))
+    settled, unladen = (
+        x.inertials.whole(x.candidates.own_values(middle), nothing)[0] for x in (found, bare)
+    )
+    added = terms @ (settled - unladen)
     assert added == pytest.approx(terms @ (with_it - arm.inertials))
+    load = EffectAt('hand_load', 'all')
+    held = make_model(described(heavier[1], controller=GAINS, **BOXES), data, effects=[load])
+    block = held.rows(np.array([[*middle, 2.0, 0.2, 0.0, 0.0]]))
+    same = found.rows(middle[None])
+    np.testing.assert_allclose(block[0, -40:], same[0, -40:], rtol=0, atol=1e-5)
 
 
 def test_joints_that_are_not_compared_follow_their_recorded_motion(tmp_path: Path) -> None:

@@ -253,6 +253,40 @@ def test_a_payload_is_a_point_mass_at_the_last_link(tmp_path: Path) -> None:
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=1e-9)
 
 
+HAND = EffectAt('hand_load', 'all')
+
+
+def test_a_load_in_the_hand_is_a_payload_that_nobody_stated(tmp_path: Path) -> None:
+    place = np.array([0.02, 0.0, 0.04])
+    boxes = {'payload_mass': [0.0, 9.0, 'kg'], 'payload_x': [-1.0, 1.0, 'm']}
+    stated = described(tmp_path, **boxes, payload_z=[-1.0, 1.0, 'm'])
+    data = moving(stated)
+    told = make_model(stated, data).simulated_effort(np.array([2.0, *place[[0, 2]]]))
+    bare = replace(stated, bounds={'coulomb_torque': (0.0, 1.0, 'N m')})
+    held = {f'{joint}.coulomb_torque': 0.0 for joint in bare.drives}
+    model = make_model(bare, data, effects=[HAND], fixed=held)
+    simulated = model.simulated_effort(np.array([2.0, *(2.0 * place)]))
+    np.testing.assert_allclose(simulated, told, rtol=0, atol=1e-5)
+    # Without a mass a moment has no place, and is linear.
+    more = [model.simulated_effort(np.array([0.0, 0.0, 0.0, x])) for x in (0.0, 0.1, 0.2)]
+    np.testing.assert_allclose(more[2] - more[0], 2.0 * (more[1] - more[0]), rtol=0, atol=1e-9)
+
+
+def test_a_load_is_missing_only_where_links_do_not_make_it_up(tmp_path: Path) -> None:
+    joints = described(tmp_path / 'a', coulomb_torque=[0.0, 9.0, 'N m'])
+    links = described(
+        tmp_path / 'b', link_mass=[-9.0, 9.0, 'kg'], link_moment=[-9.0, 9.0, 'kg m'],
+        link_inertia=[-9.0, 9.0, 'kg m^2'], drive_inertia=[0.0, 9.0, 'kg m^2'],
+    )  # fmt: skip
+    payload = described(tmp_path / 'c', payload_mass=[0.0, 9.0, 'kg'])
+    for machine, missing, changed in (
+        (joints, True, True), (links, False, True), (payload, False, False),
+    ):  # fmt: skip
+        model = make_model(machine, moving(machine))
+        assert (HAND in model.extensions()) is missing
+        assert (HAND in model.extensions(changed=True)) is changed
+
+
 # ---------------------------------------------------------------------- effects
 
 

@@ -19,6 +19,7 @@ from ros2_ident.models.protocol import EffectAt, Scales
 
 # What a share of an unstated limit refers to, in sizes of the logged effort.
 UNLIMITED = 2.0
+_GRAVITY = 9.81  # m/s^2
 # Width of a step without one.
 _NARROW = 1e-12
 # A parameter without its drive, and the drive's number; None where all drives share it.
@@ -136,10 +137,10 @@ class Candidates:
             if get_effect(at.effect).hook is not Hook.PARAMETER:
                 self.on[self._places(at)] |= rows.bit(at.effect)
         late = 'set_point_delay'
-        self.delayed = bool(self._acting(late)) or self.machine.known(late)
-        self.frame = bool(self._acting('frame_frequency'))
-        self.smoothed = self._where(self._acting('log_smoothing'))
-        sprung = self._acting('load_share')
+        self.delayed = bool(self.acting(late)) or self.machine.known(late)
+        self.frame = bool(self.acting('frame_frequency'))
+        self.smoothed = self._where(self.acting('log_smoothing'))
+        sprung = self.acting('load_share')
         self.flexible = self._where(sprung)
         if sprung and not self.rigid:
             raise ErrorCode.INVALID_GOAL.error(
@@ -147,7 +148,7 @@ class Candidates:
                 'parameter is gear_stiffness'
             )
 
-    def _acting(self, row: str) -> list[EffectAt]:
+    def acting(self, row: str) -> list[EffectAt]:
         """Return the effects that act on a row."""
         each = [(at, get_effect(at.effect).parameters) for at in self.effects]
         return [at for at, parameters in each if any(p.target == row for p in parameters)]
@@ -240,7 +241,7 @@ class Candidates:
             'effort': effort, 'force': force, '1/(effort)': 1.0 / effort,
             'm': stroke, '1/m': 1.0 / stroke, 'force/m': force / stroke,
             'm/s': speed, 'effort s/m': effort / speed, 'effort s^2/m^2': effort / speed**2,
-            '1/W': 1.0 / (force * speed),
+            '1/W': 1.0 / (force * speed), 'load': force / _GRAVITY, 'load m': force / _GRAVITY,
         }  # fmt: skip
         turns = self.travels[places[0]] == 'rad'
         # Slower than nominal friction turns over no law is seen. By hand: nor does a default for
@@ -254,14 +255,14 @@ class Candidates:
         for p in get_effect(at.effect).parameters:
             # What belongs to the machine is no angle, however its drives turn.
             own = p.target in rows.MACHINE_ROWS
-            factor = 1.0 if own else factors.get(p.unit, 1.0)
+            factor = factors.get(p.unit, 1.0) if not own or 'load' in p.unit else 1.0
             first = float(most.lowest.min()) if p.role == 'position' else 0.0
             least = slow if p.unit == 'm/s' else -math.inf
             top = max(first + p.high * factor, dense if p.role == 'order' else -math.inf)
             low, neutral, *starts = (
                 max(first + x * factor, least) for x in (p.low, p.neutral, *p.starts)
             )
-            unit = angular(p.unit) if turns and not own else p.unit
+            unit = angular(p.unit) if turns and not own else p.unit.replace('load', 'kg')
             once = tuple(dict.fromkeys(starts))
             out.append(replace(p, unit=unit, low=low, high=top, neutral=neutral, starts=once))
         return tuple(out)

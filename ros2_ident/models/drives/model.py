@@ -209,9 +209,11 @@ class DriveModel(MachineModel):
         compared = self.outputs[0].quantity == 'effort'
         return self.measured if compared else super().replayed
 
-    def extensions(self) -> tuple[EffectAt, ...]:
-        """Return every effect of the catalogue at every place it can sit in this machine."""
+    def extensions(self, *, changed: bool = False) -> tuple[EffectAt, ...]:
+        """Return every effect at every place it can sit, see `FullModel.extensions`."""
         context = self.context
+        if changed:
+            context = replace(context, combined=frozenset())
         return tuple(
             EffectAt(effect.id, where)
             for effect in CATALOGUE.values()

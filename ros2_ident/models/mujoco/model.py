@@ -210,7 +210,7 @@ class Mujoco(MachineModel):
 
     # ------------------------------------------------------------------ effects
 
-    def extensions(self) -> tuple[EffectAt, ...]:
+    def extensions(self, *, changed: bool = False) -> tuple[EffectAt, ...]:
         """Return every effect that an MJCF can express, at every drive it can sit on."""
         context = self._context
         return tuple(

@@ -2,6 +2,7 @@
 """An arm along its log: recorded motion, and what the described links ask along it."""
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,18 @@ from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, smooth_motion
 
 # Samples that a motion has at least, see `smooth_motion`.
 _FEW = 3
+
+
+class Terms(NamedTuple):
+    """Terms that an arm's efforts are sums of.
+
+    Attributes:
+        each: (D, K, B) the terms.
+        firsts: (D,) the first of a joint's that is not zero.
+    """
+
+    each: Array
+    firsts: npt.NDArray[np.int64]
 
 
 class ArmLog(DriveLog):
@@ -86,17 +99,21 @@ class ArmLog(DriveLog):
         return np.ascontiguousarray(out)
 
     @functools.cached_property
-    def terms(self) -> Array:
-        """(D, K, B) terms of the motors' efforts along the recorded motion."""
-        links = self.inertials.terms(self.arm.terms(*self.followed))
-        balance = self.transmission.terms(self.followed[0])
-        joints = np.concatenate([links, balance], axis=2)
-        return np.ascontiguousarray(self.transmission.at_motors(joints))
+    def terms(self) -> Terms:
+        """Terms of the motors' efforts along the recorded motion."""
+        return self._terms(hand=self.inertials.carries)
 
     @functools.cached_property
-    def firsts(self) -> npt.NDArray[np.int64]:
-        """(D,) the first of a joint's terms that is not zero."""
-        return np.asarray(np.argmax((self.terms != 0.0).any(axis=1), axis=1))
+    def hand_terms(self) -> Terms:
+        """The same with those of what hangs at the last joint."""
+        return self.terms if self.inertials.carries else self._terms(hand=True)
+
+    def _terms(self, *, hand: bool) -> Terms:
+        links = self.inertials.terms(self.arm.terms(*self.followed), hand=hand)
+        balance = self.transmission.terms(self.followed[0])
+        joints = np.concatenate([links, balance], axis=2)
+        terms = np.ascontiguousarray(self.transmission.at_motors(joints))
+        return Terms(terms, np.asarray(np.argmax((terms != 0.0).any(axis=1), axis=1)))
 
     # ------------------------------------------------------------------ under its controllers
 

@@ -21,12 +21,14 @@ from ros2_ident.models.serial import kernel, kernel_free
 from ros2_ident.models.serial.arm import Arm, INERTIALS
 from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
 from ros2_ident.models.serial.log import ArmLog
-from ros2_ident.models.serial.parameters import Inertials, turned
+from ros2_ident.models.serial.parameters import hand_load, Inertials, turned
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, fill_gaps, low_pass, smooth_motion
 
 # Longest step [s]: with 2 ms links alone are 4e-7 rad off on the arms of
 # `checks/benchmarks/arm.py`.
 _STEP = 0.0025
+# Rows of what hangs at the last joint.
+_HAND = ('hand_mass', *(f'hand_moment_{axis}' for axis in 'xyz'))
 
 
 class Serial(DriveModel):
@@ -38,6 +40,7 @@ class Serial(DriveModel):
     """
 
     gains = ('position_gain',)
+    features = frozenset({'hand'})
 
     reads = ArmLog
     log: ArmLog
@@ -156,7 +159,13 @@ class Serial(DriveModel):
     @property
     def context(self) -> Context:
         """Properties for effects; behind a flexible joint all the other links would move."""
-        return replace(super().context, lifted=True)
+        context, hand, none = super().context, frozenset(_HAND), frozenset[str]()
+        return replace(
+            context,
+            lifted=True,
+            identified=context.identified | (hand if self.inertials.carries else none),
+            combined=hand if self.inertials.tell_hand else none,
+        )
 
     def _sought(self) -> tuple[Machine, Mapping[str, Sequence[Parameter]]]:
         boxed = replace(
@@ -173,13 +182,26 @@ class Serial(DriveModel):
         self.candidates.of(block, 'log_delay')[:] += self.log.lead
         own, count = self.candidates.own_values(theta), len(block)
         balance = np.reshape(self.log.transmission.coefficients(own, count), (-1, count)).T
+        hand = self._hand(block)
         if not self.log.closed:
-            links = self.inertials.coefficients(own, count)
+            links = self.inertials.coefficients(own, hand)
         else:
-            each = self.inertials.whole(own, count).reshape(count, -1, INERTIALS)
+            each = self.inertials.whole(own, hand).reshape(count, -1, INERTIALS)
             order = np.argsort(self.arm.joints)
             links = turned(each, self.log.turns)[:, order].reshape(count, -1)
         return np.concatenate([block, links, balance], axis=1)
+
+    @property
+    def _holds(self) -> bool:
+        """Whether an effect hangs something at the last joint."""
+        return bool(self.candidates.acting(_HAND[0]))
+
+    def _hand(self, block: Array) -> Array:
+        """Return (S, 10) inertials of what effects hang at the last joint; (S, 0) for nothing."""
+        if not self._holds:
+            return np.empty((len(block), 0))
+        mass, *moment = (self.candidates.of(block, name) for name in _HAND)
+        return hand_load(mass, np.array(moment))
 
     def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
         """Return (S,) steps in a cycle, by the links' motion and what is stiff in each candidate.
@@ -207,7 +229,8 @@ class Serial(DriveModel):
     def _kernel(self) -> Compiled:
         drives, effects, log = len(self.machine.drives), self.candidates, self.log
         if not self.log.closed:
-            given = log.terms, log.firsts, log.driven.ravel(), effects.on, self.cycle
+            terms = log.hand_terms if self._holds else log.terms
+            given = *terms, log.driven.ravel(), effects.on, self.cycle
             return kernel.simulate, kernel.sizes(drives), given
         read = log.command, log.added, log.driven, log.begin
         inputs = *(x.ravel() for x in read), log.mode, effects.on

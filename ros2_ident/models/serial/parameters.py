@@ -44,6 +44,7 @@ class Inertials:
         names: (B,) the base parameters.
         middles: (B,) what the file makes of them.
         rotors: Boxes of those `drive_inertia` that stand for links as well, by their full names.
+        carries: Whether a payload is looked for.
     """
 
     def __init__(self, machine: Machine, arm: Arm) -> None:
@@ -73,24 +74,25 @@ class Inertials:
             low, high, unit = machine.bounds[name]
             own = Parameter(name, unit, low, high, 'physical', _PAYLOAD_SOURCE)
             self.parameters[name] = [own]
-        self._carries = bool(payload)
+        self.carries = bool(payload)
 
     @staticmethod
     def _name(machine: Machine, column: int) -> str:
         name, axis = NAMES[column % INERTIALS]
         return f'{machine.drives[column // INERTIALS]}.{name}{axis}'
 
-    def terms(self, whole: Array) -> Array:
+    def terms(self, whole: Array, *, hand: bool) -> Array:
         """Return the terms that coefficients are multiplied with.
 
         Args:
             whole: (D, K, 10 D) terms of all inertial parameters.
+            hand: Whether something hangs at the last joint.
 
         Returns:
-            (D, K, B) those of the base parameters, of a payload, and at the end what the links
-            ask that the file describes.
+            (D, K, B) those of the base parameters, of what hangs at the last joint, and at the end
+            what the links ask that the file describes.
         """
-        last = whole[:, :, -INERTIALS:] if self._carries else whole[:, :, :0]
+        last = whole[:, :, -INERTIALS:] if hand else whole[:, :, :0]
         known = (whole @ self._known)[:, :, None]
         return np.concatenate([whole[:, :, self._base], last, known], axis=2)
 
@@ -115,6 +117,15 @@ class Inertials:
         told = np.isin(kept - first, np.arange(len(self._listed)))
         return whole[told], whole[~told]
 
+    @functools.cached_property
+    def tell_hand(self) -> bool:
+        """Whether base parameters and rotors make up any load in the hand, but for its inertia."""
+        terms, rotors = self._shown
+        own = np.concatenate([rotors, terms[:, self._base]], axis=1)
+        hand = terms[:, -INERTIALS:][:, :4]
+        left = hand - own @ np.linalg.lstsq(own, hand, rcond=1e-12)[0]
+        return bool(np.linalg.norm(left) <= _NEW * np.linalg.norm(terms))
+
     def as_described(self, machine: Machine, given: Mapping[str, float]) -> dict[str, float]:
         """Return the base parameters by name where some inertials are others than described.
 
@@ -126,30 +137,31 @@ class Inertials:
         known = [given.get(n, v) for n, v in zip(names, self._known[self._listed], strict=True)]
         return dict(zip(self.names, (self._grouping @ known).tolist(), strict=True))
 
-    def whole(self, values: Mapping[str, Array], count: int) -> Array:
+    def whole(self, values: Mapping[str, Array], hand: Array) -> Array:
         """Return (S, 10 D) inertials of candidates; arguments as of `coefficients`.
 
         Those that base parameters leave open are as described.
         """
-        out = np.repeat(self._known[None], count, axis=0)
-        changed = self.coefficients(values, count)
+        out = np.repeat(self._known[None], len(hand), axis=0)
+        changed = self.coefficients(values, hand)[:, :-1]
         out[:, self._base] += changed[:, : len(self._base)]
-        if self._carries:
-            out[:, -INERTIALS:] += changed[:, len(self._base) : -1]
+        if changed.shape[1] > len(self._base):
+            out[:, -INERTIALS:] += changed[:, len(self._base) :]
         return out
 
-    def coefficients(self, values: Mapping[str, Array], count: int) -> Array:
+    def coefficients(self, values: Mapping[str, Array], hand: Array) -> Array:
         """Return (S, B) coefficients of candidates.
 
         Args:
             values: (S,) parameters by name, those that are held included.
-            count: Candidates S.
+            hand: (S, 10) inertials of what else hangs at the last joint; (S, 0) for nothing.
         """
         columns = [values[n] - m for n, m in zip(self.names, self.middles, strict=True)]
-        if self._carries:
-            mass, *place = (values.get(name, np.zeros(count)) for name in PAYLOAD)
-            columns += point_mass(mass, np.array(place))
-        return np.stack([*columns, np.ones(count)], axis=1)
+        if self.carries:
+            mass, *place = (values.get(name, np.zeros(len(hand))) for name in PAYLOAD)
+            carried = np.transpose(point_mass(mass, np.array(place)))
+            hand = carried + hand if hand.size else carried
+        return np.hstack([*(x[:, None] for x in columns), hand, np.ones((len(hand), 1))])
 
 
 def _rotors(
@@ -198,6 +210,18 @@ def point_mass(mass: Array, place: Array) -> list[Array]:
     x, y, z = place
     products = (y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y)
     return [mass, *(mass * place), *(mass * product for product in products)]
+
+
+def hand_load(mass: Array, moment: Array) -> Array:
+    """Return (S, 10) inertials of point masses (S,) by their moments (3, S), also without mass.
+
+    A moment without a mass has no place; none lies further off than about a metre, which is by
+    hand.
+    """
+    squared = mass**4 + np.sum(moment**2, axis=0) ** 2
+    place = moment * mass**3 / np.where(squared > 0.0, squared, 1.0)
+    _, _, _, _, *inertia = point_mass(mass, place)
+    return np.stack([mass, *moment, *inertia], axis=1)
 
 
 def base_columns(terms: Array, given: Array) -> tuple[npt.NDArray[np.int64], Array, Array]:
