@@ -49,6 +49,7 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument('--version', action='store_true', help='print the version and exit')
+    parser.set_defaults(refuse=parser.error)
     parsers = parser.add_subparsers(dest='command', metavar='COMMAND', title='commands')
     wanted = next((word for word in words if word in COMMANDS), None)
     for name, command in COMMANDS.items():
@@ -67,6 +68,7 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
             allow_abbrev=False,
         )
         add_arguments(own, command)
+        own.set_defaults(refuse=own.error)
     return parser
 
 
@@ -84,7 +86,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         argcomplete.autocomplete(parser)
     try:
-        args = parser.parse_args(words)
+        args, more = parser.parse_known_args(words)
+        if more:  # said with the usage of the command itself
+            args.refuse(f'unrecognized arguments: {" ".join(more)}')
     except SystemExit as exc:
         return int(exc.code or 0)
     args.words, args.begun = words, begun

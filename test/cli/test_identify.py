@@ -106,7 +106,7 @@ def test_a_signal_keeps_the_best_so_far(command, tmp_path):
         (['--seed', '-1'], 'has to be a whole number of at least 0'),
         (['--generations', '0'], 'has to be a whole number of at least 1'),
         (['--seconds', 'soon'], 'has to be a number above 0'),
-        (['--nonsense'], 'unrecognized arguments: --nonsense'),
+        (['--nonsense'], 'ident identify: error: unrecognized arguments: --nonsense'),
     ],
 )
 def test_malformed_options_end_with_2(command, options, text, capsys):
