@@ -151,6 +151,8 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     identified = joints_of(plain, own)
     # An inertia below zero makes up for links, which no simulator has a place for.
     joints = beside = tuple(replace(j, armature=max(j.armature, 0.0)) for j in identified)
+    if links is not None and isinstance(plain, Serial):
+        effects = tuple(at for at in effects if at not in plain.loads)
     laws = laws_of(plain, own, effects)
     if links is not None and effects and isinstance(plain, Serial):
         rows = _rows(plain, joints)

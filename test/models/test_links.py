@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from models.test_serial import BOXES, described, middle, moving  # noqa: E402
-from ros2_ident.models import machine_from_mapping, make_model  # noqa: E402
+from ros2_ident.models import EffectAt, machine_from_mapping, make_model  # noqa: E402
 from ros2_ident.models.serial.cone import nearest, pseudo_inertia  # noqa: E402
 from ros2_ident.models.serial.links import effort_of, links_of  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
@@ -55,6 +55,19 @@ def test_links_ask_what_the_candidate_asks(model) -> None:
     np.testing.assert_allclose(asked, expected, rtol=0, atol=1e-9)
     # Flat: its inertia about z is the sum of the two others.
     assert found.mended == ('upper',)
+
+
+def test_the_last_link_has_what_it_carries(tmp_path: Path) -> None:
+    machine = described(tmp_path, **ROTORS, payload_mass=[0.0, 9.0, 'kg'])
+    there = [EffectAt('hand_load', 'all')]
+    model = make_model(machine, moving(machine), effects=there, fixed={'payload_mass': 2.0})
+    theta = middle(model)
+    theta[-4:] = 1.0, 0.05, 0.0, 0.1
+    found = links_of(model, theta, np.eye(len(theta)), 0.3)
+    described_mass = model.arm.bodies[-1].inertials[0]
+    assert found.inertials[-1][0] == pytest.approx(described_mass + 3.0, abs=0.5)
+    asked = effort_of(model, found) + rotors(model, found.theta)
+    np.testing.assert_allclose(asked, links_alone(model, found.theta), rtol=0, atol=1e-9)
 
 
 def test_an_arm_none_of_whose_inertias_shows_keeps_its_links(tmp_path) -> None:

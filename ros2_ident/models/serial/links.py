@@ -62,7 +62,8 @@ class Links:
     """Links that bodies can be, and the candidate that they are.
 
     Attributes:
-        inertials: (D, 10) what they have now, in the frames of the joints.
+        inertials: (D, 10) what they have now, in the frames of the joints; the last one with what
+            it carries.
         theta: (N,) the candidate, moved as little as its uncertainty allows.
         mended: Bodies whose described inertials none can have.
     """
@@ -122,6 +123,7 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     out[columns] += shift
     out[others] -= follow @ shift
     changed = (believed != described).any(axis=1)
+    found = np.vstack([found[:-1], found[-1] + model.carried(out)])
     return Links(found, out, tuple(x.name for x, y in zip(arm.bodies, changed, strict=True) if y))
 
 

@@ -16,7 +16,7 @@ from ros2_ident.kernel import drive as drive_kernel
 from ros2_ident.kernel import rows
 from ros2_ident.machine.machine import Machine, Parameter
 from ros2_ident.models.drives.model import Compiled, DriveModel
-from ros2_ident.models.protocol import RecordedMotion
+from ros2_ident.models.protocol import EffectAt, RecordedMotion
 from ros2_ident.models.serial import kernel, kernel_free
 from ros2_ident.models.serial.arm import Arm, INERTIALS
 from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
@@ -191,17 +191,24 @@ class Serial(DriveModel):
             links = turned(each, self.log.turns)[:, order].reshape(count, -1)
         return np.concatenate([block, links, balance], axis=1)
 
-    @property
-    def _holds(self) -> bool:
-        """Whether an effect hangs something at the last joint."""
-        return bool(self.candidates.acting(_HAND[0]))
-
     def _hand(self, block: Array) -> Array:
         """Return (S, 10) inertials of what effects hang at the last joint; (S, 0) for nothing."""
-        if not self._holds:
+        if not self.loads:
             return np.empty((len(block), 0))
         mass, *moment = (self.candidates.of(block, name) for name in _HAND)
         return hand_load(mass, np.array(moment))
+
+    @property
+    def loads(self) -> list[EffectAt]:
+        """Effects that are inertials of the last link."""
+        return self.candidates.acting(_HAND[0])
+
+    def carried(self, theta: Array) -> Array:
+        """Return (10,) inertials of payload and load at the last joint, of one candidate (N,)."""
+        own, block = self.candidates.own_values(theta), self.candidates.rows(theta)
+        found = self.inertials.coefficients(own, self._hand(block))[0]
+        beside = found[len(self.inertials.names) : -1]
+        return beside if beside.size else np.zeros(INERTIALS)
 
     def _steps(self, block: Array, *, fast: bool = False) -> npt.NDArray[np.int64]:
         """Return (S,) steps in a cycle, by the links' motion and what is stiff in each candidate.
@@ -229,7 +236,7 @@ class Serial(DriveModel):
     def _kernel(self) -> Compiled:
         drives, effects, log = len(self.machine.drives), self.candidates, self.log
         if not self.log.closed:
-            terms = log.hand_terms if self._holds else log.terms
+            terms = log.hand_terms if self.loads else log.terms
             given = *terms, log.driven.ravel(), effects.on, self.cycle
             return kernel.simulate, kernel.sizes(drives), given
         read = log.command, log.added, log.driven, log.begin
