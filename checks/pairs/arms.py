@@ -2,7 +2,7 @@
 """Pairs of logs of an arm under position controllers, by MuJoCo in fine steps."""
 
 import contextlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import io
 from pathlib import Path
 from typing import Any
@@ -29,9 +29,27 @@ from ros2_ident.recording.write import write_bag
 
 Array = npt.NDArray[np.float64]
 
+# A load in the hand: of which effect it is, kg for a share of 1, and how far off it lies, m.
+LOAD, HEAVY, REACH = 'hand_load', 5.0, 0.1
+_BALL = '1e-6 1e-6 1e-6'  # kg m^2, as good as a point
 # Parameters of a joint that may change: rows of the gains, and what a robot calls the others.
 GAINS = 'position_gain', 'velocity_gain'
 OTHERS = {'drive_inertia': 'rotors', 'coulomb_torque': 'dry', 'viscous_torque': 'viscous'}
+
+
+@dataclass(frozen=True)
+class Loaded(Robot):
+    """Robot that carries a body, `load` of (mass, x, y, z) in the frame of its last link."""
+
+    load: tuple[float, ...] = ()
+
+    def xml(self, rotors: bool) -> str:
+        """Return its MJCF, see `Robot`."""
+        mass, *place = self.load
+        at = ' '.join(map(str, place))
+        ball = f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{_BALL}"/>'
+        whole = super().xml(rotors)
+        return whole.replace('</body>', f'<body pos="{at}">{ball}</body></body>', 1)
 
 
 def values_of(robot: Robot, gains: Array, name: str) -> Array:
@@ -70,10 +88,16 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
     other = simulate(robot, gains, motions[1], '', 0, 0.0, 0.0)[:2] if which else (places, efforts)
     after = other
     if kind != 'none':
-        name = str(rng.choice([*FRICTION, *TORQUE] if kind == 'effect' else [*GAINS, *OTHERS]))
-        step = float(robot.dry[joint] if kind == 'effect' else rng.choice([-1.0, 1.0])) * 0.1
+        effects = *FRICTION, *TORQUE, LOAD
+        name = str(rng.choice(effects if kind == 'effect' else [*GAINS, *OTHERS]))
+        sign = float(rng.choice([-1.0, 1.0]))
+        step = 0.1 * (1.0 if name == LOAD else robot.dry[joint] if kind == 'effect' else sign)
+        place = rng.uniform(-REACH, REACH, 3)
         for _ in range(4):
-            if kind == 'effect':
+            if name == LOAD:
+                loaded = Loaded(**vars(robot), load=(HEAVY * step, *place))
+                run = simulate(loaded, gains, motions[which], '', 0, 0.0, 0.0)
+            elif kind == 'effect':
                 run = simulate(robot, gains, motions[which], name, joint, step, shape)
             else:
                 there, own = changed(robot, gains, name, joint, step)
@@ -83,7 +107,10 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
             if abs(rms / size - 1.0) < 0.15:
                 break
             step = max(-0.9, step * size / max(rms, 1e-9))
-        label |= {'name': name, 'where': names[joint] if kind == 'effect' else '', 'size': rms}
+        where = names[joint] if kind == 'effect' else ''
+        label |= {'name': name, 'where': 'all' if name == LOAD else where, 'size': rms}
+        if name == LOAD:
+            label |= {'sized': f'{LOAD}.mass', 'change': HEAVY * step, 'place': place.tolist()}
         if kind == 'parameter':
             before = float(values_of(robot, gains, name)[joint])
             label |= {

@@ -99,7 +99,8 @@ def scored(folder: Path) -> Iterator[str]:
             right['drive'][1] += 1
             place = label['where'] or label['name'].rpartition('.')[0]
             right['drive'][0] += any(place in (w, n.rpartition('.')[0]) for n, w in first)
-            sizes = [x for c in changes[:1] for x in c['sizes'] if x['name'] == label['name']]
+            sized = label.get('sized', label['name'])
+            sizes = [x for c in changes[:1] for x in c['sizes'] if x['name'] == sized]
             if sizes:
                 right['inside'][1] += 1
                 right['inside'][0] += sizes[0]['low'] <= label['change'] <= sizes[0]['high']
