@@ -21,7 +21,7 @@ from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
-from ros2_ident.search.evidence import Evidence
+from ros2_ident.search.evidence import Certainty, Evidence
 from ros2_ident.search.noise import correlation_time
 
 
@@ -319,12 +319,12 @@ class Selector(Fitter):
         moved = (made.theta[order] - e.theta) / (joint.high - joint.low)
         known = seen.evidence
         assert known is not None
-        evidence = replace(
-            known,
-            shift=known.shift[order] + moved,
-            covariance=known.covariance[np.ix_(order, order)],
-        )
-        return replace(seen, evidence=evidence)
+
+        def tell() -> Certainty:
+            shift, covariance = known.parameters
+            return Certainty(shift[order] + moved, covariance[np.ix_(order, order)])
+
+        return replace(seen, evidence=replace(known, tell=tell))
 
     def knows(self, e: Hypothesis, seen: Floor) -> None:
         """Cache the noise floor of a set of effects."""

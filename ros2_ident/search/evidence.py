@@ -14,9 +14,11 @@ those before it; what it is not clear about counts only where it comes true on b
 How far the parameters may be off is drawn with the sizes unknown, each its own (horseshoe prior).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +54,19 @@ _EVERY, _ROUNDS = 4, 4
 _DRAWN, _SKIPPED = 300, 100
 
 
+class Certainty(NamedTuple):
+    """How far parameters may be off where a model lacks something.
+
+    Attributes:
+        shift: (N,) how far they move, in shares of their box, where what is missing may take its
+            part of the residual.
+        covariance: (N, N) in shares of their box, with what is missing unknown.
+    """
+
+    shift: Array
+    covariance: Array
+
+
 @dataclass(frozen=True)
 class Evidence:
     """Evidence of a residual: noise, missing effects, and parameters.
@@ -62,10 +77,8 @@ class Evidence:
         rest: (P,) the same of what is left of it.
         unseen: (P,) the same of what is left of blocks that were left out.
         gain: Logarithm of the evidence that something is missing over that for nothing.
-        shift: (N,) how far the parameters move, in shares of their box, where what is missing may
-            take its part of the residual.
-        covariance: (N, N) of the parameters, in shares of their box, with what is missing unknown.
         left: (R,) residual less all that is predicted.
+        tell: Returns what `parameters` keeps: most never ask, and it takes hundreds of draws.
     """
 
     noise: tuple[NoiseModel, ...]
@@ -73,9 +86,13 @@ class Evidence:
     rest: Array
     unseen: Array
     gain: float
-    shift: Array
-    covariance: Array
     left: Array
+    tell: Callable[[], 'Certainty']
+
+    @cached_property
+    def parameters(self) -> 'Certainty':
+        """How certain the parameters are."""
+        return self.tell()
 
     @property
     def floor(self) -> Array:
@@ -94,11 +111,16 @@ class Evidence:
             jacobian: (L, N) their derivative by the parameters' shares of their box.
             residual: (L,) their residual; 0 where the parameters are the best of these rows, too.
         """
-        before = np.linalg.pinv(self.covariance, hermitian=True)
-        known = before + jacobian.T @ jacobian
-        covariance = np.asarray(np.linalg.pinv(known, hermitian=True), dtype=np.float64)
-        push = before @ self.shift - np.broadcast_to(residual, len(jacobian)) @ jacobian
-        return replace(self, shift=covariance @ push, covariance=covariance)
+
+        def tell() -> Certainty:
+            shift, covariance = self.parameters
+            before = np.linalg.pinv(covariance, hermitian=True)
+            known = before + jacobian.T @ jacobian
+            covariance = np.asarray(np.linalg.pinv(known, hermitian=True), dtype=np.float64)
+            push = before @ shift - np.broadcast_to(residual, len(jacobian)) @ jacobian
+            return Certainty(covariance @ push, covariance)
+
+        return replace(self, tell=tell)
 
     def ends(
         self, theta: Array, low: Array, high: Array, least: Array, most: Array
@@ -112,9 +134,9 @@ class Evidence:
             least: (N,) lower ends of the intervals for noise alone; these are held as well.
             most: (N,) upper ends.
         """
-        width = high - low
-        middle = theta + self.shift * width
-        half = NORMAL * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)) * width
+        width, (shift, covariance) = high - low, self.parameters
+        middle = theta + shift * width
+        half = NORMAL * np.sqrt(np.maximum(np.diag(covariance), 0.0)) * width
         # The box is what is known beforehand; where it begins at zero, nothing is less.
         return (
             np.maximum(
@@ -176,7 +198,6 @@ def weigh(
     sums = found.sums
     # Rows that were left out of the sums tell as much as those in them.
     whole = Sums(sums.normal / share, sums.gradient / share, limit)
-    shift, covariance = whole.parameters(found.sizes, scale)
     # A prediction that makes it worse is none.
     return Evidence(
         found.noise,
@@ -184,9 +205,8 @@ def weigh(
         np.minimum(rms, rest),
         np.minimum(rms, _rms(unseen, place)),
         found.gain,
-        shift,
-        covariance,
         found.left,
+        partial(whole.parameters, found.sizes, scale),
     )
 
 
@@ -378,8 +398,8 @@ class Sums:
         factor, scale = self._factor(sizes)
         return np.asarray(scale * scipy.linalg.cho_solve((factor, True), scale * self.gradient))
 
-    def parameters(self, sizes: Array, scale: float) -> tuple[Array, Array]:
-        """Return (N,) how far the parameters move, and (N, N) their covariance.
+    def parameters(self, sizes: Array, scale: float) -> Certainty:
+        """Return how certain the parameters are.
 
         Most columns are not there, a few may be large, and which they are is not known: so their
         sizes have the horseshoe prior, and are drawn in turn with the coefficients.
@@ -394,7 +414,7 @@ class Sums:
         """
         own, rng = slice(0, self.count), np.random.default_rng(0)
         if not (self.count and sizes.size):
-            return -self.solve(sizes)[own], self.covariance(sizes)[own, own]
+            return Certainty(-self.solve(sizes)[own], self.covariance(sizes)[own, own])
 
         def drawn(shape: float, rate: Array) -> Array:
             return np.asarray(rate / rng.gamma(shape, size=np.shape(rate)))
@@ -418,7 +438,8 @@ class Sums:
                 1.0 / drawn(1.0, 1.0 + 1.0 / common) + np.sum(square / local) / 2.0,
             )
         known = np.array(means[_SKIPPED:])
-        return -known.mean(axis=0), np.mean(inner[_SKIPPED:], axis=0) + np.cov(known.T, bias=True)
+        covariance = np.mean(inner[_SKIPPED:], axis=0) + np.cov(known.T, bias=True)
+        return Certainty(-known.mean(axis=0), covariance)
 
     def taken(self, sizes: Array) -> float:
         """Return how many of the coefficients the rows decide, and not their prior."""
