@@ -40,8 +40,9 @@ _STANDS, _ASIDE = 2.5, 100
 # Share of its power in the line half as far on, from which on the clearest line is a second one: a
 # saw-tooth's second line has a quarter of the first one's power.
 _HALVED = 0.25
-# The way falls into so many bins, 6.5 for each of the smallest steps.
-_BINS = 2**18
+# The way falls into so many bins, 3.3 for each of the smallest steps, of whose power 0.73 is left
+# then, sinc(1 / 3.3) squared; twice as many would leave 0.93 and take twice as long.
+_BINS = 2**17
 # Cycles between the position that a controller read and the one logged beside its effort; what the
 # steps do to the nominal fit bends the delay that it finds. A grid.
 _LAGS = np.arange(-2.5, 2.5, 0.25)
@@ -203,5 +204,6 @@ def _lines(position: Array, values: Array, bins: int) -> Array:
     place = ((position - position.min()) / span * (bins - 1)).astype(int)
     # Single precision tells a line as well, in half the time.
     binned = np.bincount(place, values, 2 * bins).astype(np.float32)
-    out: Array = np.abs(scipy.fft.rfft(binned)) ** 2 / max(float((values**2).sum()), 1e-300)
+    line = scipy.fft.rfft(binned)
+    out: Array = (line.real**2 + line.imag**2) / max(float((values**2).sum()), 1e-300)
     return out
