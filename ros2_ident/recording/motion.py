@@ -171,9 +171,11 @@ def smooth_motion(
     return smooth, velocity, acceleration
 
 
-# A Butterworth filter with the numbers of `scipy.signal`: to import that package takes longer than
-# to filter a short log without it; from so many values on the import is the shorter.
+# A Butterworth filter with the numbers of `scipy.signal`: to import that package, or numba, takes
+# longer than to filter a short log without; from so many values on the import is the shorter.
 MANY = 300_000
+# Rows that are filtered side by side: those of a log of a minute fill half a cache.
+_BESIDE = 64
 
 
 def butterworth(order: int, share: float) -> tuple[FloatArray, FloatArray]:
@@ -197,33 +199,45 @@ def butterworth(order: int, share: float) -> tuple[FloatArray, FloatArray]:
 
 def forwards_and_backwards(sections: FloatArray, rows: FloatArray, reach: int) -> FloatArray:
     """Filter rows (..., K), continued at either end by `reach` values turned about the last."""
-    first, last = 2 * rows[..., :1], 2 * rows[..., -1:]
-    ends = rows[..., reach:0:-1], rows[..., -2 : -reach - 2 : -1]
-    out = np.concatenate((first - ends[0], rows, last - ends[1]), axis=-1)
-    flat = out.reshape(-1, out.shape[-1])
     # as if the first value had lasted
     still, gain = np.empty((len(sections), 2)), 1.0
     for state, (b0, b1, b2, a0, a1, a2) in zip(still, sections, strict=True):
         rest = np.linalg.solve([[a0 + a1, -1.0], [a2, 1.0]], [b1 - a1 * b0, b2 - a2 * b0])
         state[:] = gain * rest
         gain *= np.sum([b0, b1, b2]) / np.sum([a0, a1, a2])
-    known = rows.size > MANY or 'scipy.signal' in sys.modules
-    run = scipy.signal.sosfilt if known else _filtered
-    for _ in range(2):
-        for row in flat:
-            row[:] = run(sections, row, zi=still * row[0])[0][::-1]
-    return np.ascontiguousarray(out[..., reach : out.shape[-1] - reach])
+    run = _one_by_one
+    if rows.size > MANY or 'numba' in sys.modules:
+        from ros2_ident.recording.sections import run_both_ways
+
+        run = run_both_ways
+    flat = rows.reshape(-1, rows.shape[-1])
+    inside = slice(reach, reach + flat.shape[1])
+    out = np.empty(flat.shape)
+    for begin in range(0, len(flat), _BESIDE):
+        few = flat[begin : begin + _BESIDE].T
+        beside = np.empty((len(few) + 2 * reach, few.shape[1]))
+        beside[:reach] = 2 * few[0] - few[reach:0:-1]
+        beside[inside] = few
+        beside[inside.stop :] = 2 * few[-1] - few[-2 : -reach - 2 : -1]
+        run(sections, still, beside)
+        out[begin : begin + _BESIDE] = beside[inside].T
+    return out.reshape(rows.shape)
 
 
-def _filtered(sections: FloatArray, row: FloatArray, zi: FloatArray) -> tuple[list[float]]:
-    """Filter a row (direct form II transposed) from a state on."""
-    values = row.tolist()
-    for (b0, b1, b2, _, a1, a2), (now, then) in zip(sections.tolist(), zi.tolist(), strict=True):
-        for k, value in enumerate(values):
-            values[k] = new = b0 * value + now
-            now = b1 * value - a1 * new + then
-            then = b2 * value - a2 * new
-    return (values,)
+def _one_by_one(sections: FloatArray, still: FloatArray, rows: FloatArray) -> None:
+    """Filter columns (K, R) in place, see `sections.run_both_ways`."""
+    for column in rows.T:
+        for _ in range(2):
+            values: list[float] = column.tolist()
+            states = (still * column[0]).tolist()
+            for (b0, b1, b2, _, a1, a2), (now, then) in zip(
+                sections.tolist(), states, strict=True
+            ):
+                for k, value in enumerate(values):
+                    values[k] = new = b0 * value + now
+                    now = b1 * value - a1 * new + then
+                    then = b2 * value - a2 * new
+            column[:] = values[::-1]
 
 
 def settling(cycle: float, cutoff: float) -> int:
