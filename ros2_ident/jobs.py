@@ -359,7 +359,7 @@ def compare(
     )
     datasets = [x.datasets for x in sides]
     reports = [examine(request.machine, x, request.drives) for x in datasets]
-    told = apart(request.machine, datasets, reports, request.drives)
+    told = apart(problem, request.machine, datasets, reports, request.drives)
     pushed = any(x.pushes for report in reports for drives in report.asked for x in drives)
     result = replace(result, apart=(*told, *result.apart), pushed=pushed)
     seconds = time.monotonic() - logs[0].since

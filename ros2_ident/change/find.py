@@ -235,15 +235,18 @@ def _shifted(problem: Problem) -> Iterator[_Homed]:
     if setup is None:
         return
     machine = setup.machine
-    usual = (machine.travel_unit,) * len(machine.drives)
-    # An arm may have joints of both kinds.
-    units = getattr(problem.models[0], 'travels', usual)
-    for name, unit in zip(machine.drives, units, strict=True):
+    for name, unit in zip(machine.drives, _travels(problem, machine), strict=True):
         by = _HOMED * per_metre(unit)
         datasets = tuple(_moved(x, name, by) for x in setup.data.datasets)
         with suppress(IdentError):
             moved = replace(setup, data=replace(setup.data, datasets=datasets))
             yield _Homed(moved.problem().models, name, by, unit)
+
+
+def _travels(problem: Problem, machine: Machine) -> Sequence[str]:
+    """Return (D,) units of the drives' positions: an arm may have joints of both kinds."""
+    usual: Sequence[str] = (machine.travel_unit,) * len(machine.drives)
+    return getattr(problem.models[0], 'travels', usual)
 
 
 def _moved(data: Dataset, drive: str, by: float) -> Dataset:
@@ -679,6 +682,7 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
 
 
 def apart(
+    problem: Problem,
     machine: Machine,
     sides: Sequence[Sequence[Dataset]],
     reports: Sequence[GateReport],
@@ -687,6 +691,7 @@ def apart(
     """Yield how two sides differ in their checks and their motions.
 
     Args:
+        problem: Nominal models of the machine.
         machine: The machine.
         sides: Its recordings before, and those after.
         reports: The checks of each side.
@@ -699,9 +704,10 @@ def apart(
             values = (gate.number, math.nan) if early else (math.nan, gate.number)
             yield Apart('check', gate.sentence, *values, gate.unit)
     scales = [scales_of(machine, x) for x in sides]
+    units = _travels(problem, machine)
     for d in map(machine.drives.index, drives or machine.drives):
         for name, unit in (('stroke', ''), ('speed', '/s')):
             one, other = (float(getattr(x, name)[d]) for x in scales)
             if max(one, other) > _OTHER * min(one, other):
                 text = f'{name} of {machine.drives[d]}'
-                yield Apart('motion', text, one, other, f'{machine.travel_unit}{unit}')
+                yield Apart('motion', text, one, other, f'{units[d]}{unit}')

@@ -46,8 +46,8 @@ LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6}
 MOTION = OPEN | LENGTHS | {'rad': 1.0, 'mrad': 1e-3}
 MOTION |= dict.fromkeys(('deg', 'degree', 'degrees', '°'), _DEGREE)
 MOTION |= dict.fromkeys(('rev', 'turn', 'turns'), _TURN)
-_SPEEDS = ('rpm', '1/min', 'u/min', 'rev/min')
-MOTION |= dict.fromkeys(_SPEEDS, _TURN / 60.0)
+SPEEDS = ('rpm', '1/min', 'u/min', 'rev/min')
+MOTION |= dict.fromkeys(SPEEDS, _TURN / 60.0)
 EFFORT = _RAW | {'mnm': 1e-3, 'ncm': 1e-2, 'kn': 1e3, 'knm': 1e3, 'a': 1.0, 'ma': 1e-3}
 EFFORT |= dict.fromkeys(('n', 'nm', 'n m', 'n.m', 'n*m', 'n·m', '%', 'percent'), 1.0)
 EFFORT |= dict.fromkeys(PERMIL, 0.1)
@@ -57,7 +57,7 @@ def units_of(quantity: str) -> Mapping[str, float]:
     """Return the factors of the units that a quantity may have, in lower case."""
     if quantity == 'effort':
         return EFFORT
-    return MOTION if quantity.endswith('velocity') else MOTION | dict.fromkeys(_SPEEDS, math.nan)
+    return MOTION if quantity.endswith('velocity') else MOTION | dict.fromkeys(SPEEDS, math.nan)
 
 
 def plain_unit(unit: str) -> str:

@@ -19,7 +19,15 @@ import shlex
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.recording import columns as maps
-from ros2_ident.recording.columns import EFFORT, MOTION, plain_unit, refuse, TIME_UNITS, units_of
+from ros2_ident.recording.columns import (
+    EFFORT,
+    MOTION,
+    plain_unit,
+    refuse,
+    SPEEDS,
+    TIME_UNITS,
+    units_of,
+)
 from ros2_ident.recording.limits import listed, printable, short
 from ros2_ident.recording.table import text_of
 
@@ -275,7 +283,8 @@ class Header:
         for x in self.columns:
             read = f'{x.joint}.{x.quantity}'.lstrip('.')
             if x.quantity not in ('', 'time'):
-                read += f', in {x.unit}' if x.unit else ', as it stands'
+                per = '/s' * (x.quantity.endswith('velocity') and x.unit not in SPEEDS)
+                read += f', in {x.unit}{per}' if x.unit else ', as it stands'
                 if x.unit and math.isnan(x.scale):
                     read += ': its scale has to be stated'
                 elif x.unit and x.scale != 1.0:

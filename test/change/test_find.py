@@ -196,3 +196,5 @@ def test_a_load_in_the_hand_is_one_change_of_an_arm(tmp_path):
     for size, true in zip(change.sizes, (1.0, 0.05, 0.0, 0.1), strict=True):
         assert size.low <= true <= size.high and size.high - size.low < 0.03
     assert found.explained > 0.95
+    units = {a.text.rpartition(' ')[2]: a.unit for a in found.apart if 'stroke' in a.text}
+    assert units.pop('slide') == 'm' and {*units.values()} <= {'rad'}
