@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which change tells the logs after from those before."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
@@ -182,6 +182,7 @@ def find_change(
         stopped=stopped, threads=threads,
     )  # fmt: skip
     found: list[_Fit] = []
+    dropped: set[tuple[str, str]] = set()
     begun = now = looked(Sides(problem.models, after), theta)
     price = price_of(among * len(now.suspects)) + _SURE
     for _ in range(2 * Rules.most):
@@ -190,11 +191,15 @@ def find_change(
         if stopped():
             break
         if weak is not None:
-            # What came first stood for what came after.
+            # What came first stood for what came after, and does not come back for it.
             found.remove(weak)
+            dropped.add((weak.column.suspect.name, weak.column.suspect.where))
             sides, point = _less(now, weak.column, stopped)
             best = point.theta
-        elif len(found) < Rules.most and (step := _step(now, price, found, stopped)) is not None:
+        elif (
+            len(found) < Rules.most
+            and (step := _step(now, price, found, dropped, stopped)) is not None
+        ):
             found.append(step)
             sides, best = step.sides, step.theta
         else:
@@ -430,7 +435,11 @@ def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) ->
 
 
 def _step(
-    now: _Round, price: float, found: Sequence[_Fit], stopped: Callable[[], bool]
+    now: _Round,
+    price: float,
+    found: Sequence[_Fit],
+    dropped: Collection[tuple[str, str]],
+    stopped: Callable[[], bool],
 ) -> _Fit | None:
     """Return the change whose evidence is more than its choice among all may be by chance.
 
@@ -441,8 +450,8 @@ def _step(
     ordered: list[_Column] = []
     for c in sorted(now.suspects, key=lambda c: -told[id(c)]):
         # Of one effect the shape that explains most.
-        if not any((x.suspect.name, x.suspect.where) == (c.suspect.name, c.suspect.where)
-                   for x in ordered):  # fmt: skip
+        key = c.suspect.name, c.suspect.where
+        if key not in dropped and key not in {(x.suspect.name, x.suspect.where) for x in ordered}:
             ordered.append(c)
     best = told[id(ordered[0])] if ordered else 0.0
     if not best > price:
