@@ -16,7 +16,6 @@ import scipy
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
-from ros2_ident.effects import get_effect, Hook
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
@@ -47,18 +46,10 @@ _STEPS, _SETTLED = 6, 1e-5
 _TURNS = 2
 # Logarithm of the odds from which on a change is named: 95 of 100 are right then.
 _SURE = math.log(0.95 / 0.05)
-# Friction and offsets of two logs differ by less than this share, in size and form, in 95 of 100
-# cases, without any cause but a few kelvin. By hand: in an hour of warming up viscous friction
-# falls by ten times as much (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control
-# 134(5)).
+# Friction and offsets of two logs differ by less than this share, in 95 of 100 cases, without any
+# cause but a few kelvin. By hand: in an hour of warming up viscous friction falls by ten times
+# as much (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control 134(5)).
 BY_ITSELF = 0.02
-# Parameters that are friction, its laws in the catalogue, and the share of all that these change
-# below which a form of them is none of its own.
-_RUBS = (
-    *(f'{law}_{unit}' for law in ('coulomb', 'viscous') for unit in ('torque', 'friction')),
-    'frictionloss', 'damping',
-)  # fmt: skip
-_LAWS, _SAME = (Hook.SIGN, Hook.FRICTION), 0.01
 # Each quarter of a log is predicted from the other three.
 _PARTS = 4
 # Motions whose strokes or speeds differ by this factor are others: what the model lacks does not
@@ -98,7 +89,7 @@ class _Column:
     at: EffectAt | None = None
     begin: Array = field(default_factory=lambda: np.empty(0))
     moved: Array = field(default_factory=lambda: np.empty((0, 0)))
-    own: Literal['', 'timing', 'zero', 'friction'] = ''
+    own: Literal['', 'timing', 'zero'] = ''
     usual: float = 0.0
 
     @property
@@ -284,13 +275,11 @@ def _round(
     nominal = jacobian[:, : sides.nominal]
     columns: list[_Column] = []
     changed: list[Array] = []
-    effects = list(_effects(first, seen.alternatives))
     for c, own in chain(
         _parameters(sides, theta, nominal),
         _constants(sides, theta, rows, residual),
         _zeros(sides, theta, rows, zeros),
-        _friction(sides, theta, nominal, effects),
-        effects,
+        _effects(first, seen.alternatives),
     ):
         columns.append(replace(c, columns=tuple(range(len(changed), len(changed) + len(own)))))
         changed += own
@@ -379,39 +368,6 @@ def _effects(first: FullModel, alternatives: Sequence[Alternative]) -> _Columns:
                 own='timing' if late else '', usual=math.inf if late else 0.0,
             )  # fmt: skip
             yield c, list(one.changes[at])
-
-
-def _friction(
-    sides: Sides, theta: Array, slopes: Array, effects: Sequence[tuple[_Column, list[Array]]]
-) -> _Columns:
-    """Yield the forms in which friction of each drive differs from log to log.
-
-    And (R,) what the usual difference of each does: those of all laws of friction together are as
-    large as that of its size.
-    """
-    width, rubs = sides.high - sides.low, dict[str, Array]()
-    for i, p in enumerate(sides.parameters[: sides.nominal]):
-        place, _, name = p.name.rpartition('.')
-        if name in _RUBS:
-            rubs[place] = rubs.get(place, 0.0) + slopes[:, i] * theta[i] / width[i]
-    for place, whole in rubs.items():
-        laws = [
-            column for c, own in effects
-            if c.suspect.where == place and get_effect(c.suspect.name).hook in _LAWS
-            for column in own if column.any()
-        ]  # fmt: skip
-        if not laws:
-            continue
-        forms = np.array([x / np.sqrt(np.mean(x**2)) for x in laws])
-        values, vectors = np.linalg.eigh(forms @ forms.T)
-        usual = BY_ITSELF / NORMAL * np.sqrt(np.mean(whole**2) / len(laws))
-        found = list(usual * vectors.T[values > _SAME * values.sum()] @ forms)
-        none = ('',) * len(found)
-        c = _Column(
-            Suspect('constant', 'friction', place), none, none, np.ones(len(found)),
-            own='friction', usual=1.0,
-        )  # fmt: skip
-        yield c, found
 
 
 def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) -> Logs:
@@ -673,7 +629,7 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
     spread = sum(1.0 / np.sum(now.logs.after == side) for side in (False, True))
     for c in now.columns:
         estimate, covariance, gain = now.weighed.of(c.columns, alike=True)
-        if c.own not in ('timing', 'zero') or not gain:
+        if not (c.own and gain):
             continue
         score = np.linalg.solve(covariance, estimate)
         known = np.eye(len(estimate)) / (c.usual**2 * spread)

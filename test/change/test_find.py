@@ -81,14 +81,6 @@ def test_an_effect_is_there_on_one_side(made):
         assert found.changes[0].suspect.side == side
 
 
-def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
-    law = 'position_dependent_friction@emps_axis:slope=0.1,middle=0'
-    for name, more in (('one', ['--seed', '1']), ('two', ['--seed', '2', '--effect', law])):
-        words = ['simulate', f'{tmp_path}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
-        assert main([*words, '--seconds', '12', '--noise', '0.2', *more]) == 0
-    assert not compared(tmp_path, ['one'], ['two']).result.changes
-
-
 def test_a_large_change_is_one_change(made):
     # Beyond the box of what was known before; and a gain, which comes before effects like it.
     gain = 0.5 * load_machine(AXIS).number('velocity_gain')
