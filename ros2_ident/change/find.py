@@ -16,6 +16,7 @@ import scipy
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
+from ros2_ident.effects import get_effect, Hook
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
@@ -25,6 +26,7 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.units import LEVER, per_metre
 from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models.drives.candidates import FRICTION
 from ros2_ident.models.registry import scales_of, stated_numbers, STATED_WITHIN
 from ros2_ident.recording import Dataset
 from ros2_ident.search.changes import (
@@ -46,10 +48,13 @@ _STEPS, _SETTLED = 6, 1e-5
 _TURNS = 2
 # Logarithm of the odds from which on a change is named: 95 of 100 are right then.
 _SURE = math.log(0.95 / 0.05)
-# Friction and offsets of two logs differ by less than this share, in 95 of 100 cases, without any
-# cause but a few kelvin. By hand: in an hour of warming up viscous friction falls by ten times
-# as much (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control 134(5)).
+# Friction and offsets of two logs differ by less than this share, in size and form, in 95 of 100
+# cases, without any cause but a few kelvin. By hand: in an hour of warming up viscous friction
+# falls by ten times as much (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control
+# 134(5)).
 BY_ITSELF = 0.02
+# Hooks of effects that are forms of friction.
+_FORMS = Hook.SIGN, Hook.FRICTION
 # Each quarter of a log is predicted from the other three.
 _PARTS = 4
 # Motions whose strokes or speeds differ by this factor are others: what the model lacks does not
@@ -197,13 +202,20 @@ def find_change(
             break
         on_step(0.2 + 0.15 * len(found), 'looking at all that may have changed beside it')
         now = looked(sides, best)
-    changes = tuple(_changes(now, found, theta))
+    named = [x for x in found if _named(now, x, price)]
+    if named and len(named) < len(found):
+        # What is explained is beside friction that differs by itself.
+        begun = now
+        for x in named:
+            sides, point = _less(begun, x.column, stopped)
+            begun = replace(begun, sides=sides, theta=point.theta)
+    changes = tuple(_changes(now, named, theta))
     count = int(np.unique(log[~after]).size), int(np.unique(log[after]).size)
     return Comparison(
         changes=changes,
-        explained=_explained(begun, now, stopped) if found else math.nan,
+        explained=_explained(begun, now, named, stopped) if named else math.nan,
         smallest=tuple(_visible(now, price)),
-        apart=tuple(_of_each_log(now, price)),
+        apart=(*_of_each_log(now, price), *_by_itself(now, [x for x in found if x not in named])),
         logs=count,
         paired=paired,
         price=price,
@@ -285,14 +297,22 @@ def _round(
         changed += own
     kept = range(len(changed), len(changed) + len(theta) - sides.nominal)
     changed += list(jacobian[:, sides.nominal :].T)
-    usual = np.zeros(len(changed))
+    usual, alone = np.zeros(len(changed)), np.zeros(len(changed), dtype=bool)
     for c in columns:
         usual[[*c.columns]] = c.usual
+    friction = _friction(sides, theta, nominal)
+    laws = [(c.at, c.columns) for c in columns if c.at]
+    for at, _ in sides.effects:
+        laws.append((at, tuple(kept.start + i - sides.nominal for i in sides.places_of(at, ''))))
+    for at, places in laws:
+        if get_effect(at.effect).hook in _FORMS:
+            usual[[*places]] = [friction(at.where, changed[i]) for i in places]
+            alone[[*places]] = True
     side = np.concatenate([np.full(kept.start, True), sides.later[sides.nominal :]])
     logs = _logs(sides, rows, log, paired)
     weighed = weigh_changes(
         residual, nominal, seen.columns, np.array(changed).T, rows.runs, rows.blocks, logs,
-        most=seen.most, usual=usual, side=side, kept=kept, known=seen.known,
+        most=seen.most, usual=usual, alone=alone, side=side, kept=kept, known=seen.known,
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
     marginal = Marginal.of(weighed, rows, logs, apart)
@@ -368,6 +388,26 @@ def _effects(first: FullModel, alternatives: Sequence[Alternative]) -> _Columns:
                 own='timing' if late else '', usual=math.inf if late else 0.0,
             )  # fmt: skip
             yield c, list(one.changes[at])
+
+
+def _friction(sides: Sides, theta: Array, slopes: Array) -> Callable[[str, Array], float]:
+    """Return by how much a form (R,) of a drive's friction differs from log to log.
+
+    One standard deviation: as much force as the usual difference of all its friction.
+    """
+    width, whole = sides.high - sides.low, dict[str, Array]()
+    for i, p in enumerate(sides.parameters[: sides.nominal]):
+        place, _, name = p.name.rpartition('.')
+        if name in FRICTION:
+            whole[place] = whole.get(place, 0.0) + slopes[:, i] * theta[i] / width[i]
+
+    def usual(place: str, form: Array) -> float:
+        there = form != 0.0
+        own = sum((x for at, x in whole.items() if not at or place in (at, 'all', '')), 0.0 * form)
+        square = float(form @ form)
+        return BY_ITSELF / NORMAL * math.sqrt(own[there] @ own[there] / square) if square else 0.0
+
+    return usual
 
 
 def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) -> Logs:
@@ -532,7 +572,23 @@ def _restated(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sid
 # ---------------------------------------------------------------------- what is said
 
 
-def _explained(begun: _Round, now: _Round, stopped: Callable[[], bool]) -> float:
+def _named(now: _Round, x: _Fit, price: float) -> bool:
+    """Return whether a change is more than friction differs by from log to log by itself."""
+    c, sides = x.column, now.sides
+    if c.at is None or get_effect(c.at.effect).hook not in _FORMS:
+        return True
+    share, sizes = (now.theta / (sides.high - sides.low))[sides.nominal :], []
+    for i in sides.places_of(c.at, ''):
+        p = sides.parameters[i]
+        if p.absent is not None:
+            share[i - sides.nominal] -= p.absent / (p.high - p.low)
+            sizes.append(i - sides.nominal)
+    return evidence_of(now.weighed.beyond(share, sizes), c.numbers) > price
+
+
+def _explained(
+    begun: _Round, now: _Round, named: Sequence[_Fit], stopped: Callable[[], bool]
+) -> float:
     """Return the share of the difference that what changed explains on parts left out.
 
     Of that and of what all that may have changed beside it explains there; NaN where it explains
@@ -544,7 +600,10 @@ def _explained(begun: _Round, now: _Round, stopped: Callable[[], bool]) -> float
         theta = _descended(evaluate, x.sides.box, x.theta, now.marginal, stopped)
         left.append(evaluate(theta[None])[0])
     before, after = left
-    some = now.weighed.unseen(now.weighed.kept)
+    some = now.weighed.unseen([
+        now.weighed.kept[i - now.sides.nominal]
+        for x in named for i in now.sides.places_of(x.column.at, x.column.suspect.name)
+    ])  # fmt: skip
     for fold in np.unique(now.logs.fold):
         part = Marginal.of(now.weighed, now.rows, now.logs, now.nominal, int(fold))
         some += part.loss(before) - part.loss(after)
@@ -644,6 +703,16 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
                       c.units[i]) for i in np.flatnonzero(sure)
             ]  # fmt: skip
     yield from (one for _, several in told.values() for one in several)
+
+
+def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
+    """Yield laws of friction that one side has, and that are no change for certain."""
+    sides = now.sides
+    for i in (i for x in several for i in sides.places_of(x.column.at, '')):
+        p = sides.parameters[i]
+        if p.absent is not None:
+            values = (p.absent, float(now.theta[i]))
+            yield Apart('friction', p.name, *(values if sides.later[i] else values[::-1]), p.unit)
 
 
 def apart(

@@ -89,14 +89,14 @@ class Apart:
 
     Attributes:
         kind: `check` of log and machine file that holds on one side only, `timing`, `zero` of an
-            encoder, or `motion`.
+            encoder, `friction` in its form, or `motion`.
         text: The check's sentence, or the quantity.
         before: Value before; NaN where there is none.
         after: Value after.
         unit: Unit.
     """
 
-    kind: Literal['check', 'timing', 'zero', 'motion']
+    kind: Literal['check', 'timing', 'zero', 'friction', 'motion']
     text: str
     before: float
     after: float

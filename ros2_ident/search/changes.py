@@ -58,6 +58,7 @@ class Changes:
         alike: Information and score where logs deviate by nothing.
         inflation: (Q,) by how much the scatter from log to log raises a change's variance.
         freedom: (Q,) degrees of freedom of that variance; inf where nothing scatters.
+        by_itself: (Q,) variance of a change between the sides that has no cause.
         noise: The noise of each place.
         common: (R, C) columns of what the model lacks on both sides, of one size.
         sizes: (C,) standard deviations of their coefficients.
@@ -74,6 +75,7 @@ class Changes:
     alike: tuple[Array, Array]
     inflation: Array
     freedom: Array
+    by_itself: Array
     noise: tuple[NoiseModel, ...]
     common: Array
     sizes: Array
@@ -112,7 +114,8 @@ class Changes:
         if alike:
             return -found, covariance, gain
         factor = float(self.inflation[at].max())
-        return -found, covariance * factor, self.among_logs(gain, at)
+        covariance = covariance * factor + np.diag(self.by_itself[at])
+        return -found, covariance, self.among_logs(gain, at)
 
     def among_logs(self, gain: float, columns: Sequence[int]) -> float:
         """Return a gain less what it has by the scatter of few logs."""
@@ -127,12 +130,28 @@ class Changes:
 
     def half_widths(self) -> Array:
         """Return (K,) half the 95 % intervals of those kept, whose box is known beforehand."""
+        half = np.sqrt(np.diag(self._covariance()))
+        freedom = np.minimum(self.freedom[list(self.kept)], 1e9)
+        return np.asarray(-half * scipy.special.stdtrit(freedom, 0.025), np.float64)
+
+    def beyond(self, estimate: Array, sizes: Sequence[int]) -> float:
+        """Return the gain of some of those kept over differing as they do by themselves.
+
+        Args:
+            estimate: (K,) all that are kept.
+            sizes: Which of them.
+        """
+        at = list(sizes)
+        return float(
+            estimate[at] @ np.linalg.solve(self._covariance()[np.ix_(at, at)], estimate[at])
+        )
+
+    def _covariance(self) -> Array:
+        """Return the covariance (K, K) of those kept, whose box is known beforehand."""
         at = list(self.kept)
         covariance = np.linalg.inv(self.information[np.ix_(at, at)] + np.eye(len(at)))
-        half = np.sqrt(np.diag(covariance) * self.inflation[at])
-        return np.asarray(
-            -half * scipy.special.stdtrit(np.minimum(self.freedom[at], 1e9), 0.025), np.float64
-        )
+        wide = np.sqrt(self.inflation[at])
+        return np.asarray(covariance * np.outer(wide, wide) + np.diag(self.by_itself[at]))
 
     def unseen(self, columns: Sequence[int] | None = None) -> float:
         """Return what changes gain on parts left out, as the others tell them.
@@ -181,6 +200,7 @@ def weigh_changes(
     *,
     most: Array,
     usual: Array,
+    alone: Mask,
     side: Mask,
     kept: Sequence[int] = (),
     known: tuple[Array, Array] | None = None,
@@ -198,6 +218,7 @@ def weigh_changes(
         most: (C,) as of `evidence.weigh`.
         usual: (Q,) standard deviation of a change from log to log that is known beforehand; inf
             where nothing is.
+        alone: (Q,) whether that is of the change alone, and not beside all others.
         side: (Q,) whether a change is on the side after; else on the side before.
         kept: Columns of `changed` that did change.
         known: Rows (L, N') of what is known of the first parameters beforehand, and by how much
@@ -233,8 +254,10 @@ def weigh_changes(
     sizes = Sums(*told, limit).sizes(scale)[0]
     prior[:, :-1] += np.diag(np.concatenate([np.ones(jacobian.shape[1]), sizes**-2.0]))
     usually = np.where(
-        rms > 0.0, np.minimum(usual * np.maximum(rms, 1e-300), SIZES[-1] * scale), 0
+        (rms > 0.0) & ~alone, np.minimum(usual * np.maximum(rms, 1e-300), SIZES[-1] * scale), 0
     )
+    # Variance of the difference of two sides' means, in that of a log.
+    between = sum(1.0 / np.sum(logs.after == side) for side in (False, True))
 
     parts: list[tuple[Array, ...]] = []
     for fold in sorted({cell.fold for cell in cells}):
@@ -248,9 +271,10 @@ def weigh_changes(
     of_all = [_reduced(cells, prior, deviation) for deviation in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
     apart = (changed * unit * usually)[:, usually > 0.0]
+    by_itself = np.where(alone, between * usual**2, 0.0)
     return Changes(
-        own, score, tuple(kept), alike, inflation, freedom, noise, common.T, sizes, limit, apart,
-        parts, scale,
+        own, score, tuple(kept), alike, inflation, freedom, by_itself, noise, common.T, sizes,
+        limit, apart, parts, scale,
     )  # fmt: skip
 
 

@@ -108,6 +108,11 @@ def _apart(x: Apart) -> str:
             f'timing differs: {x.text} is {abs(1e3 * x.after):.2g} ms {late} after; stamps of two '
             'logs may differ by that, so that it is no change of the machine for certain'
         )
+    if x.kind == 'friction':
+        return (
+            f'friction differs by {x.text} {quantity(x.after - x.before, x.unit)}; its form '
+            'differs by that from log to log, so that it is no change of the machine for certain'
+        )
     if x.kind == 'zero':
         return (
             f'the zero of {x.text} differs: positions are {quantity(abs(x.after), x.unit)} '

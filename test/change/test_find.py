@@ -81,6 +81,23 @@ def test_an_effect_is_there_on_one_side(made):
         assert found.changes[0].suspect.side == side
 
 
+def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
+    law = 'position_dependent_friction@emps_axis:slope=0.1,middle=0'
+    for name, more in (('one', ['--seed', '1']), ('two', ['--seed', '2', '--effect', law])):
+        words = ['simulate', f'{tmp_path}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
+        assert main([*words, '--seconds', '12', '--noise', '0.2', *more]) == 0
+    found = compared(tmp_path, ['one'], ['two']).result
+    assert not found.changes and math.isnan(found.explained)
+    (law,) = (x for x in found.apart if x.kind == 'friction')
+    assert law.text.endswith('slope') and law.before == 0.0
+    assert law.after == pytest.approx(0.1, abs=0.03)
+    smallest = {f'{x.suspect.name} {x.name}': x.size for x in found.smallest}
+    # In 95 of 100 logs each friction is within 2 % of its mean, also where it is asymmetric.
+    friction = next(x for x in found.smallest if x.name == 'emps_axis.coulomb_friction')
+    assert smallest['asymmetric_friction coulomb'] > 0.02 * friction.value
+    assert next(sentences(found)).startswith(f'Friction differs by {law.text} ')
+
+
 def test_a_large_change_is_one_change(made):
     # Beyond the box of what was known before; and a gain, which comes before effects like it.
     gain = 0.5 * load_machine(AXIS).number('velocity_gain')

@@ -47,7 +47,7 @@ def compared(
         [Run(x.start, x.stop, 0) for x in rows], np.arange(count * ROWS) // 100,
         Logs(rows, after, numbers if paired else 0 * numbers, fold, logs > 1),
         most=np.full(COLUMNS, np.inf), usual=np.zeros(COLUMNS),
-        side=np.full(COLUMNS, True),
+        alone=np.full(COLUMNS, False), side=np.full(COLUMNS, True),
     )  # fmt: skip
 
 

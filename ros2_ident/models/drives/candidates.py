@@ -90,6 +90,11 @@ _ZERO = ('measurement_delay', 'gear_damping_ratio', 'integral_gain', 'velocity_f
          'set_point_delay', 'joint_zero')  # fmt: skip
 _ZERO_ROWS = 'coulomb', 'viscous', 'constant_load'
 MAY_BE_ZERO = {*_ZERO, *(name for name, slot in SLOTS.items() if slot.row in _ZERO_ROWS)}
+# And these are friction of a drive or joint.
+FRICTION = {
+    'damping', 'frictionloss',
+    *(name for name, slot in SLOTS.items() if slot.row in ('coulomb', 'viscous')),
+}  # fmt: skip
 # Fills rows of all candidates and drives from other rows of theirs.
 Derive = Callable[[Array], None]
 
