@@ -327,7 +327,8 @@ class Trials:
             return residual - evaluate(np.hstack([base, points]))
 
         free = residual - self.basis @ (self.basis.T @ residual)
-        return orders_shown(joint.models[0], candidate, change, free, self.basis)
+        rows = np.full(free.size, True)
+        return orders_shown(joint.models[0], [candidate], [rows], change, free, self.basis)[0]
 
     def fit(
         self,

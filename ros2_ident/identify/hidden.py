@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise of a fit's residual, and the effects of the catalogue that can hide in it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -206,9 +206,8 @@ def missing_beside(
     basis = np.linalg.qr(slopes)[0]
     free = residual - basis @ (basis.T @ residual)
 
-    def of(at: EffectAt, model: FullModel) -> Alternative:
-        several = (model, *(m.extended((*m.effects, at)) for m in others))
-        points, most, group = np.empty((0, 0)), 0.0, np.empty(0, np.int64)
+    def changes_by(effects: Sequence[EffectAt]) -> Callable[[Array], Array]:
+        several = [m.extended((*m.effects, *effects)) for m in models]
         masked = [m.restricted(x) for m, x in zip(several, rows.masks, strict=True)]
 
         def changed(points: Array) -> Array:
@@ -217,15 +216,31 @@ def missing_beside(
             out = [m.residuals(row) for m, row in zip(masked, own, strict=True)]
             return np.hstack(out) - residual
 
+        return changed
+
+    def of(at: EffectAt, model: FullModel) -> Alternative:
+        points, most, group = np.empty((0, 0)), 0.0, np.empty(0, np.int64)
         if not stopped():
-            orders = orders_shown(model, at, changed, free, basis, clear=True)
-            points, most, group = _tried(model, at, orders)
-        out = changed(points) if len(points) else np.empty((0, residual.size))
+            points, most, group = _tried(model, at, orders.get(at, ()))
+        out = changes_by([at])(points) if len(points) else np.empty((0, residual.size))
         there = np.isfinite(out).all(axis=1)
         out = out if there.all() else out[there]
         return Alternative(at, points[there], out, np.full(len(out), most), group[there])
 
     with ThreadPoolExecutor(threads or processors()) as pool:
+        orders = dict[EffectAt, tuple[float, ...]]()
+        for several in _turning(first, candidates):
+            changed = changes_by(several)
+
+            def change(points: Array, changed: Callable[[Array], Array] = changed) -> Array:
+                parts = np.array_split(points, threads or processors())
+                return np.concatenate(list(pool.map(changed, parts)))
+
+            if not stopped():
+                seen = [_of_place(rows, first, at.where) for at in several]
+                model = first.extended((*first.effects, *several))
+                shown = orders_shown(model, several, seen, change, free, basis, clear=True)
+                orders.update(zip(several, shown, strict=True))
         found = tuple(pool.map(of, candidates, wide))
     answers = _answers(models, rows)
     columns = np.concatenate([answers, *(one.changes for one in found)]).T
@@ -233,6 +248,21 @@ def missing_beside(
     known, unit = fitted.known(), fitted.box.inside(theta)
     beforehand = None if known is None else (known.rows, known.residual(unit))
     return Missing(rows, residual, slopes, found, columns, most, beforehand)
+
+
+def _turning(model: FullModel, candidates: Sequence[EffectAt]) -> Iterator[list[EffectAt]]:
+    """Yield the places of each effect that has an order of a drive's turn."""
+    for effect in dict.fromkeys(at.effect for at in candidates):
+        several = [at for at in candidates if at.effect == effect]
+        if any(p.role == 'order' for p in model.scaled(several[0])):
+            yield several
+
+
+def _of_place(rows: Rows, model: FullModel, place: str) -> Mask:
+    """Return (R,) which rows are of a place's outputs; all where it has none."""
+    own = np.array([place == (o.place or o.name) for o in model.outputs])
+    own |= not own.any()
+    return np.concatenate([np.repeat(own, mask.sum(axis=1)) for mask in rows.masks])
 
 
 def _answers(models: Sequence[FullModel], rows: Rows) -> Array:

@@ -5,10 +5,11 @@ What is between a ripple and the log turns its phase with the speed, and an orde
 turn that is missed by a little explains nothing: only a simulation of each tells.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import itertools
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
 from ros2_ident.arrays import Array
@@ -91,51 +92,74 @@ def trials(
 
 def orders_shown(
     model: FullModel,
-    at: EffectAt,
+    several: Sequence[EffectAt],
+    rows: Sequence[npt.NDArray[np.bool_]],
     change: Callable[[Array], Array],
     free: Array,
     basis: Array,
     clear: bool = False,
-) -> tuple[float, ...]:
-    """Return the orders of a drive's turn with which an effect explains most of a residual.
+) -> list[tuple[float, ...]]:
+    """Return the orders of drives' turns with which an effect explains most of a residual.
+
+    One simulation tries an order of every drive: each is seen on the drive's own rows, to which
+    the others do little.
 
     Args:
-        model: A model that has the effect.
-        at: The effect and its place.
-        change: (S, P) values of the effect's parameters to (S, R) changes of the residual.
+        model: A model that has the effects.
+        several: One effect at several places.
+        rows: (R,) for each of them the rows of its place.
+        change: (S, P) values of the effects' parameters to (S, R) changes of the residual.
         free: (R,) the residual less what the parameters imitate.
         basis: (R, N) orthonormal basis of what the parameters can imitate.
         clear: Only those that stand out of the orders next to them further than chance takes one.
 
     Returns:
-        The best first; none where the effect has no order. Of a long log the lower ones.
+        Of each place, the best first; none where the effect has no order. Of a long log the lower
+        ones.
     """
-    parameters = model.scaled(at)
+    parameters = model.scaled(several[0])
     order = [i for i, p in enumerate(parameters) if p.role == 'order']
     sizes = [i for i, p in enumerate(parameters) if p.role == 'size']
-    grid = _grid(model, at.where, parameters[order[0]]) if order else np.empty(0)
-    grid = grid[: _MOST // (len(sizes) * free.size)]
-    if not grid.size:
-        return ()
-    neutral = np.array([p.neutral for p in parameters])
-    gains = []
-    for chosen in np.array_split(grid, -(-grid.size // _AT_ONCE)):
-        points = np.repeat(neutral[None], chosen.size * len(sizes), axis=0)
-        points[:, order[0]] = np.repeat(chosen, len(sizes))
-        for first, i in enumerate(sizes):
-            points[first :: len(sizes), i] += TRIAL * (parameters[i].high - neutral[i])
-        columns = np.nan_to_num(change(points), posinf=0.0, neginf=0.0).T
+    if not order:
+        return [()] * len(several)
+    own = [model.scaled(at) for at in several]
+    grids = [_grid(model, at.where, x[order[0]]) for at, x in zip(several, own, strict=True)]
+    grids = [grid[: _MOST // (len(sizes) * free.size)] for grid in grids]
+    neutral = np.array([[p.neutral for p in x] for x in own])
+    high = np.array([[x[i].high for i in sizes] for x in own])
+    gains: list[list[float]] = [[] for _ in several]
+    longest = max(grid.size for grid in grids)
+    for begin in range(0, longest, _AT_ONCE):
+        count = min(_AT_ONCE, longest - begin)
+        points = np.repeat(neutral[None], count * len(sizes), axis=0)
+        for place, grid in enumerate(grids):
+            chosen = grid[begin : begin + count]
+            points[: chosen.size * len(sizes), place, order[0]] = np.repeat(chosen, len(sizes))
+            for first, i in enumerate(sizes):
+                turn = slice(first, chosen.size * len(sizes), len(sizes))
+                points[turn, place, i] += TRIAL * (high[place, first] - neutral[place, i])
+        columns = np.nan_to_num(change(points.reshape(len(points), -1)), posinf=0.0, neginf=0.0).T
         columns = columns - basis @ (basis.T @ columns)
-        for pair in np.split(columns, chosen.size, axis=1):
-            along = np.linalg.qr(pair)[0].T @ free
-            gains.append(float(along @ along))
-    gain = np.array(gains)
+        for place, (grid, there) in enumerate(zip(grids, rows, strict=True)):
+            seen = columns[there]
+            for k in range(grid[begin : begin + count].size):
+                pair = seen[:, k * len(sizes) : (k + 1) * len(sizes)]
+                along = np.linalg.qr(pair)[0].T @ free[there]
+                gains[place].append(float(along @ along))
+    return [
+        _best(grid, np.array(gain), len(sizes), clear)
+        for grid, gain in zip(grids, gains, strict=True)
+    ]
+
+
+def _best(grid: Array, gain: Array, sizes: int, clear: bool) -> tuple[float, ...]:
+    """Return the orders of a grid (G,) with most gain (G,), as of `orders_shown`."""
     best = np.argsort(gain)[: -_BEST - 1 : -1]
-    if clear:
+    if clear and gain.size:
         # Of white noise a gain is chi-square distributed, with one degree of freedom a size.
         usual = scipy.ndimage.median_filter(gain, _BESIDE)
-        usual = usual / (2.0 * scipy.special.gammaincinv(len(sizes) / 2, 0.5))
-        least = usual * scipy.special.chdtri(len(sizes), _CHANCE / gain.size)
+        usual = usual / (2.0 * scipy.special.gammaincinv(sizes / 2, 0.5))
+        least = usual * scipy.special.chdtri(sizes, _CHANCE / gain.size)
         best = best[gain[best] > least[best]]
     return tuple(float(grid[i]) for i in best)
 
