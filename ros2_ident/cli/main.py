@@ -6,7 +6,9 @@ Exit codes: 0 success, 1 done but without a usable answer, 2 wrong use or bad in
 """
 
 import argparse
+import atexit
 from collections.abc import Mapping, Sequence
+import gc
 import importlib
 import os
 import sys
@@ -76,6 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run `ident` with some words, those of the process where None."""
     begun = time.monotonic()
     one_thread_for_linear_algebra()
+    # Nobody needs what is left at the end: Python would look through all of it, up to a second.
+    atexit.register(gc.freeze)
     words = list(sys.argv[1:] if argv is None else argv)
     if words[:1] == ['--version']:
         print(f'ident {package_version()}')
