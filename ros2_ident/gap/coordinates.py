@@ -15,6 +15,7 @@ from ros2_ident.gates.examine import SEEN
 from ros2_ident.models import FullModel
 from ros2_ident.recording import smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff
+from ros2_ident.recording.sections import follow
 
 Parity = Literal['', 'odd', 'even']
 
@@ -280,19 +281,12 @@ def _memories(motion: Motion, drive: int, at: NDArray[np.int64]) -> tuple[tuple[
         ('rest', (speed < _REST) * heading),
     )
     late = {
-        f'{name} {1e3 * lag:g} ms late': _follow(row, motion.cycle / lag)[at]
+        f'{name} {1e3 * lag:g} ms late': follow(math.exp(-motion.cycle / lag), row)[at]
         for lag in _LAGS
         for name, row in kinds
     }
     there = [label for label, row in late.items() if np.ptp(row) > 0.0]
     return tuple(there), np.reshape([late[label] for label in there], (len(there), at.size))
-
-
-def _follow(row: Array, step: float) -> Array:
-    """Return (K,) a first-order lag behind a row, with steps in units of its lag."""
-    keep = math.exp(-step)
-    out: Array = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], row, zi=[keep * row[0]])[0]
-    return out
 
 
 def _orders(position: Array, gear: float) -> list[Coordinate]:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Second-order sections along many rows at once; kept apart, as numba takes long to import."""
+"""Filters along rows; kept apart, as numba takes long to import."""
 # mypy: ignore-errors
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.compiled import cached
 
 
@@ -34,3 +35,18 @@ def run_both_ways(sections, still, rows):
                     state[s, 0, r] = b1 * value - a1 * new + state[s, 1, r]
                     state[s, 1, r] = b2 * value - a2 * new
                     rows[k, r] = new
+
+
+@cached
+def follow(keep: float, row: Array) -> Array:
+    """Return (K,) a first-order lag behind a row (K,) whose first value has lasted.
+
+    Args:
+        keep: Share of its distance that is left a value later.
+    """
+    out = np.empty_like(row)
+    state = keep * row[0]
+    for k in range(row.size):
+        out[k] = (1.0 - keep) * row[k] + state
+        state = keep * out[k]
+    return out

@@ -37,7 +37,7 @@ HEAVY += r'|ros2_ident\.(change\.find|gap\.(diagnose|result)|report\.page)$'
 FILES = {'mcap', 'numpy', 'rosbags', 'yaml', 'zstandard'}
 NUMBERS = {'fft', 'interpolate', 'linalg', 'ndimage', 'optimize', 'special'}
 NUMBERS = {f'scipy.{name}' for name in NUMBERS}
-GAP = 'ros2_ident.gap.diagnose', 'ros2_ident.gap.result', 'scipy.signal', 'scipy.stats'
+GAP = 'ros2_ident.gap.diagnose', 'ros2_ident.gap.result'
 AXIS = 'bags/axis_reversals --machine config/emps.yaml'
 FITTED = f'identify {AXIS} --population 8 --generations 1 --quiet --out'
 

@@ -3,10 +3,12 @@
 from gap_signals import CYCLE, floor_of, motion, residual
 import numpy as np
 import pytest
+from scipy.signal import welch
 
 from ros2_ident.gap.coordinates import (
     direction,
 )
+from ros2_ident.gap.spectrum import spectrum
 from ros2_ident.gap.where.localise import localise
 from ros2_ident.words.finding import where
 
@@ -65,3 +67,13 @@ def test_coloured_noise_gives_no_more_false_findings_than_stated(phi):
         # A floor below the noise: everything counts as explainable, and as material.
         false += bool(localise(OF, row, floor_of(value=0.004), seed=seed))
     assert false <= 2  # at most 5 % expected; 3 or more of 8 has a probability below 0.6 %
+
+
+@pytest.mark.parametrize(('size', 'length'), [(300, 50), (1999, 333), (20_000, 2000)])
+def test_the_spectrum_is_that_of_scipy(size, length):
+    row = np.random.default_rng(0).normal(size=size).cumsum()
+    frequency, power, _ = spectrum(row, CYCLE)
+    rate, half = 1.0 / CYCLE, slice(length // 2 + 1)
+    expected = welch(row, rate, nperseg=length, detrend=False, return_onesided=False)
+    np.testing.assert_array_equal(frequency, np.abs(expected[0][half]))
+    np.testing.assert_array_equal(power, rate * expected[1][half])

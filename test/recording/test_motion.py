@@ -11,6 +11,7 @@ import scipy.signal
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import Dataset, motion, smooth_motion
 from ros2_ident.recording.motion import standing, told_band
+from ros2_ident.recording.sections import follow
 
 CYCLE = 5e-4
 TIME = np.arange(6000) * CYCLE
@@ -82,6 +83,13 @@ def test_the_filter_is_that_of_scipy(order, share, loaded, monkeypatch):
         found = motion.forwards_and_backwards(sections, rows, reach)
         expected = scipy.signal.sosfiltfilt(sections, rows, padlen=reach)
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+
+
+def test_a_lag_is_that_of_scipy():
+    row = np.random.default_rng(0).normal(size=900).cumsum()
+    for keep in (0.2, 0.9, 0.999):
+        expected, _ = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], row, zi=[keep * row[0]])
+        np.testing.assert_array_equal(follow(keep, row), expected)
 
 
 # ---------------------------------------------------------------------- bands

@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-import scipy
 
 from ros2_ident.arrays import Above, Array, Below
 from ros2_ident.gap.bootstrap import averages, length_of
@@ -247,12 +246,10 @@ def localise(
         found += _drive(motion, d, coarse, noise, generator)
         found += _swing(motion, d, residual[d], noise, coarse)
     # They are fractions of the flips: a tie with the level passes, however it is rounded.
-    chance = scipy.stats.false_discovery_control([f.p_value for f in found]) if found else ()
-    certain = [
-        f
-        for f, p in zip(found, chance, strict=True)
-        if p <= LEVEL * (1.0 + 1e-9) and f.over_floor >= LEAST
-    ]
+    ranked = np.sort([f.p_value for f in found])
+    false = ranked * (ranked.size / np.arange(1, ranked.size + 1))
+    most = ranked[false <= LEVEL * (1.0 + 1e-9)].max(initial=-1.0)
+    certain = [f for f in found if f.p_value <= most and f.over_floor >= LEAST]
     settled = {f.drive for f in certain}
     for drive in (name for name in motion.drives if name not in settled):
         best = max((f for f in found if f.drive == drive), key=lambda f: f.statistic, default=None)
