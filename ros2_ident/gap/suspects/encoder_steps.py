@@ -114,8 +114,8 @@ def made_by_steps(encoders: Sequence[EncoderSteps], split: Split, theta: Array) 
 def _step_in(missed: Iterable[tuple[Array, Array, Array]]) -> tuple[float, float]:
     """Return the step of the clearest line and its error; 0 where none stands clear of all."""
     lines = ((*_clearest(*way), span) for way in missed if (span := float(np.ptp(way[0]))) > 0.0)
-    step, power, stands, span = max(lines, key=lambda x: (x[2], x[1]), default=(0.0, 0.0, 0, 1.0))
-    return (step, step**2 / span) if stands and power >= CLEAR else (0.0, 0.0)
+    step, _, stands, span = max(lines, key=lambda x: (x[2], x[1]), default=(0.0, 0.0, 0, 1.0))
+    return (step, step**2 / span) if stands else (0.0, 0.0)
 
 
 def _power_at(step: float, position: Array, velocity: Array, fast: Array) -> float:
@@ -171,7 +171,7 @@ def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array
 
 
 def _clearest(position: Array, velocity: Array, fast: Array) -> tuple[float, float, bool]:
-    """Return the step of the clearest line, its power, and whether no other is nearly as clear."""
+    """Return the step of the clearest line, its power, and whether it is clear as no other is."""
     span = float(np.ptp(position))
     # The step itself, and its difference from cycle to cycle, which turns with the direction.
     lines = [_lines(position, x, _BINS) for x in (fast, fast * np.sign(velocity))]
@@ -186,6 +186,8 @@ def _clearest(position: Array, velocity: Array, fast: Array) -> tuple[float, flo
         if inside[low] and power[near].max() > 0.5 * power[best]:
             best = max(0, low - 2) + int(np.argmax(power[near]))
             break
+    if power[best] < CLEAR:
+        return 0.0, float(power[best]), False
     # A step beyond those looked for shows by its second line: then halves are multiples, too.
     turns = np.arange(power.size) / max(best, 1)
     apart = np.abs(turns - np.maximum(np.round(2.0 * turns), 1.0) / 2.0) * best > _ASIDE
