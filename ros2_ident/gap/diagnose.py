@@ -435,7 +435,7 @@ class _Passes:
             visible = found.rounds[0].visible
         elif verdict.effect not in REFUSED:
             candidates = begun.selector.split.candidates(self.without)
-            visible = visibility(begun.selector.look(base, candidates))
+            visible = visibility(begun.selector.look(base, candidates, follow=False))
         clock.rounds(0.0)
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()

@@ -242,11 +242,11 @@ class Trials:
         joint = self.fits.split.fit.with_effects(())
         self.fits.evaluate(joint)(0.5 * (joint.low + joint.high))
 
-    def starts(self, candidate: EffectAt) -> list[Start]:
+    def starts(self, candidate: EffectAt, follow: bool = True) -> list[Start]:
         """Screen one candidate: one start for each group of its trials, the most promising first.
 
         How the output changes, less what the parameters fitted already can imitate, is compared
-        with the residual.
+        with the residual; where nothing shall `follow`, only what is visible is told.
         """
         if self.fits.stopped():
             return []
@@ -280,6 +280,12 @@ class Trials:
             rest = columns - basis @ (basis.T @ columns)
             if not (rest**2).sum() > 1e-9:
                 continue
+            left = columns[: len(outputs)]
+            left = left - outputs @ (outputs.T @ left)
+            visible = enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples))
+            if not follow:
+                starts.append(Start((candidate,), theta, vectors[0], 0.0, visible))
+                continue
             factor = np.linalg.lstsq(rest, free, rcond=1e-9)[0]
             if len(vectors) == 1 and nonlinear:
                 # A trial far from neutral stands for itself; the straight line through it is no
@@ -296,9 +302,6 @@ class Trials:
             factor = factor * (ratio if np.sign(moved) @ np.sign(kept) > 0 else 0.0)
             gain = float(free @ free - ((free - rest @ factor) ** 2).sum())
             there = self._within(basis.T @ (residual - columns @ factor))
-            left = columns[: len(outputs)]
-            left = left - outputs @ (outputs.T @ left)
-            visible = enlarge * float(np.sqrt((left**2).sum(axis=0).max() / samples))
             moved_along = low + there * (high - low)
             own = np.where(size, clipped, phi)
             starts.append(Start((candidate,), moved_along, own, gain, visible))

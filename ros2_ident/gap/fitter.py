@@ -242,18 +242,21 @@ class Fitter:
     # ------------------------------------------------------------------ rounds
 
     def look(
-        self, base: Hypothesis, candidates: Sequence[EffectAt]
+        self, base: Hypothesis, candidates: Sequence[EffectAt], follow: bool = True
     ) -> dict[EffectAt, list[Start]]:
-        """Screen every candidate on top of a base; those already in it are left out."""
+        """Screen every candidate on top of a base; arguments as of `Trials.starts`.
+
+        Those already in it are left out.
+        """
         with self.workers.tasks(Trials(self.fits, base)) as run:
-            return self._screened(run, base, candidates)
+            return self._screened(run, base, candidates, follow)
 
     def _screened(
-        self, run: RunTasks, base: Hypothesis, candidates: Sequence[EffectAt]
+        self, run: RunTasks, base: Hypothesis, candidates: Sequence[EffectAt], follow: bool = True
     ) -> dict[EffectAt, list[Start]]:
         new = [at for c in candidates if (at := _next(c, base.effects))]
         found: dict[EffectAt, list[Start]] = {}
-        told = run('starts', [(c,) for c in new])
+        told = run('starts', [(c, follow) for c in new])
         for done, (candidate, starts) in enumerate(zip(new, told, strict=True), 1):
             if starts:
                 found[candidate] = starts
