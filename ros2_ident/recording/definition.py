@@ -136,13 +136,17 @@ def definition_of(kind: str, form: str, data: bytes) -> Definition | None:
             own = get_types_from_msg(text, kind)
     except Exception:  # the parser lets whatever damaged texts cause through
         return None
-    types = {**_standard_fields(), **{name: fields for name, (_, fields) in own.items()}}
+    types: Mapping[str, Sequence[tuple[str, Any]]] = {name: x for name, (_, x) in own.items()}
+    parts = (about for fields in types.values() for _, about in fields)
+    inner = (about[1][0] if about[0] in _SEVERAL else about for about in parts)
+    if not types.keys() >= {x[1] for x in inner if x[0] == Nodetype.NAME}:
+        types = {**_standard_fields(), **types}
     return Definition(kind, types, gaps=form != 'ros1msg') if kind in own else None
 
 
 @cache
 def standard() -> Typestore:
-    """Return the messages of ROS 2 Jazzy itself."""
+    """Return the messages of ROS 2 Jazzy itself; some hundred classes are made for them."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 

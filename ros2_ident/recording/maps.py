@@ -5,7 +5,7 @@ A role of a map states the paths of its fields; `names` is the path of the joint
 messages have any, and `stamp` that of the time.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 import math
@@ -67,8 +67,13 @@ class MessageMap:
     padded: bool  # whether entries at the end may belong to no joint
     note: str  # what a user has to know of it
     joints: tuple[str, ...]  # names of its first entries, where the messages have none
-    definition: Definition | None  # for files that have none; None for what is not of ROS
+    defined: Callable[[], Definition | None]  # makes `definition`
     names_of: tuple[str, Path] | None = None  # the topic beside it whose numbers it names, and how
+
+    @property
+    def definition(self) -> Definition | None:
+        """For files that have none; None for what is not of ROS."""
+        return self.defined()
 
 
 def kinds() -> list[str]:
@@ -93,13 +98,16 @@ def map_of(kind: str) -> MessageMap | None:
     stamp = data.get('stamp', {})
     parts = tuple((path_of(path), 10 ** DIGITS[unit]) for path, unit in stamp.items())
     text = data.get('definition', '').encode()
-    known = forms.definition_of(kind, 'ros2msg', text) if text else forms.standard_of(kind)
-    definition = Definition(kind, known.types, whole=not text) if known else None
+
+    def defined() -> Definition | None:
+        known = forms.definition_of(kind, 'ros2msg', text) if text else forms.standard_of(kind)
+        return Definition(kind, known.types, whole=not text) if known else None
+
     clock: Clock = 'counter' if data.get('counter') else 'stamp' if parts else 'none'
     joints = tuple(data.get('joints', '').split())
     padded, note = bool(data.get('padded')), data.get('note', '')
     beside = next(((x, path_of(y)) for x, y in data.get('names_of', {}).items()), None)
-    return MessageMap(kind, fields, names, parts, clock, padded, note, joints, definition, beside)
+    return MessageMap(kind, fields, names, parts, clock, padded, note, joints, defined, beside)
 
 
 def _source(given: Any) -> Source:
@@ -154,7 +162,7 @@ def map_of_fields(
         clock = 'none' if not time else 'counter' if definition or digits else 'stamp'
     own = {str(n): Source((path_of(x[0]),), chosen=x) for n, x in enumerate(columns)}
     fields, joints = {'': own}, tuple(own)
-    return MessageMap(kind, fields, {}, tuple(stamp), clock, False, '', joints, definition)
+    return MessageMap(kind, fields, {}, tuple(stamp), clock, False, '', joints, lambda: definition)
 
 
 def parser(

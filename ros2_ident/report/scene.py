@@ -28,7 +28,6 @@ RATE, REPEAT = 20.0, 20
 TOP = 95.0
 _CUBES, _STRIP, _LINES, _TEXT = 6, 4, 5, 9
 Msg = Any
-_STORE = standard()
 
 Colour = tuple[float, float, float, float]
 GREY: Colour = (0.45, 0.45, 0.45, 1.0)
@@ -107,7 +106,8 @@ def largest_gap(scene: Scene) -> bytes:
 
 
 def _serialised(markers: list[Msg]) -> bytes:
-    return bytes(_STORE.serialize_cdr(_STORE.types[MARKERS](markers=markers), MARKERS))
+    store = standard()
+    return bytes(store.serialize_cdr(store.types[MARKERS](markers=markers), MARKERS))
 
 
 def colours(scene: Scene) -> FloatArray:
@@ -162,7 +162,7 @@ def _marker(
     text: str = '',
 ) -> Msg:
     """Return a visualization_msgs/Marker with points (P, 3), m, in the machine's frame."""
-    types, stamp = _STORE.types, int(scene.stamp[k])
+    types, stamp = standard().types, int(scene.stamp[k])
     time, header = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
     point, rgba = types['geometry_msgs/msg/Point'], types['std_msgs/msg/ColorRGBA']
     here = point(*points[0].tolist()) if kind == _TEXT else point(0.0, 0.0, 0.0)

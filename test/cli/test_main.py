@@ -31,7 +31,7 @@ def child(*words, **environment):
 HEAVY = (
     r'(asyncio|bokeh|distributed|google|h5py|jinja2|matplotlib|mcap|mujoco|numba|numpy|pinocchio)$'
 )
-HEAVY += r'|(pyarrow|rclpy|rich|rosbags|yaml|zstandard)$'
+HEAVY += r'|(pyarrow|rclpy|rich|rosbags|yaml|zstandard)$|rosbags\.typesys\.stores\.ros2_jazzy$'
 HEAVY += r'|scipy\.(fft|interpolate|linalg|ndimage|optimize|signal|special|stats)$'
 HEAVY += r'|ros2_ident\.(change\.find|gap\.(diagnose|result)|report\.page)$'
 FILES = {'mcap', 'numpy', 'rosbags', 'yaml', 'zstandard'}
