@@ -228,8 +228,8 @@ def weigh_changes(
         Scatter from log to log: random effects of DerSimonian and Laird (1986), Controlled
         Clinical Trials 7; degrees of freedom by Satterthwaite (1946), Biometrics Bulletin 2.
     """
-    common, limit = of_one_size(jacobian, missing, most)
-    nuisance = np.concatenate([jacobian.T, common]).T
+    nuisance, limit = of_one_size(jacobian, missing, most)
+    common = nuisance[:, jacobian.shape[1] :]
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
     noise = _noise(Rows(residual, nuisance, runs, limit, scale), blocks, logs)
     rms = np.sqrt(np.mean(changed**2, axis=0))
@@ -248,7 +248,7 @@ def weigh_changes(
     whole = np.sum([cell.sums for cell in cells], axis=0)[:first]
     prior = np.zeros((first, first + 1))
     if known is not None:
-        rows = np.pad(known[0][:, : jacobian.shape[1]], ((0, 0), (0, len(common))))
+        rows = np.pad(known[0][:, : jacobian.shape[1]], ((0, 0), (0, limit.size)))
         prior = rows.T @ np.column_stack([rows, known[1]])
     told = whole[:, :first] + prior[:, :-1], whole[:, -1] + prior[:, -1]
     sizes = Sums(*told, limit).sizes(scale)[0]
@@ -273,7 +273,7 @@ def weigh_changes(
     apart = (changed * unit * usually)[:, usually > 0.0]
     by_itself = np.where(alone, between * usual**2, 0.0)
     return Changes(
-        own, score, tuple(kept), alike, inflation, freedom, by_itself, noise, common.T, sizes,
+        own, score, tuple(kept), alike, inflation, freedom, by_itself, noise, common, sizes,
         limit, apart, parts, scale,
     )  # fmt: skip
 

@@ -176,9 +176,7 @@ def weigh(
         Inverse Problems 30; one size by MacKay (1992), Neural Computation 4; sizes of single
         columns by Tipping and Faul (2003), AISTATS 9.
     """
-    scaled, limit = of_one_size(jacobian, missing, most)
-    # A column's samples lie side by side: whitening and products go along them.
-    columns = np.concatenate([jacobian.T, scaled]).T
+    columns, limit = of_one_size(jacobian, missing, most)
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
     data = Rows(residual, columns, runs, limit, scale)
     found = data.weighed(data.first_noise(), blocks)
@@ -250,7 +248,7 @@ class Rows:
         for _ in range(_TURNS):
             whiten = Whitening(self.runs, noise)
             white, right = whiten(columns.T), whiten(self.residual)
-            rows = [(white.take(np.flatnonzero(out), axis=1), right[out]) for out in folds]
+            rows = ((white.take(np.flatnonzero(out), axis=1), right[out]) for out in folds)
             parts = [(own @ own.T, own @ against) for own, against in rows]
             normal, gradient = (np.sum(x, axis=0) for x in zip(*parts, strict=True))
             sums = Sums(normal, gradient, self.limit)
@@ -483,17 +481,23 @@ def _of_one(square: Array, told: Array, precision: Array) -> Array:
 
 
 def of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
-    """Return (C', R) columns of RMS 1 once the parameters have imitated what they can.
+    """Return (R, N + C') columns of parameters, then of RMS 1 what is missing.
 
-    And (C',) how many times each may be there.
+    That is their size once the parameters have imitated what they can; and (C',) how many times
+    each may be there.
     """
+    count = jacobian.shape[1]
     basis, columns = np.linalg.qr(jacobian)[0], missing.T
     whole = np.einsum('cr,cr->c', columns, columns)
     own = whole - np.sum((columns @ basis) ** 2, axis=1)
     keep = own > np.maximum(OWN**2 * whole, 1e-300)
     rms = np.sqrt(own[keep] / len(missing))
     limit = np.full(rms.size, np.inf) if most is None else most[keep] * rms
-    return columns[keep] / rms[:, None], limit
+    # A column's samples lie side by side: whitening and products go along them.
+    out = np.empty((count + rms.size, len(missing)))
+    out[:count] = jacobian.T
+    np.divide(columns[keep], rms[:, None], out=out[count:])
+    return out.T, limit
 
 
 def _rms(values: Array, place: npt.NDArray[np.int64]) -> Array:
