@@ -13,6 +13,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.identify.hidden import Rows
 from ros2_ident.identify.layout import Layout
 from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models.registry import STATED_WITHIN
 from ros2_ident.search.changes import Changes, Logs
 from ros2_ident.search.evidence import SIZES, Sums
 from ros2_ident.search.jacobian import diverged
@@ -53,8 +54,9 @@ class Sides(Layout):
         self.nominal, self.moved = len(models[0].parameters), tuple(moved)
         self._fitted = len(self.parameters)
         self._at = [self.names.index(name) for name in moved]
-        width = self.high - self.low
         # A change may lead out of the box of what was known before, but does not turn a sign.
+        most = np.maximum(np.abs(self.low), np.abs(self.high))
+        width = np.maximum(self.high - self.low, (STATED_WITHIN - 1.0) * most)
         far = self.low - width, self.high + width
         self._ends = (
             np.where(self.low >= 0.0, np.maximum(far[0], 0.0), far[0]),

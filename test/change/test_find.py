@@ -111,6 +111,16 @@ def test_a_large_change_is_one_change(made):
     assert 'velocity_gain_error' in {x.name for x in change.ties}
 
 
+def test_a_change_may_be_larger_than_the_box(made, tmp_path):
+    # A box of 10 kg, and a change of 95.
+    text = AXIS.read_text(encoding='utf-8').replace('[50.0, 150.0, kg]', '[70.0, 80.0, kg]')
+    (tmp_path / 'axis.yaml').write_text(text, encoding='utf-8')
+    request = jobs.Request(load_machine(tmp_path / 'axis.yaml'), bags=(f'{made}/one',))
+    (change,) = jobs.compare(request, [f'{made}/loaded']).result.changes
+    (told,) = change.sizes
+    assert told.name == 'emps_axis.moving_mass' and told.low < 95.0 < told.high
+
+
 def test_a_change_that_ends_at_nothing_has_a_derivative(made):
     request = jobs.Request(load_machine(AXIS), bags=(f'{made}/one', f'{made}/worn'))
     problem = request.problem(jobs.read(request).fit)
