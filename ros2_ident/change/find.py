@@ -454,21 +454,28 @@ def _step(
         return None
     promising = [c for c in ordered if told[id(c)] > max(price, PROMISING * best)][:_FITS]
     base = _fitted(now, now.sides, now.theta, stopped)
-    fits = [
-        f for f in (_with(now, c, base, stopped) for c in promising)
+    fits: list[_Fit] = []
+    top = 0.0
+    for c in promising:
+        f = _with(now, c, base, max(price, _nearly(top)), stopped)
         if all(f.evidence > Rules.alike * x.evidence for x in found
-               if '' in (x.column.place, f.column.place) or x.column.place == f.column.place)
-    ]  # fmt: skip
-    top = max((f.evidence for f in fits), default=0.0)
+               if '' in (x.column.place, c.place) or x.column.place == c.place):  # fmt: skip
+            fits.append(f)
+            top = max(top, f.evidence)
     if not top > price:
         return None
-    alike = [f for f in fits if f.evidence > min(top - price_of(1), (1.0 - Rules.alike) * top)]
+    alike = [f for f in fits if f.evidence > _nearly(top)]
     # Gains and other stated numbers come first: efforts follow from how a machine is driven.
     kinds = 'constant', 'parameter', 'effect'
     one = min(
         alike, key=lambda f: (kinds.index(f.column.suspect.kind), f.column.numbers, -f.evidence)
     )
     return replace(one, ties=tuple(f.column.suspect for f in alike if f is not one))
+
+
+def _nearly(evidence: float) -> float:
+    """Return the evidence that is as good, a suspect being chosen for more than its evidence."""
+    return min(evidence - price_of(1), (1.0 - Rules.alike) * evidence)
 
 
 def _fitted(now: _Round, sides: Sides, start: Array, stopped: Callable[[], bool]) -> _Best:
@@ -507,27 +514,37 @@ def _descended(
     return point.theta
 
 
-def _with(now: _Round, c: _Column, base: _Best, stopped: Callable[[], bool]) -> _Fit:
-    """Return the fit of a suspect beside the parameters, and its evidence."""
-    fits, without = [], base.loss
-    for suspect, sides, own in _begun(now, c):
-        found = _fitted(now, sides, sides.start(now.sides, now.theta, own), stopped)
-        fits.append((suspect, sides, found))
-        if c.at is not None:
-            # On both sides it is what the model lacks, which one motion may show and not another.
-            both = sides.also((c.at, suspect.side == 'before'))
-            common = _fitted(now, both, both.start(now.sides, now.theta, own), stopped)
-            without = min(without, common.loss)
+def _with(now: _Round, c: _Column, base: _Best, least: float, stopped: Callable[[], bool]) -> _Fit:
+    """Return the fit of a suspect beside the parameters, and its evidence.
+
+    Args:
+        least: Evidence up to which it does not matter how much there is; it is no less then.
+    """
+    begun = list(_begun(now, c))
+    fits = [
+        (suspect, sides, _fitted(now, sides, sides.start(now.sides, now.theta, own), stopped))
+        for suspect, sides, own in begun
+    ]
     if c.suspect.kind == 'constant':
         fits.append((c.suspect, *_restated(now, c, stopped)))
-    evidences = []
-    for _, _, found in fits:
-        gain = now.weighed.among_logs(max(0.0, without - found.loss), c.columns)
-        evidences.append(evidence_of(gain, c.numbers))
+
+    def evidences(without: float) -> list[float]:
+        gains = [max(0.0, without - found.loss) for _, _, found in fits]
+        return [evidence_of(now.weighed.among_logs(x, c.columns), c.numbers) for x in gains]
+
+    told = evidences(base.loss)
+    if c.at is not None and max(told) > least:
+        # On both sides it is what the model lacks, which one motion may show and not another.
+        without = [base.loss]
+        for suspect, sides, own in begun:
+            both = sides.also((c.at, suspect.side == 'before'))
+            start = both.start(now.sides, now.theta, own)
+            without.append(_fitted(now, both, start, stopped).loss)
+        told = evidences(min(without))
     # There after only, where that is alike.
-    best = max(range(len(fits)), key=lambda i: evidences[i] - i * price_of(1))
+    best = max(range(len(fits)), key=lambda i: told[i] - i * price_of(1))
     suspect, sides, found = fits[best]
-    return _Fit(replace(c, suspect=suspect), evidences[best], sides, found.theta)
+    return _Fit(replace(c, suspect=suspect), told[best], sides, found.theta)
 
 
 def _begun(now: _Round, c: _Column) -> Iterator[tuple[Suspect, Sides, Array]]:
