@@ -4,7 +4,7 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from itertools import chain, islice
 import math
 from typing import Literal
@@ -183,7 +183,10 @@ def find_change(
     price = price_of(among * len(now.suspects)) + _SURE
     for _ in range(2 * Rules.most):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
-        weak = next((x for x in found[:-1] if not _still(now, x.column, price, stopped)), None)
+        base = cache(partial(_fitted, now, now.sides, now.theta, stopped))
+        weak = next(
+            (x for x in found[:-1] if not _still(now, x.column, price, base, stopped)), None
+        )
         if stopped():
             break
         if weak is not None:
@@ -194,7 +197,7 @@ def find_change(
             best = point.theta
         elif (
             len(found) < Rules.most
-            and (step := _step(now, price, found, dropped, stopped)) is not None
+            and (step := _step(now, price, found, dropped, base, stopped)) is not None
         ):
             found.append(step)
             sides, best = step.sides, step.theta
@@ -435,12 +438,16 @@ def _step(
     price: float,
     found: Sequence[_Fit],
     dropped: Collection[tuple[str, str]],
+    base: Callable[[], _Best],
     stopped: Callable[[], bool],
 ) -> _Fit | None:
     """Return the change whose evidence is more than its choice among all may be by chance.
 
     No law is exactly the machine's: another one where something changed already may do no more
     than mend the first one's form.
+
+    Args:
+        base: The best fit with what was found.
     """
     told = {id(c): now.evidence(c) for c in now.suspects}
     ordered: list[_Column] = []
@@ -453,11 +460,10 @@ def _step(
     if not best > price:
         return None
     promising = [c for c in ordered if told[id(c)] > max(price, PROMISING * best)][:_FITS]
-    base = _fitted(now, now.sides, now.theta, stopped)
     fits: list[_Fit] = []
     top = 0.0
     for c in promising:
-        f = _with(now, c, base, max(price, _nearly(top)), stopped)
+        f = _with(now, c, base(), max(price, _nearly(top)), stopped)
         if all(f.evidence > Rules.alike * x.evidence for x in found
                if '' in (x.column.place, c.place) or x.column.place == c.place):  # fmt: skip
             fits.append(f)
@@ -659,15 +665,19 @@ def _less(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sides, 
     return sides, _fitted(now, sides, start, stopped)
 
 
-def _still(now: _Round, c: _Column, price: float, stopped: Callable[[], bool]) -> bool:
-    """Return whether a change counts beside those found after it."""
+def _still(
+    now: _Round,
+    c: _Column,
+    price: float,
+    base: Callable[[], _Best],
+    stopped: Callable[[], bool],
+) -> bool:
+    """Return whether a change counts beside those found after it; arguments as of `_step`."""
     own = now.sides.places_of(c.at, c.suspect.name)
     if not own:
         return True
     _, without = _less(now, c, stopped)
-    whole = now.marginal.loss(residuals_at(now.sides, now.rows)(now.theta[None])[0])
-    whole += now.sides.box.aside(now.sides.box.inside(now.theta))
-    gain = max(0.0, without.loss - whole)
+    gain = max(0.0, without.loss - base().loss)
     kept = [now.weighed.kept[i - now.sides.nominal] for i in own]
     return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price
 
