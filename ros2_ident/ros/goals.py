@@ -30,7 +30,7 @@ _SEARCH = 'initial_population', 'survivors', 'children', 'generations', 'range_r
 # Fields that not every goal has, and what stands for nothing.
 _NOT_OF_ALL: dict[str, Any] = {
     'check_bag_path': '', 'more_check_bag_paths': (), 'each': (), 'differences_file': '',
-    'time_budget': 0.0, 'from_result': '', 'without_effects': (),
+    'time_budget': 0.0, 'without_effects': (),
 }  # fmt: skip
 _refuse = ErrorCode.INVALID_GOAL.error
 
@@ -87,7 +87,7 @@ def wanted_of(
     settings = IdentifySettings(budget=budget, threads=threads)
     more = {Identify.Goal: _of_identify, Diagnose.Goal: _of_diagnose, Diff.Goal: _of_diff}
     wanted = replace(wanted, **more[type(goal)](goal, parameters, machine, settings))
-    earlier = _paths(asked['from_result'], (), 'from_result', parameters)
+    earlier = _paths(goal.from_result, (), 'from_result', parameters)
     return knowing(wanted, *earlier) if earlier else wanted
 
 

@@ -120,6 +120,19 @@ def test_live_data_are_compared_with_an_earlier_result_known(shared: Any, logs: 
     assert written['settings']['from'] == f'{logs}/known'
 
 
+@pytest.mark.parametrize('action', ['Identify', 'Diagnose'])
+def test_the_other_actions_take_an_earlier_result_as_known(
+    shared: Any, logs: Path, action: str
+) -> None:
+    known = Path(f'{logs}/known')
+    asked = {'without_effects': list(CATALOGUE)} if action == 'Diagnose' else {}
+    goal = bag_goal(action, bag_path=f'{logs}/heavy', from_result=str(known), **asked)
+    _, found = shared.ask(goal)
+    assert found.error_message == ''
+    written = json.loads(Path(found.result_file).read_text(encoding='utf-8'))
+    assert written['settings']['from'] == str(known)
+
+
 def test_a_cancel_keeps_what_was_found(shared: Any, logs: Path) -> None:
     feedback: list[Any] = []
     handle = shared.send(goal_of(logs, without_effects=[]), feedback.append)
