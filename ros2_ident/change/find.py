@@ -21,7 +21,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
 from ros2_ident.gates import GateReport
-from ros2_ident.identify.hidden import Alternative, missing_beside, residuals_at, Rows
+from ros2_ident.identify.hidden import Missing, missing_beside, residuals_at, Rows
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
 from ros2_ident.machine.units import LEVER, per_metre
@@ -74,7 +74,7 @@ class _Column:
         names: What each of its columns is a multiple of.
         units: Their units.
         scales: Each number for a coefficient of 1.
-        columns: Its columns.
+        columns: Its numbers among all changes.
         value: Value before; NaN of an effect.
         numbers: How many numbers it takes, shapes among them.
         at: An effect at its place.
@@ -88,7 +88,7 @@ class _Column:
     names: tuple[str, ...]
     units: tuple[str, ...]
     scales: Array
-    columns: tuple[int, ...] = ()
+    columns: Sequence[int] = ()
     value: float = math.nan
     numbers: int = 1
     at: EffectAt | None = None
@@ -284,37 +284,42 @@ def _round(
         at for at in first.extensions(changed=True)
         if at not in taken and at.effect not in without
     ]  # fmt: skip
-    # Twice: what is common, and what changed.
-    seen = missing_beside(sides, theta, candidates, stopped, threads, times=2)
+    seen = missing_beside(sides, theta, candidates, stopped, threads)
     rows, residual, jacobian = seen.rows, seen.residual, seen.slopes
     nominal = jacobian[:, : sides.nominal]
     columns: list[_Column] = []
-    changed: list[Array] = []
+    # Of each change its column: of those that both sides have, or of others behind them.
+    changed: list[int] = []
+    others: list[Array] = []
+    beside = sides.nominal + seen.columns.shape[1]
+    for c, places in chain(_parameters(sides, theta), _effects(first, seen, sides.nominal)):
+        columns.append(replace(c, columns=_next(changed, places)))
     for c, own in chain(
-        _parameters(sides, theta, nominal),
-        _constants(sides, theta, rows, residual),
-        _zeros(sides, theta, rows, zeros),
-        _effects(first, seen.alternatives),
+        _constants(sides, theta, rows, residual), _zeros(sides, theta, rows, zeros)
     ):
-        columns.append(replace(c, columns=tuple(range(len(changed), len(changed) + len(own)))))
-        changed += own
-    kept = range(len(changed), len(changed) + len(theta) - sides.nominal)
-    changed += list(jacobian[:, sides.nominal :].T)
+        at = range(beside + len(others), beside + len(others) + len(own))
+        columns.append(replace(c, columns=_next(changed, at)))
+        others += own
+    at = range(beside + len(others), beside + len(others) + len(theta) - sides.nominal)
+    kept = _next(changed, at)
+    others += list(jacobian[:, sides.nominal :].T)
+    every = [*nominal.T, *seen.columns.T, *others]
     usual, alone = np.zeros(len(changed)), np.zeros(len(changed), dtype=bool)
     for c in columns:
         usual[[*c.columns]] = c.usual
     friction = _friction(sides, theta, nominal)
     laws = [(c.at, c.columns) for c in columns if c.at]
-    for at, _ in sides.effects:
-        laws.append((at, tuple(kept.start + i - sides.nominal for i in sides.places_of(at, ''))))
-    for at, places in laws:
-        if get_effect(at.effect).hook in _FORMS:
-            usual[[*places]] = [friction(at.where, changed[i]) for i in places]
+    for one, _ in sides.effects:
+        laws.append((one, tuple(kept[i - sides.nominal] for i in sides.places_of(one, ''))))
+    for one, places in laws:
+        if get_effect(one.effect).hook in _FORMS:
+            usual[[*places]] = [friction(one.where, every[changed[i]]) for i in places]
             alone[[*places]] = True
     side = np.concatenate([np.full(kept.start, True), sides.later[sides.nominal :]])
     logs = _logs(sides, rows, log, paired)
     weighed = weigh_changes(
-        residual, nominal, seen.columns, np.array(changed).T, rows.runs, rows.blocks, logs,
+        residual, nominal, seen.columns, np.reshape(others, (-1, residual.size)).T,
+        np.array(changed), rows.runs, rows.blocks, logs,
         most=seen.most, usual=usual, alone=alone, side=side, kept=kept, known=seen.known,
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
@@ -322,18 +327,25 @@ def _round(
     return _Round(sides, theta, rows, logs, columns, weighed, marginal, nominal)
 
 
+def _next(changed: list[int], places: Sequence[int]) -> range:
+    """Append the columns of a change; return where they are."""
+    changed += places
+    return range(len(changed) - len(places), len(changed))
+
+
+_Places = Iterator[tuple[_Column, Sequence[int]]]
 _Columns = Iterator[tuple[_Column, list[Array]]]
 
 
-def _parameters(sides: Sides, theta: Array, slopes: Array) -> _Columns:
-    """Yield the parameters, and (R,) the derivative by each."""
+def _parameters(sides: Sides, theta: Array) -> _Places:
+    """Yield the parameters, and which column is the derivative by each."""
     width = sides.high - sides.low
     for i, p in enumerate(sides.parameters[: sides.nominal]):
         known = 0.0 if p.absent is None else BY_ITSELF / NORMAL * abs(theta[i]) / width[i]
         own = {'own': 'timing', 'usual': math.inf} if p.unit == 's' else {'usual': known}
         c = _Column(Suspect('parameter', p.name), (p.name,), (p.unit,), width[i : i + 1],
                     value=float(theta[i]), **own)  # fmt: skip
-        yield c, [slopes[:, i]]
+        yield c, [i]
 
 
 def _constants(sides: Sides, theta: Array, rows: Rows, residual: Array) -> _Columns:
@@ -368,9 +380,15 @@ def _zeros(sides: Sides, theta: Array, rows: Rows, zeros: Sequence[_Homed]) -> _
         yield c, [column for _, column in seen]
 
 
-def _effects(first: FullModel, alternatives: Sequence[Alternative]) -> _Columns:
-    """Yield effects, one for each of their shapes, and (R,) what each of their sizes changes."""
-    for one in alternatives:
+def _effects(first: FullModel, seen: Missing, nominal: int) -> _Places:
+    """Yield effects, one for each of their shapes, and which columns are of each of their sizes.
+
+    Args:
+        nominal: Number of the columns before those of `seen`.
+    """
+    end = nominal + seen.columns.shape[1] - sum(len(one.changes) for one in seen.alternatives)
+    for one in seen.alternatives:
+        begin, end = end, end + len(one.changes)
         wide = first.extended((*first.effects, one.at))
         own = wide.scaled(one.at)
         units = [p.unit for p in wide.parameters[-len(own) :]]
@@ -380,17 +398,17 @@ def _effects(first: FullModel, alternatives: Sequence[Alternative]) -> _Columns:
             at = np.flatnonzero(one.group == group)
             moved = one.points[at] - neutral
             which = [int(np.argmax(np.abs(np.where(sized, m, 0.0)))) for m in moved]
-            begin = np.where(sized, neutral, one.points[at[0]])
+            start = np.where(sized, neutral, one.points[at[0]])
             late = any(own[w].target.endswith('_delay') for w in which)
             c = _Column(
                 Suspect('effect', one.at.effect, one.at.where),
                 tuple(own[w].name for w in which),
                 tuple(units[w] for w in which),
                 np.array([m[w] for m, w in zip(moved, which, strict=True)]),
-                numbers=len(own), at=one.at, begin=begin, moved=one.points[at] - begin,
+                numbers=len(own), at=one.at, begin=start, moved=one.points[at] - start,
                 own='timing' if late else '', usual=math.inf if late else 0.0,
             )  # fmt: skip
-            yield c, list(one.changes[at])
+            yield c, (begin + at).tolist()
 
 
 def _friction(sides: Sides, theta: Array, slopes: Array) -> Callable[[str, Array], float]:
@@ -418,14 +436,19 @@ def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) ->
     ends = np.cumsum([0, *(int(mask.sum()) for mask in rows.masks)])
     numbers = [np.unique(log[sides.after == s]).tolist() for s in (False, True)]
     least = min(map(len, numbers))
-    there, pair, fold = [], [], rows.blocks % _PARTS
+    there, pair, fold = [], [], np.zeros_like(rows.blocks)
     for k in (k for own in numbers for k in own):
         own = np.flatnonzero(log == k)
         there.append(slice(int(ends[own[0]]), int(ends[own[-1] + 1])))
         place = next(own.index(k) for own in numbers if k in own)
         pair.append(place if paired else 0)
-        if least > 1:
-            fold[there[-1]] = place % least
+        fold[there[-1]] = place % least
+    if least == 1:
+        # Parts of each log, so that all have both sides.
+        turn = [np.unique(rows.blocks[here], return_inverse=True)[1] for here in there]
+        parts = min(_PARTS, *(int(block.max(initial=0)) + 1 for block in turn))
+        for here, block in zip(there, turn, strict=True):
+            fold[here] = block % parts
     after = np.repeat([False, True], list(map(len, numbers)))
     return Logs(tuple(there), after, np.array(pair), fold, least > 1)
 
@@ -627,8 +650,9 @@ def _explained(
         now.weighed.kept[i - now.sides.nominal]
         for x in named for i in now.sides.places_of(x.column.at, x.column.suspect.name)
     ])  # fmt: skip
+    whole = Marginal.of(now.weighed, now.rows, now.logs, now.nominal)
     for fold in np.unique(now.logs.fold):
-        part = Marginal.of(now.weighed, now.rows, now.logs, now.nominal, int(fold))
+        part = whole.on(now.logs.fold == fold)
         some += part.loss(before) - part.loss(after)
     return some / (some + max(0.0, now.weighed.unseen())) if some > 0.0 else math.nan
 

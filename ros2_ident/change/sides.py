@@ -151,14 +151,11 @@ class Marginal:
     pairs: tuple[tuple[npt.NDArray[np.int64], Array], ...]
 
     @classmethod
-    def of(
-        cls, weighed: Changes, rows: Rows, logs: Logs, jacobian: Array, fold: int | None = None
-    ) -> 'Marginal':
+    def of(cls, weighed: Changes, rows: Rows, logs: Logs, jacobian: Array) -> 'Marginal':
         """Return it for the noise and the missing part that were found.
 
         Args:
             jacobian: (R, N) derivative by what each pair has of its own; (R, 0) for nothing.
-            fold: The part that it is of; all where None.
         """
         whiten = Whitening(rows.runs, weighed.noise)
         alone = [np.zeros((weighed.alone.shape[1], len(jacobian))) for _ in logs.rows]
@@ -166,11 +163,16 @@ class Marginal:
             own[:, log] = weighed.alone.T[:, log]
         pair = np.concatenate([np.full(x.stop - x.start, p)
                                for x, p in zip(logs.rows, logs.pair, strict=True)])  # fmt: skip
-        here = np.full(pair.shape, True) if fold is None else logs.fold == fold
         columns = whiten(np.concatenate([jacobian.T, *alone, weighed.common.T]))
-        rows_of = [np.flatnonzero(here & (pair == p)) for p in np.unique(pair)]
+        rows_of = [np.flatnonzero(pair == p) for p in np.unique(pair)]
         pairs = tuple((x, columns[:, x] @ columns[:, x].T) for x in rows_of)
         return cls(whiten, columns, weighed.sizes, weighed.limit, weighed.scale, pairs)
+
+    def on(self, here: npt.NDArray[np.bool_]) -> 'Marginal':
+        """Return it on some of the rows (R,)."""
+        rows_of = [x[here[x]] for x, _ in self.pairs]
+        pairs = tuple((x, self.columns[:, x] @ self.columns[:, x].T) for x in rows_of)
+        return replace(self, pairs=pairs)
 
     def sized(self, residual: Array | None = None) -> 'Marginal':
         """Return it with the sizes that a residual (R,) makes most probable; with none where None.

@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -77,9 +77,10 @@ def rows_of(models: Sequence[FullModel], most: int) -> Rows:
     first = 0
     for mask, model in zip(masks, models, strict=True):
         block = (np.arange(mask.shape[1]) * model.cycle / length).astype(np.int64)
-        # Two blocks side by side, so that most samples have a past.
-        mask &= (block // 2) % every == 0
-        block = block // 2 // every * 2 + block % 2
+        # Two blocks side by side, so that most samples have a past, and two such pairs at least.
+        step = min(every, max(1, (int(block.max(initial=0)) + 1) // 4))
+        mask &= (block // 2) % step == 0
+        block = block // 2 // step * 2 + block % 2
         blocks += [first + block[row] for row in mask]
         first += int(block[-1]) + 1 if block.size else 0
     kept = sum(int(mask.sum()) for mask in masks)
@@ -185,7 +186,6 @@ def missing_beside(
     candidates: Sequence[EffectAt] | None = None,
     stopped: Callable[[], bool] = lambda: False,
     threads: int | None = None,
-    times: int = 1,
 ) -> Missing:
     """Return the effects that the models of a fit may lack.
 
@@ -194,14 +194,13 @@ def missing_beside(
         candidates: Effects that the models do not have; all of the catalogue where None.
         stopped: Asked often; True leaves the rest of the candidates empty.
         threads: That simulate; one for each processor where None.
-        times: How often each column is weighed.
     """
     first, *others = models = fitted.models
     if candidates is None:
         candidates = [at for at in first.extensions() if at not in first.effects]
     wide = [first.extended((*first.effects, at)) for at in candidates]
     tried = sum(len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
-    rows = rows_of(models, MOST // (times * max(200, tried)))
+    rows = rows_of(models, MOST // max(200, tried))
     residual, slopes = slopes_of(fitted, theta, rows)
     basis = np.linalg.qr(slopes)[0]
     free = residual - basis @ (basis.T @ residual)
@@ -244,6 +243,12 @@ def missing_beside(
         found = tuple(pool.map(of, candidates, wide))
     answers = _answers(models, rows)
     columns = np.concatenate([answers, *(one.changes for one in found)]).T
+    ends = len(answers) + np.cumsum([len(one.points) for one in found])
+    # Not held twice: they are the most of what is in memory.
+    found = tuple(
+        replace(one, changes=columns.T[end - len(one.points) : end])
+        for one, end in zip(found, ends.tolist(), strict=True)
+    )
     most = np.concatenate([np.full(len(answers), np.inf), *(one.most for one in found)])
     known, unit = fitted.known(), fitted.box.inside(theta)
     beforehand = None if known is None else (known.rows, known.residual(unit))

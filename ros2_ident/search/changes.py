@@ -193,7 +193,8 @@ def weigh_changes(
     residual: Array,
     jacobian: Array,
     missing: Array,
-    changed: Array,
+    others: Array,
+    changed: npt.NDArray[np.int64],
     runs: Sequence[Run],
     blocks: npt.NDArray[np.int64],
     logs: Logs,
@@ -211,7 +212,8 @@ def weigh_changes(
         residual: (R,) measured less simulated, one fit of both sides.
         jacobian: (R, N) its derivative by the parameters' shares of their box.
         missing: (R, C) what the model may lack on both sides.
-        changed: (R, Q) what may have changed, on the rows of both sides.
+        others: (R, E) columns that are no part of what both sides lack.
+        changed: (Q,) what may have changed: which of all these columns.
         runs: As of `evidence.weigh`.
         blocks: (R,) likewise.
         logs: Which rows are of which log.
@@ -228,15 +230,25 @@ def weigh_changes(
         Scatter from log to log: random effects of DerSimonian and Laird (1986), Controlled
         Clinical Trials 7; degrees of freedom by Satterthwaite (1946), Biometrics Bulletin 2.
     """
-    nuisance, limit = of_one_size(jacobian, missing, most)
+    nuisance, limit, size = of_one_size(jacobian, missing, most)
     common = nuisance[:, jacobian.shape[1] :]
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
     noise = _noise(Rows(residual, nuisance, runs, limit, scale), blocks, logs)
-    rms = np.sqrt(np.mean(changed**2, axis=0))
+    # Once each, whichever it is: a column of what both sides lack may have changed, too.
+    white = np.concatenate([jacobian.T, missing.T, others.T])
+    rms = np.sqrt(np.mean(white**2, axis=1))
     unit = np.divide(1.0, rms, out=np.zeros_like(rms), where=rms > 0.0)
+    white *= unit[:, None]
+    size = np.concatenate([np.ones(jacobian.shape[1]), size, np.zeros(others.shape[1])])
+    factor = np.divide(rms, size, out=np.zeros_like(rms), where=size > 0.0)
+    seen, rms = _Seen(np.flatnonzero(size), changed, factor), rms[changed]
+    usually = np.where(
+        (rms > 0.0) & ~alone, np.minimum(usual * np.maximum(rms, 1e-300), SIZES[-1] * scale), 0
+    )
+    deviates = usually > 0.0
+    apart = white[changed[deviates]].T * usually[deviates]
     whiten = Whitening(runs, noise)
-    white = whiten(np.concatenate([nuisance.T, (changed * unit).T]))
-    right = whiten(residual)
+    white, right = whiten(white), whiten(residual)
     cells = []
     for log, after, pair in zip(logs.rows, logs.after, logs.pair, strict=True):
         for fold in np.unique(logs.fold[log]):
@@ -245,7 +257,7 @@ def weigh_changes(
             sums = np.column_stack([rows @ rows.T, rows @ right[there]])
             cells.append(_Cell(int(log.start), int(pair), int(fold), side == after, sums))
     first = nuisance.shape[1]
-    whole = np.sum([cell.sums for cell in cells], axis=0)[:first]
+    whole = seen.told(np.sum([cell.sums for cell in cells], axis=0))[:first]
     prior = np.zeros((first, first + 1))
     if known is not None:
         rows = np.pad(known[0][:, : jacobian.shape[1]], ((0, 0), (0, limit.size)))
@@ -253,24 +265,20 @@ def weigh_changes(
     told = whole[:, :first] + prior[:, :-1], whole[:, -1] + prior[:, -1]
     sizes = Sums(*told, limit).sizes(scale)[0]
     prior[:, :-1] += np.diag(np.concatenate([np.ones(jacobian.shape[1]), sizes**-2.0]))
-    usually = np.where(
-        (rms > 0.0) & ~alone, np.minimum(usual * np.maximum(rms, 1e-300), SIZES[-1] * scale), 0
-    )
     # Variance of the difference of two sides' means, in that of a log.
     between = sum(1.0 / np.sum(logs.after == side) for side in (False, True))
 
     parts: list[tuple[Array, ...]] = []
     for fold in sorted({cell.fold for cell in cells}):
         both = [[c for c in cells if (c.fold == fold) is own] for own in (True, False)]
-        parts.append(tuple(x for own in both for x in _reduced(own, prior, usually)))
+        parts.append(tuple(x for own in both for x in _reduced(own, seen, prior, usually)))
     inflation, freedom = np.ones(len(rms)), np.full(len(rms), np.inf)
     if logs.whole and len(parts) > 1:
         inflation, freedom = _scatter(
             np.array([np.diag(part[0]) for part in parts]), np.array([part[1] for part in parts])
         )
-    of_all = [_reduced(cells, prior, deviation) for deviation in (usually, 0.0 * usually)]
+    of_all = [_reduced(cells, seen, prior, x) for x in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
-    apart = (changed * unit * usually)[:, usually > 0.0]
     by_itself = np.where(alone, between * usual**2, 0.0)
     return Changes(
         own, score, tuple(kept), alike, inflation, freedom, by_itself, noise, common, sizes,
@@ -300,7 +308,7 @@ class _Cell:
         pair: Its pair.
         fold: Which part.
         there: (Q,) which changes are on its side.
-        sums: (M, M + 1) products of the columns, those of changes last, and with the residual.
+        sums: (M, M + 1) products of all columns, and with the residual.
     """
 
     log: int
@@ -310,11 +318,36 @@ class _Cell:
     sums: Array
 
 
-def _reduced(cells: Sequence[_Cell], prior: Array, deviation: Array) -> tuple[Array, Array]:
+@dataclass(frozen=True)
+class _Seen:
+    """Which columns are common to both sides, and which may have changed.
+
+    Attributes:
+        common: (N + C,) of the parameters, and of what the model lacks.
+        changed: (Q,) of changes.
+        size: (M,) what is common, in columns of RMS 1.
+    """
+
+    common: npt.NDArray[np.int64]
+    changed: npt.NDArray[np.int64]
+    size: Array
+
+    def told(self, sums: Array) -> Array:
+        """Return the products of what is common, then of changes, from those of all (M, M + 1)."""
+        rows = np.concatenate([self.common, self.changed])
+        factor = np.concatenate([self.size[self.common], np.ones(self.changed.size)])
+        found: Array = sums[np.ix_(rows, np.append(rows, -1))]
+        return found * np.outer(factor, np.append(factor, 1.0))
+
+
+def _reduced(
+    cells: Sequence[_Cell], seen: _Seen, prior: Array, deviation: Array
+) -> tuple[Array, Array]:
     """Return G (Q, Q) and h (Q,), with what is common or of one log alone integrated out.
 
     Args:
         cells: Parts of logs.
+        seen: Which columns are which.
         prior: (N + C, N + C + 1) precision of what is common, and its push.
         deviation: (Q,) standard deviation of a change from log to log.
     """
@@ -326,7 +359,7 @@ def _reduced(cells: Sequence[_Cell], prior: Array, deviation: Array) -> tuple[Ar
         alike = [cell for cell in cells if cell.pair == pair]
         for log in dict.fromkeys(cell.log for cell in alike):
             of_log = [cell for cell in alike if cell.log == log]
-            sums, there = np.sum([c.sums for c in of_log], axis=0), of_log[0].there
+            sums, there = seen.told(np.sum([c.sums for c in of_log], axis=0)), of_log[0].there
             # Scaled by the deviations, which may be as wide as nothing known.
             sides = sums[first + own] * deviation[own, None]
             sums = sums - _taken(np.eye(own.size) + sides[:, first + own] * deviation[own], sides)

@@ -176,7 +176,7 @@ def weigh(
         Inverse Problems 30; one size by MacKay (1992), Neural Computation 4; sizes of single
         columns by Tipping and Faul (2003), AISTATS 9.
     """
-    columns, limit = of_one_size(jacobian, missing, most)
+    columns, limit, _ = of_one_size(jacobian, missing, most)
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
     data = Rows(residual, columns, runs, limit, scale)
     found = data.weighed(data.first_noise(), blocks)
@@ -480,24 +480,25 @@ def _of_one(square: Array, told: Array, precision: Array) -> Array:
     return np.asarray(0.5 * (told**2 * square / more - np.log(more)))
 
 
-def of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array]:
+def of_one_size(jacobian: Array, missing: Array, most: Array | None) -> tuple[Array, Array, Array]:
     """Return (R, N + C') columns of parameters, then of RMS 1 what is missing.
 
     That is their size once the parameters have imitated what they can; and (C',) how many times
-    each may be there.
+    each may be there, and (C,) the size of each; 0 where all of it is imitated.
     """
     count = jacobian.shape[1]
     basis, columns = np.linalg.qr(jacobian)[0], missing.T
     whole = np.einsum('cr,cr->c', columns, columns)
     own = whole - np.sum((columns @ basis) ** 2, axis=1)
     keep = own > np.maximum(OWN**2 * whole, 1e-300)
-    rms = np.sqrt(own[keep] / len(missing))
+    size = np.sqrt(np.where(keep, own, 0.0) / len(missing))
+    rms = size[keep]
     limit = np.full(rms.size, np.inf) if most is None else most[keep] * rms
     # A column's samples lie side by side: whitening and products go along them.
     out = np.empty((count + rms.size, len(missing)))
     out[:count] = jacobian.T
     np.divide(columns[keep], rms[:, None], out=out[count:])
-    return out.T, limit
+    return out.T, limit, size
 
 
 def _rms(values: Array, place: npt.NDArray[np.int64]) -> Array:

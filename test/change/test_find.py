@@ -16,6 +16,7 @@ from ros2_ident.change.result import Change, Comparison, Size, Suspect
 from ros2_ident.change.sides import Sides
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.identify import hidden
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bags, write_bag
 from ros2_ident.words.change import sentences
@@ -53,6 +54,13 @@ def test_an_unchanged_machine_is_unchanged(made):
     assert 0.01 < mass.size < 1.0 and mass.unit == 'kg'
     said = list(sentences(found))
     assert 'No change shows.' in said and 'Give several logs of each side' in said[-1]
+
+
+def test_parts_of_long_logs_have_both_sides(made, monkeypatch):
+    monkeypatch.setattr(hidden, 'MOST', 300_000)  # an eighth of the samples
+    found = compared(made, ['one'], ['heavy']).result
+    assert [x.suspect.name for x in found.changes] == ['emps_axis.moving_mass']
+    assert found.explained > 0.9 and found.believed
 
 
 def test_a_change_is_named_with_its_size_and_written(made, tmp_path, capsys):

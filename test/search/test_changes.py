@@ -43,7 +43,7 @@ def compared(
     fold = place if logs > 1 else np.arange(count * ROWS) // 100 % 4
     rows = tuple(slice(k * ROWS, (k + 1) * ROWS) for k in range(count))
     return weigh_changes(
-        residual, 5.0 * whole[:, :5], whole, whole,
+        residual, 5.0 * whole[:, :5], whole, whole[:, :0], 5 + np.arange(COLUMNS),
         [Run(x.start, x.stop, 0) for x in rows], np.arange(count * ROWS) // 100,
         Logs(rows, after, numbers if paired else 0 * numbers, fold, logs > 1),
         most=np.full(COLUMNS, np.inf), usual=np.zeros(COLUMNS),
