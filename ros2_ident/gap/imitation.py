@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects in whose place something else does as much: parameters, functions of the motion.
+"""Effects in whose place something else does as much: parameters, the motion or its noise.
 
 A log of one frequency, speed or direction hardly tells on what a force depends: there position,
 speed and acceleration, or the way and the time since a reversal, are functions of one another. A
@@ -8,6 +8,7 @@ cause outside the catalogue then looks like an effect that is in it.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from ros2_ident.gap.fits import Fits
 from ros2_ident.gap.hypothesis import Hypothesis
 from ros2_ident.gap.result import PARAMETERS
 from ros2_ident.models import EffectAt
+from ros2_ident.models.drives.model import SMOOTHING
+from ros2_ident.recording.motion import fill_gaps, low_pass
 from ros2_ident.search.least_squares import Point
 
 # What rows do not tell from other columns but for this share is rounding of derivatives.
@@ -94,6 +97,49 @@ def in_place_of(
     own = np.linalg.norm(changes[0] - basis @ (basis.T @ changes[0]))
     # One that ends where it vanishes is another form of the nominal law.
     return float(own) / max(float(np.linalg.norm(changes[0])), 1e-300), found
+
+
+def noise_does(fits: Fits, e: Hypothesis, at: EffectAt) -> bool:
+    """Return whether noise of the recorded motion does as much as efforts that were smoothed.
+
+    What is simulated of a noisy motion is too rough, and fits better where it is smoothed. But a
+    log that was smoothed is weaker itself: what is taken of it has less power than it has in
+    common with what is taken of the simulation. Of noise in the motion it has more.
+
+    Args:
+        fits: The fits that `e` is one of.
+        e: The fit that holds it.
+        at: The effect.
+
+    Reference:
+        The two estimates of a frequency response, biased by noise of the input and of the output:
+        Bendat and Piersol (2010), Random Data, section 6.1.
+    """
+    targets = [p.target for p in get_effect(at.effect).parameters]
+    column = e.columns(e.effects.index(at))[targets.index('log_smoothing')]
+    common, more, less = 0.0, 0.0, 0.0
+    for model, theta in fits.split.whole.with_effects(e.effects).each(e.theta):
+        # Effects come last in every recording's own parameters, too.
+        period, there = theta[column - len(e.theta)], np.isfinite(model.measured)
+        if model.data.effort is None or not period > 0.0:
+            continue
+        rows = [model.data.names.index(place) for place in model.places]
+        logged = np.stack([fill_gaps(model.data.effort[row]) for row in rows])
+        taken = partial(_taken, cycle=model.cycle, cutoff=1.0 / period)
+        simulated = taken(model.simulated_effort(theta))
+        seen = model.measured[there]
+        lost, left, power = (
+            float(seen @ model.in_band(x)[there])
+            for x in (simulated, simulated - taken(simulated), taken(logged))
+        )
+        common, less, more = common + lost, less + left, more + power
+    # Half way between a log smoothed so, without noise, and one that nothing was taken of.
+    return common > 0.0 and more > 0.5 * (common + less)
+
+
+def _taken(efforts: Array, cycle: float, cutoff: float) -> Array:
+    """Return (O, K) what smoothing takes of efforts."""
+    return efforts - low_pass(efforts, cycle, cutoff, SMOOTHING)
 
 
 def _functions(fits: Fits, e: Hypothesis, at: EffectAt) -> Iterator[tuple[str, Array, Array]]:

@@ -83,8 +83,9 @@ class Misfit:
     extended: bool
 
 
-# Name of other values of the parameters among the coordinates in `Tie.like`.
-PARAMETERS = 'parameters'
+# Names of other values of the parameters, and of noise in the recorded motion, among the
+# coordinates in `Tie.like`.
+PARAMETERS, NOISE = 'parameters', 'noise of the motion'
 
 
 @dataclass(frozen=True)
@@ -95,8 +96,8 @@ class Tie:
         effect: Id.
         where: Place.
         closed: Share of the explainable gap that it would close.
-        like: Coordinates of which functions close as much, and `PARAMETERS` where it does not
-            count beside their other values.
+        like: Coordinates of which functions close as much, `PARAMETERS` where it does not count
+            beside their other values, and `NOISE` where that does as much.
     """
 
     effect: str

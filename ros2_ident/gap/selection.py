@@ -13,10 +13,10 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.fits import Fits, PROMISING
 from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Selection
-from ros2_ident.gap.imitation import in_place_of
+from ros2_ident.gap.imitation import in_place_of, noise_does
 from ros2_ident.gap.noise_floor import Floor, predictability
 from ros2_ident.gap.recordings import are_alike, Part, Split
-from ros2_ident.gap.result import PARAMETERS, Tie
+from ros2_ident.gap.result import NOISE, PARAMETERS, Tie
 from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
@@ -208,6 +208,8 @@ class Selector(Fitter):
             for name, (less, both) in others.items()
             if max(e.closes(base), both.closes(base)) - less.closes(base) < self.rules.alike
         ]
+        if any(p.target == 'log_smoothing' for p in get_effect(at.effect).parameters):
+            like += [NOISE] * noise_does(self.fits, e, at)
         return Tie(at.effect, at.where, e.closes(base), tuple(like)) if like else None
 
     def restless(self) -> dict[str, float]:

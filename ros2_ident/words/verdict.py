@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from ros2_ident.effects import get_effect, title_at
-from ros2_ident.gap.result import Cause, Diagnosis, Facts, PARAMETERS, Tie, WrongConstant
+from ros2_ident.gap.result import Cause, Diagnosis, Facts, NOISE, PARAMETERS, Tie, WrongConstant
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.asked import Event
 from ros2_ident.models import EffectAt
@@ -206,6 +206,12 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
         return what, f'; the largest of a drive is {size:.2f} times the noise floor {level}.'
     share = of_output(d.per_drive[facts.worst].share_of_output, unit)
     gap = f'{size:.2f} times the noise floor, {share}'
+    if cause in (Cause.NONE, Cause.UNKNOWN) and (tie := _tie(facts)):
+        return (
+            f'Something is missing on {where} that this motion cannot tell',
+            f': the gap is {gap}. {capital(title_at(tie.effect, [tie.where]))} would close '
+            f'{100.0 * min(tie.closed, 1.0):.0f} % of it, but {_instead(tie)} do about as well.',
+        )
     if cause == Cause.NONE:
         return (
             'Nothing can be named: the gap is too small to tell its cause',
@@ -220,12 +226,6 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
     if cause == Cause.CUT_SHORT:
         what = f'The run was cut short: the cause of the gap on {where} is not found yet'
         return what, f'; it is {gap} {level}.'
-    if cause == Cause.UNKNOWN and (tie := _tie(facts)):
-        return (
-            f'Something is missing on {where} that this motion cannot tell',
-            f': the gap is {gap}. {capital(title_at(tie.effect, [tie.where]))} would close '
-            f'{100.0 * min(tie.closed, 1.0):.0f} % of it, but {_instead(tie)} do about as well.',
-        )
     if cause == Cause.UNKNOWN:
         return (
             f'Something is missing on {where} that is not in the catalogue',
@@ -276,8 +276,12 @@ def _as_likely(d: Diagnosis) -> list[str]:
 
 def _instead(tie: Tie) -> str:
     """Return what closes as much as an effect along this motion."""
-    names = [f'the {name}' for name in tie.like if name != PARAMETERS]
-    others = ['other values of the parameters'] if PARAMETERS in tie.like else []
+    told = {
+        PARAMETERS: 'other values of the parameters',
+        NOISE: 'errors of the recorded positions and of their stamps',
+    }
+    names = [f'the {name}' for name in tie.like if name not in told]
+    others = [text for name, text in told.items() if name in tie.like]
     return joined([*others, *([f'functions of {joined(names)}'] if names else [])])
 
 

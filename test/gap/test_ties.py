@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """One frequency or one speed tells no effect from something else that does the same there."""
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 import scipy
 
+from ros2_ident.cli.main import main
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.result import Cause, Diagnosis
+from ros2_ident.gap.result import NOISE as NOISE_DOES
 from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Dataset
+from ros2_ident.recording.motion import low_pass
+from ros2_ident.report.diagnosis import load_diagnosis
 from ros2_ident.words.verdict import advice, sentence
 
 CYCLE, NOISE = 0.002, 0.1
@@ -61,3 +68,52 @@ def test_reversals_that_are_all_alike_do_not_tell_way_from_time() -> None:
     (tie,) = [tie for tie in alike.facts.ties if tie.effect == 'presliding']
     assert 'time since reversal' in tie.like and tie.closed > 0.95
     assert 'the time since reversal do about as well' in sentence(alike)
+
+
+def rough(folder: Path, *, late: float, smooth: bool) -> str:
+    """Write 30 s of a motor that a rough torque drives; stamps are up to `late` s late."""
+    rng, step = np.random.default_rng(1), 1e-4
+    keep, inertia, viscous = np.exp(-60.0 * np.pi * step), 1.05e-4, 6e-4
+    asked = np.repeat(rng.normal(0.0, 0.28, 6000), 50)
+    net = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], asked)
+    speed = scipy.signal.lfilter([step / inertia], [1.0, step * viscous / inertia - 1.0], net)
+    torque = net + 0.018 * np.tanh(speed)
+    uneven = np.where(rng.random(7500) < 0.82, 0.0, rng.uniform(0.002, 0.008, 7500))
+    at = (np.cumsum(0.0042 + uneven) / step).astype(int)
+    at = at[at < net.size]
+    if smooth:
+        torque = low_pass(torque[None], step, 10.0, 2)[0]
+    stamp = np.sort(step * at + rng.uniform(0.0, late, at.size))
+    place = 2.0 * np.pi / 16384 * np.round(step * np.cumsum(speed)[at] * 16384 / (2.0 * np.pi))
+    # What is smoothed is the file: its noise, too.
+    logged = torque[at] + (0.0 if smooth else 0.02) * rng.standard_normal(at.size)
+    path = folder / 'log.csv'
+    rows, names = np.column_stack([stamp, place, logged]), 'time [s],position [rad],torque [Nm]'
+    np.savetxt(path, rows, '%.7f', ',', header=names, comments='')
+    return str(path)
+
+
+@pytest.mark.parametrize(('late', 'smooth'), [(0.0025, False), (0.0, True)])
+def test_errors_of_the_motion_are_told_from_efforts_that_were_smoothed(
+    tmp_path: Path, late: float, smooth: bool
+) -> None:
+    log, machine = rough(tmp_path, late=late, smooth=smooth), str(tmp_path / 'machine.yaml')
+    assert main(['new-machine', '--kind', 'linear_axis', '--bag', log, '--out', machine]) == 0
+    asked = [
+        'diagnose',
+        log,
+        '--machine',
+        machine,
+        '--out',
+        str(tmp_path),
+        '--no-report',
+        '--quiet',
+    ]
+    main(asked)
+    found = load_diagnosis(tmp_path).found
+    assert (found.effect == 'effort_smoothing') is smooth
+    if not smooth:
+        assert any(
+            x.effect == 'effort_smoothing' and NOISE_DOES in x.like for x in found.facts.ties
+        )
+        assert 'errors of the recorded positions and of their stamps' in sentence(found)

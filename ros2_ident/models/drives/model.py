@@ -36,7 +36,7 @@ _LAWS = {
     'effort': drive_kernel.POSITION,
 }
 # Order of the filter that smooths an effort, and candidates whose logs are kept whole at a time.
-_SMOOTHING, _WHOLE = 2, 64
+SMOOTHING, _WHOLE = 2, 64
 # In place of no mass or width, where one is divided by: rotors weigh 1e-7 kg m^2 and less.
 _NOTHING = 1e-100
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
@@ -412,7 +412,7 @@ class DriveModel(MachineModel):
         finite = np.isfinite(out).all(axis=2)
         for s, o in np.argwhere((periods > 0.0) & finite & efforts):
             cutoff = 1.0 / periods[s, o]
-            out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, _SMOOTHING)[0]
+            out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, SMOOTHING)[0]
         if self.log.band is not None:
             whole = np.isfinite(out).all(axis=(1, 2))
             out[whole] = self.log.band.passed(out[whole])
