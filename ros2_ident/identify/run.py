@@ -235,7 +235,7 @@ def _as_data(
 
 
 def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
-    """Return the outputs of which a fit leaves a large part.
+    """Return the outputs of which a fit leaves a large part of what varies.
 
     Args:
         residual: (R,) what is left, as `Problem.residuals` has it; empty where nothing was.
@@ -245,9 +245,10 @@ def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
     outputs = problem.models[0].outputs
     rest: list[list[Array]] = [[] for _ in outputs]
     varied: list[list[Array]] = [[] for _ in outputs]
-    for o, row, there in problem.parts(residual):
-        rest[o].append(row)
-        varied[o].append(there - there.mean() if there.size else there)
+    for o, *both in problem.parts(residual):
+        # An offset that is left is no other machine's motion.
+        for of, row in zip((rest[o], varied[o]), both, strict=True):
+            of.append(row - row.mean() if row.size else row)
     found = []
     for output, parts, measured in zip(outputs, rest, varied, strict=True):
         left, spread = (float(np.sqrt(np.mean(np.concatenate(x) ** 2))) for x in (parts, measured))

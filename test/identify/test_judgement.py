@@ -66,30 +66,32 @@ class Line:
     parameters = (Parameter('slope', 'N/s', 0.0, 2.0, 'physical', ''),)
     cycle = 0.01
 
-    def __init__(self, bent: float, noise: float) -> None:
+    def __init__(self, bent: float, noise: float, offset: float = 0.0) -> None:
         time = self.cycle * np.arange(2000)
         self._time = time / time[-1]
         random = noise * np.random.default_rng(0).standard_normal(time.size)
-        self.measured = (self._time + bent * np.sin(9.0 * self._time) + random)[None]
+        self.measured = (self._time + bent * np.sin(9.0 * self._time) + random + offset)[None]
 
     def simulate(self, theta):
         return theta[:, :, None] * self._time
 
 
 @pytest.mark.parametrize(
-    ('bent', 'noise', 'refused'),
+    ('bent', 'noise', 'offset', 'refused'),
     [
-        (1.0, 0.01, True),
-        (0.05, 0.001, False),  # tens of times the noise, a small share
-        (0.0, 0.5, False),  # a large share, noise all of it
+        (1.0, 0.01, 0.0, True),
+        (0.05, 0.001, 0.0, False),  # tens of times the noise, a small share
+        (0.0, 0.5, 0.0, False),  # a large share, noise all of it
+        (0.0, 0.001, -0.2, False),  # a sensor's offset is no other machine's motion
     ],
 )
-def test_a_large_residual_is_one_of_the_effort_and_of_the_noise(bent, noise, refused):
-    model = Line(bent, noise)
+def test_a_large_residual_is_one_of_the_effort_and_of_the_noise(bent, noise, offset, refused):
+    model = Line(bent, noise, offset)
     result = identify(model=model, settings=QUICK)
-    (left,) = result.residuals
-    share = left.rms / float(model.measured.std())
-    assert (share > LARGE and left.rms > FLOORS * noise) == refused
+    (slope,) = (p.value for p in result.parameters)
+    left = (model.measured - model.simulate(np.array([[slope]]))[0]).std()
+    share = left / float(model.measured.std())
+    assert (share > LARGE and left > FLOORS * noise) == refused
     assert (result.outcome is Outcome.CONTRADICTED) == refused
     if refused:
         assert f'The model leaves {100.0 * share:.0f} % of what varies in line' in message(result)
