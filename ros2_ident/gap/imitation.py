@@ -174,7 +174,8 @@ def _functions(fits: Fits, e: Hypothesis, at: EffectAt) -> Iterator[tuple[str, A
     ones = np.ones_like(cycles)
     common = seen([np.stack([ones, direction(whole.velocity[d])], axis=1) for d in drives])
     for each in zip(*(coordinates(whole, d, cycles) for d in drives), strict=False):
-        if (name := _OF[each[0].name]) not in (read or {'acceleration'}):
+        # What pushes a machine also accelerates it: that is no cause beside the push.
+        if (name := _OF[each[0].name]) not in read | {'acceleration'}:
             columns = seen([c.columns for c in each])
             factor = np.linalg.lstsq(common[0], columns[0], rcond=None)[0]
             fit, check = (x - y @ factor for x, y in zip(columns, common, strict=True))
