@@ -400,7 +400,7 @@ def standing(
         window = 2 * math.ceil(0.5 / (cutoff * period)) + 1
         apart = scipy.ndimage.maximum_filter1d(seen, window)
         apart = apart - scipy.ndimage.minimum_filter1d(seen, window)
-        same = max(_step(seen), _SPREAD * _noise(seen), speed * (window - 1) * period)
+        same = max(step_of(seen), _SPREAD * _noise(seen), speed * (window - 1) * period)
         quiet = apart <= same * (1.0 + 1e-9)
         if not quiet.all():
             quiet = scipy.ndimage.maximum_filter1d(quiet, window)
@@ -426,7 +426,7 @@ def speed_error(position: FloatArray, cycle: float, cutoff: float) -> float:
     there, period = samples_of(position, cycle)
     if not there.size:
         return 0.0
-    error = max(_noise(position[there]), _step(position[there]) / math.sqrt(12.0))
+    error = max(_noise(position[there]), step_of(position[there]) / math.sqrt(12.0))
     return 2.0 * math.pi * error * math.sqrt(2.0 / 3.0 * cutoff**3 * period)
 
 
@@ -443,8 +443,8 @@ def _noise(seen: FloatArray) -> float:
     return float(np.sqrt(np.mean(fast**2))) / _GAIN
 
 
-def _step(seen: FloatArray) -> float:
-    """Return the least by which readings (T,) differ."""
+def step_of(seen: FloatArray) -> float:
+    """Return the least by which readings (T,) differ; 0 for fewer than two of them."""
     gaps = np.diff(np.unique(seen))
     gaps = gaps[gaps > 1e-9 * np.abs(seen).max()]
     return float(gaps.min()) if gaps.size else 0.0

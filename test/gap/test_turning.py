@@ -38,7 +38,7 @@ JOINT = machine_from_mapping(PLAIN)
 TRUTH = {'moving_mass': 0.1, 'coulomb_friction': 0.3, 'viscous_friction': 0.1}
 
 
-def recording(seed: int, effect: Effect) -> Dataset:
+def recording(seed: int, *effects: Effect, rounded: float = 0.0) -> Dataset:
     rng = np.random.default_rng(seed)
     time = np.arange(6000) * CYCLE
     position = np.zeros_like(time)
@@ -48,10 +48,11 @@ def recording(seed: int, effect: Effect) -> Dataset:
     ramp = np.clip(time / 0.5, 0.0, 1.0)
     position *= ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
     velocity = np.gradient(position, CYCLE)
-    log = simulate_axis(JOINT, TRUTH, position[None], velocity[None], [effect])
+    log = simulate_axis(JOINT, TRUTH, position[None], velocity[None], effects)
     effort = log.effort + NOISE * rng.standard_normal(log.effort.shape)
+    seen = rounded * np.round(log.position / rounded) if rounded else log.position
     return Dataset(
-        JOINT.drives, CYCLE, 0, position[None], velocity[None], log.position, log.velocity, effort
+        JOINT.drives, CYCLE, 0, position[None], velocity[None], seen, log.velocity, effort
     )
 
 
@@ -96,3 +97,9 @@ def test_steps_of_an_encoder_of_twelve_bits_are_found() -> None:
     assert step.unit == 'rad' and step.value == pytest.approx(1.5e-3, rel=0.01)
     assert 'reads its position in steps of 0.0015 rad' in sentence(found)
     assert ' um' not in sentence(found)
+
+
+def test_steps_in_which_a_log_is_written_are_not_its_controllers() -> None:
+    one, other = (recording(seed, rounded=4e-4) for seed in (1, 2))
+    found = diagnose(JOINT, [one], [other], seed=1)
+    assert found.effect == 'none', sentence(found)

@@ -18,8 +18,9 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import shown_by
 from ros2_ident.gap.recordings import Part, Split
 from ros2_ident.gates.scale import LATEST_EFFORT
-from ros2_ident.models import EffectAt
+from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.protocol import recorded_motion
+from ros2_ident.recording.motion import step_of
 
 # Steps over the way that are looked for: fewer may be what a gear or a motor repeats, and smaller
 # ones drown in the resolution of the log's own position. By hand.
@@ -34,6 +35,9 @@ CLEAR = 2.0 * math.log(4 * (MOST - FEWEST) / 1e-5)
 _AGAIN = math.log(2 * _NEAR.size / 1e-5)
 # What is slower is no step, s. By hand.
 _SLOW = 0.05
+# A step is a controller's from so many of those in which the log holds its positions on: theirs
+# says how the log was written, and of an encoder the next one is twice as large.
+_OWN = 1.5
 # How much more than any other line's, so many lines away from its multiples, its power has to be.
 # By hand.
 _STANDS, _ASIDE = 2.5, 100
@@ -82,14 +86,24 @@ def find_encoder_steps(split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
     found = []
     unit, _ = split.fit.models[0].travel
     for drive in split.drives:
+        own = _OWN * max(_logged_step(m, drive) for m in split.whole.models)
         for one, other in ((split.fit, split.check), (split.check, split.fit)):
             step, error = _step_in(_missed(one, theta, drive))
             # A line that chance or another cause makes is not there again at the same period.
             again = (_power_at(step, *way) >= _AGAIN for way in _missed(other, theta, drive))
-            if step and any(again):
+            if step > own and any(again):
                 found.append(EncoderSteps(drive, step, error, unit))
                 break
     return tuple(found)
+
+
+def _logged_step(model: FullModel, drive: str) -> float:
+    """Return the step in which a log holds a drive's positions; 0 where it holds none."""
+    data = model.data
+    if data.position is None:
+        return 0.0
+    row = data.position[data.names.index(drive)]
+    return step_of(row[np.isfinite(row)])
 
 
 def made_by_steps(encoders: Sequence[EncoderSteps], split: Split, theta: Array) -> Array:
