@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     if log is not None:
         if args.description is None:
             text = new_file.one_joint_file(kind, args.drives, log, args.travel)
-        known['states'] = log.state
+        known['log'] = log
     text = text or new_file.new_machine_file(kind, args.drives, **known)
     machine_from_mapping(yaml.safe_load(text), '--drives', folder)
     if args.out is None:
@@ -76,8 +76,7 @@ def _log(args: argparse.Namespace) -> 'Recording':
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
     if path.suffix.lower() in TABLES and path.is_file() and not (args.columns or where.exists()):
-        read = _draft(path, where, args.column, _bounded_by_effort(args))
-        args.travel = args.travel or read
+        _draft(path, where, args.column, _bounded_by_effort(args))
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
         raise ErrorCode.MISSING_STREAM.error(
@@ -92,19 +91,16 @@ def _bounded_by_effort(args: argparse.Namespace) -> bool:
     return args.description is None and bool(keys & {'moving_mass', 'link_moment'})
 
 
-def _draft(path: Path, where: Path, given: Sequence[str], effort: bool) -> str:
-    """Write a table's column map by its header, print it, and return the unit of positions."""
+def _draft(path: Path, where: Path, given: Sequence[str], effort: bool) -> None:
+    """Write a table's column map by its header, and print it."""
     import yaml
 
-    from ros2_ident.recording.headers import ASKED, header_of
+    from ros2_ident.recording.headers import header_of
     from ros2_ident.recording.limits import printable
 
     header = header_of(path).assigned(given)
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
-    header.require_scales(effort)
-    asked = next((ASKED[x.unit] for x in header.columns if x.unit in ASKED and x.joint), '')
-    note = f'# The machine file needs, for the effort, effort_unit: {asked}.\n' if asked else ''
+    header.require_scales(effort and len({x.joint for x in header.columns} - {''}) == 1)
     text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)
-    write_text(where, f'# From the names in {printable(path.name)}.\n{note}{text}')
+    write_text(where, f'# From the names in {printable(path.name)}.\n{text}')
     print(f'written: {where}; correct it where a column is another', file=sys.stderr)
-    return header.travel

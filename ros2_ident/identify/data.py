@@ -133,12 +133,14 @@ def gather(
         The segments that can be used.
 
     Raises:
-        IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it.
+        IdentError: NO_DATA where none can be used; where there is only one, what is wrong with it;
+            WRONG_UNITS where a log states its effort in another unit than the machine file.
     """
     chosen = chosen_drives(machine, drives)
-    aligned = partial(
-        _aligned, machine=machine, chosen=chosen, quantities=quantities or compared_of(machine)
-    )
+    compared = quantities or compared_of(machine)
+    aligned = partial(_aligned, machine=machine, chosen=chosen, quantities=compared)
+    for recording in recordings if 'effort' in compared else ():
+        _require_unit(recording, machine, chosen)
     if not recordings:
         raise ErrorCode.NO_DATA.error(
             'there is no recording to identify from; record a motion first'
@@ -200,6 +202,22 @@ def gather(
     said = tuple([*warnings, late] if late else warnings)
     data = Data(datasets, used, source, sha256, said, held_out, origin)
     return data.without_command() if late else data
+
+
+_CONSTANT = {'A': ' and torque_constant', 'percent': ' and rated_torque'}
+
+
+def _require_unit(recording: Recording, machine: Machine, chosen: tuple[str, ...]) -> None:
+    """Refuse an effort whose stated unit is not that of the machine file."""
+    for name in chosen:
+        unit = recording.units.get((name, 'effort'), machine.effort_unit)
+        if unit != machine.effort_unit:
+            raise ErrorCode.WRONG_UNITS.error(
+                f'{recording.source}: its column map states the effort of {name} in {unit}, the '
+                f'machine file in {machine.effort_unit}; write `effort_unit: {unit}`'
+                f'{_CONSTANT.get(unit, "")} in the machine file, or in the map a `scale` to '
+                f'{machine.effort_unit} in place of the unit'
+            )
 
 
 def _labels(recordings: Sequence[Recording]) -> tuple[str, ...]:

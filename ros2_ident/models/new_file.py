@@ -31,6 +31,8 @@ _STATED = (
     ('force_limit', 'position', 'forcerange', 1), ('force_limit', 'general', 'forcerange', 1),
     ('force_limit', 'motor', 'forcerange', 1), ('force_limit', 'joint', 'actuatorfrcrange', 1),
 )  # fmt: skip
+# Quantities whose unit says whether a joint turns, the first that there is.
+_TRAVELS = 'position', 'command_position', 'velocity', 'command_velocity'
 # Of each joint, by the name of the parameter.
 _Boxes = dict[str, list[tuple[float, float, str]]]
 # A box reaches to so many times what is stated, as those of the bundled examples do.
@@ -42,7 +44,7 @@ def new_machine_file(
     drives: Sequence[str] = (),
     description: str | None = None,
     named: str = DESCRIPTION_TOPIC,
-    states: Stream | None = None,
+    log: Recording | None = None,
 ) -> str:
     """Return the text of a machine file, as far filled in as is known.
 
@@ -51,12 +53,13 @@ def new_machine_file(
         drives: Joint names; where there are none, those that description and log have in common.
         description: URDF or MJCF.
         named: Where it can be found, for the file.
-        states: Measured motion of the machine, which also gives the period.
+        log: A log of the machine, which also gives the period and the unit of the effort.
 
     Raises:
-        IdentError: INVALID_GOAL where the kind has no description, or description and log no
-            joint in common; or as the kind's `joints`.
+        IdentError: INVALID_GOAL where the kind has no description, description and log no joint
+            in common, or the log efforts of several units; or as the kind's `joints`.
     """
+    states = None if log is None else log.state
     known, boxes = dict[str, str](), dict[str, str]()
     if description is not None:
         known = {description_key(kind): inline(named)}
@@ -66,7 +69,24 @@ def new_machine_file(
     if states is not None:
         period = float(np.median(np.diff(states.stamp))) * 1e-9
         known['cycle'] = f'{period:.4g}'
-    return machine_template(kind, drives or _joints(kind, description, states), known, boxes)
+    names = tuple(drives) or _joints(kind, description, states)
+    units = _effort_units(log, names)
+    if len(units) > 1:
+        raise ErrorCode.INVALID_GOAL.error(
+            f'the log states efforts in {" and ".join(units)}; a machine file has one unit: in '
+            'the column map, give them a `scale` to one of these in place of the unit'
+        )
+    if units:
+        known['effort_unit'] = units[0]
+        constant = {'A': 'torque_constant', 'percent': 'rated_torque'}.get(units[0])
+        known |= {key.name: literal(key) for key in kind.keys if key.name == constant}
+    return machine_template(kind, names, known, boxes)
+
+
+def _effort_units(log: Recording | None, names: Sequence[str]) -> list[str]:
+    """Return the units in which a log states the efforts of joints, each once."""
+    found = [] if log is None else [log.units.get((name, 'effort'), '') for name in names]
+    return list(dict.fromkeys(filter(None, found)))
 
 
 def one_joint_file(
@@ -80,14 +100,15 @@ def one_joint_file(
         kind: The kind of machine.
         drives: Joint names; those of the log where there are none.
         log: A log with a measured motion.
-        travel: Unit of its position, `rad` or `m`; empty where it is not known.
+        travel: Unit of its position, `rad` or `m`; empty for that which the log states.
 
     Returns:
         The text, its bounds from what alone would make the effort; None where the kind has no
         rigid drive or link, or the log no effort or another number of joints.
 
     Raises:
-        IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link.
+        IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link, or where
+            the log states a current or a share.
     """
     log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None
@@ -99,6 +120,13 @@ def one_joint_file(
     motion = motion_of(log, names[0])
     if motion.effort is None:
         return None
+    stated = {quantity: unit for (name, quantity), unit in log.units.items() if name == names[0]}
+    travel = travel or next((stated[x] for x in _TRAVELS if x in stated), '')
+    if (unit := stated.get('effort', '')) in ('A', 'percent'):
+        raise ErrorCode.INVALID_GOAL.error(
+            f'the effort of {names[0]} is in {unit}, and bounds are in N m or N; give it in the '
+            'column map a `scale`, how many of these one is, in place of the unit'
+        )
     most = float(np.nanmax(np.abs(motion.effort)))
     moved = motion.acceleration, motion.velocity
     mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
@@ -110,6 +138,8 @@ def one_joint_file(
             '--travel m where the position is a length'
         )
     head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
+    if unit == 'N':
+        head += f'effort_unit: {unit}\n'
     period = f'controller: {{cycle: {motion.period:.4g}}}      # s, period of the log\n'
     # A commanded effort acts half a cycle after its stamp; a measured one is that much late.
     delay = f'  measurement_delay: [0.0, {2.0 * motion.period:.3g}, s]\n'
@@ -279,7 +309,10 @@ def _boxes_of(names: Sequence[str], root: Any, log: Recording) -> _Boxes:
     effort = any(x is not None and x.effort is not None for x in (log.state, log.effort))
     for name in names:
         motion = motion_of(log, name)
-        logged = 0.0 if motion.effort is None else float(np.nanmax(np.abs(motion.effort)))
+        # a current or a share bounds no torque
+        foreign = log.units.get((name, 'effort')) in ('A', 'percent')
+        known = None if foreign else motion.effort
+        logged = 0.0 if known is None else float(np.nanmax(np.abs(known)))
         most = logged or limits.get(name) or max(limits.values(), default=0.0) or 100.0
         data = align(log, [name], motion.period, need=('position',))
         assert data.command_position is not None and data.position is not None

@@ -10,7 +10,7 @@ import numpy as np
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.builder import RecordingBuilder
-from ros2_ident.recording.columns import load_topics, summed
+from ros2_ident.recording.columns import load_topics, stated_units, summed
 from ros2_ident.recording.content import Content, Messages, why
 from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
 from ros2_ident.recording.limits import listed, printable
@@ -167,7 +167,8 @@ def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording
             columns = layouts[topic].columns
             stamp, values = _joined(messages, len(columns))
             rows = [x.scale * row for x, row in zip(columns, values.T, strict=True)]
-            builder.add_columns(stamp, summed(topics.columns, columns, stamp, rows))
+            units = stated_units(topics.columns, columns)
+            builder.add_columns(stamp, summed(topics.columns, columns, stamp, rows), units)
         while messages.blocks:
             block = messages.blocks.popleft()
             builder.add_block(role, block.stamp, block.names, *block.fields)

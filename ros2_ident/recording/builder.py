@@ -108,6 +108,7 @@ class RecordingBuilder:
     def clear(self) -> None:
         """Forget all messages and warnings."""
         self._tracks = {role: _Track() for role in ROLES}
+        self._units: dict[tuple[str, str], str] = {}
         self._warnings: list[str] = []
 
     def add_block(
@@ -158,17 +159,22 @@ class RecordingBuilder:
         track.count += len(stamp)
 
     def add_columns(
-        self, stamp: IntArray, columns: Mapping[tuple[str, str, str], FloatArray]
+        self,
+        stamp: IntArray,
+        columns: Mapping[tuple[str, str, str], FloatArray],
+        units: Mapping[tuple[str, str], str] | None = None,
     ) -> None:
         """Append a table; a row without any value of a role is no message of it.
 
         Args:
             stamp: Stamps of the rows (T,), ns.
             columns: Values (T,) by role, joint and field.
+            units: As of a `Recording`.
 
         Raises:
             IdentError: As `add_block`.
         """
+        self._units |= units or {}
         for role in dict.fromkeys(role for role, *_ in columns):
             joints = list(dict.fromkeys(joint for of, joint, _ in columns if of == role))
             fields: dict[str, FloatArray] = {}
@@ -198,7 +204,8 @@ class RecordingBuilder:
         found = []
         for group in _match_segments(pieces):
             about = {'source': self.source, 'sha256': self.sha256, 'notes': self.notes}
-            parts = _split_pauses(Recording(**group, **about))  # type: ignore[arg-type]
+            whole = Recording(**group, **about, units=self._units)  # type: ignore[arg-type]
+            parts = _split_pauses(whole)
             found += [_in_range(part, warnings) for part in parts]
             if len(parts) > 1:
                 pauses = (b.begin - a.end for a, b in zip(parts, parts[1:], strict=False))

@@ -48,9 +48,15 @@ MOTION |= dict.fromkeys(('deg', 'degree', 'degrees', '°'), _DEGREE)
 MOTION |= dict.fromkeys(('rev', 'turn', 'turns'), _TURN)
 SPEEDS = ('rpm', '1/min', 'u/min', 'rev/min')
 MOTION |= dict.fromkeys(SPEEDS, _TURN / 60.0)
-EFFORT = _RAW | {'mnm': 1e-3, 'ncm': 1e-2, 'kn': 1e3, 'knm': 1e3, 'a': 1.0, 'ma': 1e-3}
-EFFORT |= dict.fromkeys(('n', 'nm', 'n m', 'n.m', 'n*m', 'n·m', '%', 'percent'), 1.0)
-EFFORT |= dict.fromkeys(PERMIL, 0.1)
+_TORQUES = dict.fromkeys(('nm', 'n m', 'n.m', 'n*m', 'n·m'), 1.0)
+# Of efforts by what they come to, as the `effort_unit` of a machine file says it.
+EFFORTS: Mapping[str, Mapping[str, float]] = {
+    'N m': _TORQUES | {'mnm': 1e-3, 'ncm': 1e-2, 'knm': 1e3},
+    'N': {'n': 1.0, 'kn': 1e3},
+    'A': {'a': 1.0, 'ma': 1e-3},
+    'percent': {'%': 1.0, 'percent': 1.0} | dict.fromkeys(PERMIL, 0.1),
+}
+EFFORT = _RAW | {unit: x for units in EFFORTS.values() for unit, x in units.items()}
 
 
 def units_of(quantity: str) -> Mapping[str, float]:
@@ -58,6 +64,17 @@ def units_of(quantity: str) -> Mapping[str, float]:
     if quantity == 'effort':
         return EFFORT
     return MOTION if quantity.endswith('velocity') else MOTION | dict.fromkeys(SPEEDS, math.nan)
+
+
+def si_unit(quantity: str, unit: str) -> str:
+    """Return what a unit of a quantity comes to: m, rad, N m, N, A or percent; else empty.
+
+    Args:
+        unit: As `plain_unit` returns it.
+    """
+    if quantity == 'effort':
+        return next((kind for kind, units in EFFORTS.items() if unit in units), '')
+    return 'm' if unit in LENGTHS else 'rad' if unit in MOTION.keys() - OPEN.keys() else ''
 
 
 def plain_unit(unit: str) -> str:
@@ -74,6 +91,7 @@ class Column:
     cell: Cell  # name of the column, or its number from 1
     scale: float = 1.0  # from the column to m, m/s or the unit of the effort; of its unit, too
     unsigned: bool = False  # whether it is an effort's size, with the sign of the velocity
+    unit: str = ''  # what it comes to, as `si_unit` has it, where the map states that
     entry: int = 0  # which number of the cell it is, where a path names several
     of: int = 1  # how many they are
 
@@ -165,7 +183,9 @@ def _joints(
         for quantity, entry in quantities.items():
             for part in entry if isinstance(entry, list) and entry else [entry]:
                 about = _column(path, str(key), quantity, part, cell)
-                columns += [Column(str(x), *about, n, len(names)) for n, x in enumerate(names)]
+                columns += [
+                    Column(str(x), *about, entry=n, of=len(names)) for n, x in enumerate(names)
+                ]
     if len(set(named)) < len(named):
         raise refuse(path, 'names a joint twice; give each joint its own name')
     if not columns:
@@ -230,9 +250,9 @@ def _known(path: object, what: str, given: Iterable[object], known: tuple[str, .
 
 def _column(
     path: object, joint: str, quantity: str, entry: Any, cell: Callable[[str, Any], Cell]
-) -> tuple[str, Cell, float, bool]:
-    """Return quantity, cell, scale and whether it is unsigned, of (a part of) a quantity."""
-    what, scale = f'{printable(joint)}.{quantity}', math.nan
+) -> tuple[str, Cell, float, bool, str]:
+    """Return quantity, cell, scale, whether unsigned, and unit of (a part of) a quantity."""
+    what, scale, unit = f'{printable(joint)}.{quantity}', math.nan, ''
     given = entry if isinstance(entry, Mapping) else {'column': entry}
     _known(path, what, given, ('column', 'scale', 'unit', *['sign'] * (quantity == 'effort')))
     with suppress(TypeError, ValueError, OverflowError):
@@ -241,13 +261,16 @@ def _column(
         raise refuse(path, f'{what} is {short(entry)}; {_AS}')
     if 'unit' in given:
         known = {name: x for name, x in units_of(quantity).items() if not math.isnan(x)}
-        factor = known.get(plain_unit(str(given['unit'])))
+        plain = plain_unit(str(given['unit']))
+        factor = known.get(plain)
         if factor is None:
             text = 'which is no unit of it, or none of a known size'
             able = f'choose from {", ".join(known)}, or state its `scale`'
             raise refuse(path, f'{what} is in {short(given["unit"])}, {text}; {able}')
+        # a scale beside it turns the sign, or makes another quantity of it
+        unit = si_unit(quantity, plain) if abs(scale) == 1.0 else ''
         scale *= factor
-    return quantity, cell(what, given.get('column')), scale, 'sign' in given
+    return quantity, cell(what, given.get('column')), scale, 'sign' in given, unit
 
 
 def _cell(path: object, header: bool, arrays: bool, what: str, cell: Any) -> Cell:
@@ -275,6 +298,21 @@ def _directions(
     moves = np.abs(rate) > REST * np.fmax.reduce(np.abs(rate))
     last = np.maximum.accumulate(np.where(moves, np.arange(rate.size), -1))
     return np.sign(rate[np.where(last < 0, np.argmax(moves), last)])
+
+
+def stated_units(path: str, columns: Sequence[Column]) -> dict[tuple[str, str], str]:
+    """Return the units that a map states by joint and quantity, as `si_unit` has them.
+
+    Raises:
+        IdentError: INVALID_GOAL where the columns of a sum have different ones.
+    """
+    found: dict[tuple[str, str], str] = {}
+    for x in columns:
+        if x.unit and found.setdefault((x.joint, x.quantity), x.unit) != x.unit:
+            of, units = f'{printable(x.joint)}.{x.quantity}', found[x.joint, x.quantity]
+            text = f'{of} adds columns in {units} and {x.unit}; give each a `scale` to one unit'
+            raise refuse(path, text)
+    return found
 
 
 def summed(

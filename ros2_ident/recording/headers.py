@@ -63,10 +63,6 @@ _BESIDE = ' _-./:'
 _HEAD = 200
 _HOLDS_WORDS = 'holds words'
 
-# What an effort in another unit than N or N m asks of the machine file.
-ASKED = dict.fromkeys(('a', 'ma'), 'A and torque_constant')
-ASKED |= dict.fromkeys(('%', 'percent', *maps.PERMIL), 'percent and rated_torque')
-
 
 @dataclass(frozen=True)
 class Meaning:
@@ -252,14 +248,6 @@ class Header:
     skip: int  # lines before the names
     units: bool  # whether a line of units follows the names
 
-    @property
-    def travel(self) -> str:
-        """Unit of the positions, `m` or `rad`; empty where the header does not say it."""
-        units = {x.unit for x in self.columns if x.quantity in ('position', 'command_position')}
-        known = units & (MOTION.keys() - maps.OPEN.keys())
-        found = {'m' if x in maps.LENGTHS else 'rad' for x in known}
-        return found.pop() if len(found) == 1 else ''
-
     def map(self) -> dict[str, object]:
         """Return the column map as a YAML mapping."""
         joints: dict[str, dict[str, object]] = {}
@@ -271,7 +259,7 @@ class Header:
                 by: dict[str, object] = {'scale': x.scale}
                 if x.scale == units_of(x.quantity).get(x.unit):
                     by = {'unit': x.unit}
-                entry = cell if x.scale == 1.0 else {'column': cell, **by}
+                entry = cell if by == {'scale': 1.0} else {'column': cell, **by}
                 joints.setdefault(x.joint, {})[x.quantity] = entry
         layout = {'delimiter': self.delimiter, 'decimal': self.decimal, 'skip': self.skip}
         return {'time': time, 'joints': joints} | layout | {'skip_below': int(self.units)}
@@ -330,8 +318,9 @@ class Header:
             IdentError: INVALID_GOAL with the option that states it.
         """
         for x in self.columns:
-            asked = effort and x.unit in ASKED and x.scale == EFFORT[x.unit]
-            if x.quantity and (math.isnan(x.scale) or (x.quantity == 'effort' and asked)):
+            asked = effort and x.quantity == 'effort' and x.scale == EFFORT.get(x.unit)
+            asked = asked and maps.si_unit('effort', x.unit) in ('A', 'percent')
+            if x.quantity and (math.isnan(x.scale) or asked):
                 per = 'N m or N' if asked else 'N m, N, A or percent'
                 per = per if x.quantity == 'effort' else 'rad or m'
                 option = shlex.quote(f'{x.name}={x.joint}.{x.quantity}*SCALE')

@@ -134,6 +134,8 @@ class Recording:
         sha256: Hash of the bag's storage file(s), empty for live data.
         warnings: What the reader has to say about it, one sentence each.
         notes: Where its values come from, and what else the log holds.
+        units: Units that the log states by joint and quantity: m or rad of positions and
+            velocities; of efforts N m, N, A or percent.
     """
 
     state: Stream | None = None
@@ -143,6 +145,7 @@ class Recording:
     sha256: str = ''
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    units: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse a recording of nothing."""

@@ -85,7 +85,8 @@ def _recorded(
 ) -> list[Recording]:  # fmt: skip
     """Return recordings of columns (T,) with their stamps (T,), ns."""
     builder = RecordingBuilder(source, digest(files), warnings=warnings)
-    builder.add_columns(stamp, maps.summed(str(files[0]), layout.columns, stamp, values))
+    units = maps.stated_units(str(files[1]), layout.columns)
+    builder.add_columns(stamp, maps.summed(str(files[0]), layout.columns, stamp, values), units)
     return builder.build()
 
 

@@ -20,7 +20,7 @@ from ros2_ident.jobs import knowing
 from ros2_ident.models import load_machine, Machine
 from ros2_ident.models.new_file import arm_kind, new_machine_file
 from ros2_ident.models.registry import machine_from_mapping
-from ros2_ident.recording import Stream, Topics
+from ros2_ident.recording import Recording, Stream, Topics
 from ros2_ident.ros.parameters import BY_NAME, check_path, Snapshot
 from ros2_ident.ros.run import allowed, Wanted
 from ros2_ident.search import Budget, GeneticSettings
@@ -169,7 +169,7 @@ def _machine(
             'joint_states; make one with `ident new-machine --description --bag`'
         )
     else:
-        text = new_machine_file(arm_kind(False), description=heard, states=motion)
+        text = new_machine_file(arm_kind(False), description=heard, log=Recording(motion))
         machine = machine_from_mapping(yaml.safe_load(text), 'robot_description')
     return machine, text
 

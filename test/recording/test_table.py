@@ -79,13 +79,13 @@ def test_a_unit_is_a_factor_and_a_scale_beside_it_one_more(tmp_path):
     text = 't,q,v,g,m\n0,90,60,1000,20\n0.1,180,-30,0,10\n'
     joints = """a: {position: {column: q, unit: deg, scale: -1}, velocity: {column: v, unit: rpm},
       command_velocity: {column: v, unit: Deg/s}, command_position: {column: g, unit: mm},
-      effort: [{column: m, unit: permil}, {column: g, unit: mNm}]}"""
+      effort: [{column: m, unit: mNm}, {column: g, unit: mNm}]}"""
     (log,) = read(tmp_path, text, '', joints)
     np.testing.assert_allclose(log.state.position[:, 0], [-np.pi / 2, -np.pi])
     np.testing.assert_allclose(log.state.velocity[:, 0], [2.0 * np.pi, -np.pi])
     np.testing.assert_allclose(log.command.velocity[:, 0], [np.pi / 3, -np.pi / 6])
     np.testing.assert_allclose(log.command.position[:, 0], [1.0, 0.0])
-    np.testing.assert_allclose(log.effort.effort[:, 0], [3.0, 1.0])
+    np.testing.assert_allclose(log.effort.effort[:, 0], [1.02, 0.01])
 
 
 def test_streams_of_different_rates_stand_in_one_table_without_names(tmp_path):
@@ -294,7 +294,7 @@ def test_the_commands_take_a_table_like_a_bag(tmp_path, capsys):
             'ID;7\nScale:;0;True;1.5;-4.2;3.5\n;Velocity averaged;Torque actual value\nms;rpm;%\n'
             '0;1;2\n1;1;2\n',
             {'joint_1': {'velocity': {'column': 'Velocity averaged', 'unit': 'rpm'},
-                         'effort': 'Torque actual value'}},
+                         'effort': {'column': 'Torque actual value', 'unit': '%'}}},
             (1, 'ms'), {'delimiter': ';', 'skip': 2, 'skip_below': 1},
         ),
     ],

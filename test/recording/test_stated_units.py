@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Units that a column map states, beside those of the machine file."""
+
+import numpy as np
+import pytest
+
+from ros2_ident.cli.main import main
+from ros2_ident.errors import IdentError
+from ros2_ident.identify.run import read_data
+from ros2_ident.models import load_machine
+from ros2_ident.recording import read_bag
+from ros2_ident.recording.columns import load_columns, stated_units
+
+MACHINE = """machine: linear_axis
+drives: [slide]
+controller: {cycle: 0.002}
+parameters:
+  moving_mass: [0.0, 50.0, kg]
+  coulomb_friction: [0.0, 40.0, N]
+"""
+MAP = """time: {{column: time, unit: s}}
+joints:
+  slide: {{position: {{column: pos, unit: mm}}, effort: {effort}}}
+"""
+
+
+def logged(folder, effort, header='time,pos,drive'):
+    """Write a log of 0.4 A for 3 m/s^2, and its column map."""
+    time = 0.002 * np.arange(1500)
+    place = 80.0 * np.sin(3.0 * time) + 20.0 * np.sin(11.0 * time)
+    rate = np.gradient(place, time)
+    drive = np.gradient(rate, time) / 7.5e-3 * 1e-3 + 300.0 * np.tanh(rate / 5.0)
+    rows = np.stack([time, place, drive], axis=1)
+    log = folder / 'log.csv'
+    np.savetxt(log, rows, delimiter=',', header=header, comments='')
+    if effort:
+        (folder / 'log.columns.yaml').write_text(MAP.format(effort=effort))
+    return log
+
+
+def machine_of(folder, more):
+    path = folder / 'machine.yaml'
+    path.write_text(MACHINE + more)
+    return load_machine(path)
+
+
+@pytest.mark.parametrize(
+    ('effort', 'more'),
+    [
+        ('{column: drive, unit: mA}', 'effort_unit: N\n'),
+        ('{column: drive, unit: percent}', 'effort_unit: N\n'),
+        ('{column: drive, unit: mNm}', 'effort_unit: N\n'),
+        ('{column: drive, unit: N, scale: -1}', 'effort_unit: A\ntorque_constant: 7.5\n'),
+    ],
+)
+def test_an_effort_in_another_unit_than_the_machine_file_is_refused(tmp_path, effort, more):
+    log, machine = logged(tmp_path, effort), machine_of(tmp_path, more)
+    with pytest.raises(IdentError, match='states the effort of slide in .*; write `effort_unit: '):
+        read_data(log, machine)
+    assert read_data(log, machine, quantities=['position']).datasets
+
+
+def test_an_effort_of_the_same_kind_is_converted(tmp_path):
+    log = logged(tmp_path, '{column: drive, unit: mA}')
+    machine = machine_of(tmp_path, 'effort_unit: A\ntorque_constant: 7.5\n')
+    amps = read_bag(log)[0].effort.effort[:, 0]
+    (data,) = read_data(log, machine).datasets
+    assert np.nanmax(data.effort) == pytest.approx(7.5 * amps.max())
+    assert amps.max() < 5.0
+
+
+def test_a_scale_that_makes_another_quantity_states_no_unit(tmp_path):
+    log = logged(tmp_path, '{column: drive, unit: mA, scale: 7.5}')
+    assert read_data(log, machine_of(tmp_path, 'effort_unit: N\n')).datasets
+
+
+def test_a_sum_of_columns_has_one_unit(tmp_path):
+    logged(tmp_path, '[{column: drive, unit: mA}, {column: drive, unit: N}]')
+    columns = load_columns(tmp_path / 'log.columns.yaml').columns
+    with pytest.raises(IdentError, match='slide.effort adds columns in A and N'):
+        stated_units('map', columns)
+
+
+def new_machine(log, out, *more):
+    kind = ['--kind', 'linear_axis']
+    return main(['new-machine', *kind, '--bag', str(log), '--out', str(out), *more])
+
+
+def test_bounds_of_one_joint_are_asked_for_where_the_map_states_a_current(tmp_path, capsys):
+    log, out = logged(tmp_path, '{column: drive, unit: mA}'), tmp_path / 'm.yaml'
+    assert new_machine(log, out) == 2
+    assert 'the effort of slide is in A, and bounds are in N m or N' in capsys.readouterr().err
+
+
+def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path):
+    time = 0.01 * np.arange(200)
+    rows = np.stack([time, np.sin(time), np.cos(time), np.sin(time), np.cos(time)], axis=1)
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    header = 'time,a_pos [rad],a_current [mA],b_pos [rad],b_current [mA]'
+    np.savetxt(log, rows, delimiter=',', header=header, comments='')
+    words = ['new-machine', '--kind', 'serial', '--bag', str(log), '--out', str(out)]
+    assert main(words) == 0
+    machine = load_machine(out)
+    assert machine.effort_unit == 'A' and machine.drives == ('a', 'b')
