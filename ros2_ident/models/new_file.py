@@ -33,6 +33,11 @@ _STATED = (
 )  # fmt: skip
 # Quantities whose unit says whether a joint turns, the first that there is.
 _TRAVELS = 'position', 'command_position', 'velocity', 'command_velocity'
+# What to say beside a unit of the effort and that which fits the motion.
+_ASKED = {
+    ('N m', 'N'): ': 2 pi over the travel of a turn in m; where it turns, --travel rad',
+    ('N', 'N m'): ': the lever in m; where it slides, --travel m',
+}
 # Of each joint, by the name of the parameter.
 _Boxes = dict[str, list[tuple[float, float, str]]]
 # A box reaches to so many times what is stated, as those of the bundled examples do.
@@ -108,7 +113,7 @@ def one_joint_file(
 
     Raises:
         IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link, or where
-            the log states a current or a share.
+            the log states an effort that is no force of what slides, or torque of what turns.
     """
     log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None
@@ -121,11 +126,15 @@ def one_joint_file(
     if motion.effort is None:
         return None
     stated = {quantity: unit for (name, quantity), unit in log.units.items() if name == names[0]}
-    travel = travel or next((stated[x] for x in _TRAVELS if x in stated), '')
-    if (unit := stated.get('effort', '')) in ('A', 'percent'):
+    unit = stated.get('effort', '')
+    travel = 'rad' if links else travel or next((stated[x] for x in _TRAVELS if x in stated), '')
+    travel = travel or ('m' if unit == 'N' else '')
+    fits = 'N' if travel == 'm' else 'N m'
+    if unit not in ('', fits):
         raise ErrorCode.INVALID_GOAL.error(
-            f'the effort of {names[0]} is in {unit}, and bounds are in N m or N; give it in the '
-            'column map a `scale`, how many of these one is, in place of the unit'
+            f'the effort of {names[0]} is in {unit}, and bounds of what '
+            f'{"slides" if travel == "m" else "turns"} are in {fits}; give it in the column map a '
+            f'`scale`, how many {fits} one is, in place of the unit{_ASKED.get((unit, fits), "")}'
         )
     most = float(np.nanmax(np.abs(motion.effort)))
     moved = motion.acceleration, motion.velocity
@@ -138,8 +147,8 @@ def one_joint_file(
             '--travel m where the position is a length'
         )
     head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
-    if unit == 'N':
-        head += f'effort_unit: {unit}\n'
+    if fits == 'N':
+        head += 'effort_unit: N\n'
     period = f'controller: {{cycle: {motion.period:.4g}}}      # s, period of the log\n'
     # A commanded effort acts half a cycle after its stamp; a measured one is that much late.
     delay = f'  measurement_delay: [0.0, {2.0 * motion.period:.3g}, s]\n'

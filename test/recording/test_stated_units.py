@@ -3,13 +3,17 @@
 
 import numpy as np
 import pytest
+import yaml
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
+from ros2_ident.models.new_file import one_joint_file
+from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import read_bag
 from ros2_ident.recording.columns import load_columns, stated_units
+from ros2_ident.recording.headers import header_of
 
 MACHINE = """machine: linear_axis
 drives: [slide]
@@ -89,7 +93,10 @@ def new_machine(log, out, *more):
 def test_bounds_of_one_joint_are_asked_for_where_the_map_states_a_current(tmp_path, capsys):
     log, out = logged(tmp_path, '{column: drive, unit: mA}'), tmp_path / 'm.yaml'
     assert new_machine(log, out) == 2
-    assert 'the effort of slide is in A, and bounds are in N m or N' in capsys.readouterr().err
+    assert (
+        'the effort of slide is in A, and bounds of what slides are in N;'
+        in capsys.readouterr().err
+    )
 
 
 def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path):
@@ -102,3 +109,36 @@ def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path):
     assert main(words) == 0
     machine = load_machine(out)
     assert machine.effort_unit == 'A' and machine.drives == ('a', 'b')
+
+
+def test_the_file_of_a_carriage_says_that_its_effort_is_a_force(tmp_path, capsys):
+    log, out = logged(tmp_path, '', 'time,pos,current'), tmp_path / 'm.yaml'
+    assert new_machine(log, out, '--travel', 'm') == 0
+    assert 'effort_unit: N\n' in out.read_text()
+    assert main(['check', '--machine', str(out)]) == 0
+    assert 'every key is known and plausible' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('header', 'said'),
+    [
+        ('time,pos [mm],torque [Nm]', 'are in N; .* 2 pi over the travel of a turn'),
+        ('time,pos [deg],force [N]', 'are in N m; .* the lever in m'),
+    ],
+)
+def test_a_torque_of_what_slides_and_a_force_of_what_turns_are_asked_about(tmp_path, header, said):
+    log = logged(tmp_path, '', header)
+    with pytest.raises(IdentError, match=said):
+        one_joint_file(KINDS['linear_axis'], (), _by_header(log))
+
+
+def test_a_force_alone_is_one_of_what_slides(tmp_path):
+    log = logged(tmp_path, '', 'time,pos,force [N]')
+    text = one_joint_file(KINDS['linear_axis'], (), _by_header(log))
+    assert 'effort_unit: N\n' in text and ', kg]' in text
+
+
+def _by_header(log):
+    where = log.with_suffix('.columns.yaml')
+    where.write_text(yaml.safe_dump(header_of(log).map()))
+    return read_bag(log)[0]
