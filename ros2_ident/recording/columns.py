@@ -46,8 +46,9 @@ LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6}
 MOTION = OPEN | LENGTHS | {'rad': 1.0, 'mrad': 1e-3}
 MOTION |= dict.fromkeys(('deg', 'degree', 'degrees', '°'), _DEGREE)
 MOTION |= dict.fromkeys(('rev', 'turn', 'turns'), _TURN)
-SPEEDS = ('rpm', '1/min', 'u/min', 'rev/min')
-MOTION |= dict.fromkeys(SPEEDS, _TURN / 60.0)
+# Of velocities alone, as they stand.
+_MINUTES = 'rpm', '1/min', 'u/min', 'rev/min', 'min^-1', 'min-1'
+SPEEDS = dict.fromkeys(_MINUTES, _TURN / 60.0) | {'hz': _TURN}
 _TORQUES = dict.fromkeys(('nm', 'n m', 'n.m', 'n*m', 'n·m'), 1.0)
 # Of efforts by what they come to, as the `effort_unit` of a machine file says it.
 EFFORTS: Mapping[str, Mapping[str, float]] = {
@@ -60,10 +61,17 @@ EFFORT = _RAW | {unit: x for units in EFFORTS.values() for unit, x in units.item
 
 
 def units_of(quantity: str) -> Mapping[str, float]:
-    """Return the factors of the units that a quantity may have, in lower case."""
+    """Return the factors of the units that a quantity may have, as `plain_unit` returns them."""
     if quantity == 'effort':
         return EFFORT
-    return MOTION if quantity.endswith('velocity') else MOTION | dict.fromkeys(SPEEDS, math.nan)
+    return MOTION | SPEEDS if quantity.endswith('velocity') else MOTION
+
+
+def factor_of(quantity: str, unit: str) -> float | None:
+    """Return the factor of a unit; NaN where only its owner knows it, None for no such unit."""
+    plain = plain_unit(unit)
+    rate = plain != unit.strip().lower()
+    return None if rate and not quantity.endswith('velocity') else units_of(quantity).get(plain)
 
 
 def si_unit(quantity: str, unit: str) -> str:
@@ -74,7 +82,8 @@ def si_unit(quantity: str, unit: str) -> str:
     """
     if quantity == 'effort':
         return next((kind for kind, units in EFFORTS.items() if unit in units), '')
-    return 'm' if unit in LENGTHS else 'rad' if unit in MOTION.keys() - OPEN.keys() else ''
+    turns = (MOTION | SPEEDS).keys() - OPEN.keys()
+    return 'm' if unit in LENGTHS else 'rad' if unit in turns else ''
 
 
 def plain_unit(unit: str) -> str:
@@ -260,15 +269,14 @@ def _column(
     if not math.isfinite(scale) or not scale or given.get('sign', 'velocity') != 'velocity':
         raise refuse(path, f'{what} is {short(entry)}; {_AS}')
     if 'unit' in given:
-        known = {name: x for name, x in units_of(quantity).items() if not math.isnan(x)}
-        plain = plain_unit(str(given['unit']))
-        factor = known.get(plain)
-        if factor is None:
+        factor = factor_of(quantity, str(given['unit']))
+        if factor is None or math.isnan(factor):
+            known = [name for name, x in units_of(quantity).items() if not math.isnan(x)]
             text = 'which is no unit of it, or none of a known size'
             able = f'choose from {", ".join(known)}, or state its `scale`'
             raise refuse(path, f'{what} is in {short(given["unit"])}, {text}; {able}')
         # a scale beside it turns the sign, or makes another quantity of it
-        unit = si_unit(quantity, plain) if abs(scale) == 1.0 else ''
+        unit = si_unit(quantity, plain_unit(str(given['unit']))) if abs(scale) == 1.0 else ''
         scale *= factor
     return quantity, cell(what, given.get('column')), scale, 'sign' in given, unit
 

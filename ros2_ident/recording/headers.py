@@ -21,6 +21,7 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.recording import columns as maps
 from ros2_ident.recording.columns import (
     EFFORT,
+    factor_of,
     MOTION,
     plain_unit,
     refuse,
@@ -44,7 +45,7 @@ _WORDS = {
     'observation averaged avg',
     'other': 'ext external gravity grav coriolis ff feedforward err error following deviation '
     'temp temperature temperatures voltage volt acc accel acceleration ddq qdd jerk tcp pose kp '
-    'kd ki gain limit scaling',
+    'kd ki gain limit scaling computed cmptd calculated calc',
     'time': 'time t stamp timestamp clock zeit sec secs seconds',
     'vague': 'value values state states data controller control trajectory mapper foc rel header '
     'field raw',
@@ -59,6 +60,9 @@ _QUANTITIES = ('velocity', 'effort', 'position')
 _ROLES = ('command', 'measured')
 _WORD = re.compile(r'[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![^\W\d_A-Z])|[A-Z]|\d+')
 _BESIDE = ' _-./:'
+# Units, and of what is no motion and no effort, too.
+_KNOWN = MOTION.keys() | SPEEDS.keys() | EFFORT.keys() | TIME_UNITS.keys()
+_UNITS = _KNOWN | {*['1', 'v', 'mv', 'w', 'kw', 'khz', '°c', 'kg', 'bar', 'pa']}
 # Lines that are looked at.
 _HEAD = 200
 _HOLDS_WORDS = 'holds words'
@@ -102,6 +106,12 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
         elif quantity:
             taken[place] = row.name
         out.append(Meaning(row.name, joint, quantity, row.unit, row.scale, why))
+    # An effort beside joints that move is none of a joint of which no motion is there.
+    moving = {x.joint for x in out if x.quantity in ('position', 'velocity')}
+    for n, x in enumerate(out):
+        if moving and x.quantity == 'effort' and x.joint not in moving:
+            why = f'no column says how {short(x.joint)} moves'
+            out[n] = replace(x, joint='', quantity='', why=why)
     return out
 
 
@@ -113,8 +123,17 @@ class _Name:
 
     def __init__(self, name: str, below: str, derived: bool) -> None:
         self.name = name
-        text, unit = _without_unit(re.sub(r'^#\s+', '', name))
-        self.unit = plain_unit(below.strip('[]() ')) or unit
+        whole = re.sub(r'^#\s+', '', name)
+        text, unit, behind = _without_unit(whole)
+        if (stated := below.strip('[]() ')) or not behind:
+            self._read(text, stated or unit, derived)
+        elif not self._read(text, unit, derived):
+            # what is no unit of it is a name's end
+            self._read(whole, '', derived)
+
+    def _read(self, text: str, unit: str, derived: bool) -> bool:
+        """Take a name without its unit apart; return whether the unit is one of its quantity."""
+        self.unit = plain_unit(unit)
         pieces = re.split(r'([/.])', text)
         parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
@@ -122,11 +141,17 @@ class _Name:
         # The last part that names a quantity says it; what others name is of the joint's name.
         named = [(n, x) for n, part in enumerate(parts) if (x := part.quantity(role))]
         says, quantity = named[-1] if named else (-1, '')
-        rests = [part.rest(role, quantity if n == says else '') for n, part in enumerate(parts)]
-        # A role alone is one of a position, where its unit does not say otherwise.
+        # A role alone is one of a position; its unit goes before it, as before a faint word.
         self.bare = not quantity and role != '' and 'time' not in kinds
-        if self.bare:
-            quantity = 'effort' if self.unit in EFFORT.keys() - MOTION.keys() else 'position'
+        faint = self.bare or (says >= 0 and not {*parts[says].kinds} & {*_QUANTITIES})
+        quantity = 'position' if self.bare else quantity
+        open_ = not quantity or not _is_unit(unit)
+        fits = open_ or factor_of(quantity, unit) is not None
+        if not fits and faint:
+            of = (x for x in ('position', *_QUANTITIES) if factor_of(x, unit) is not None)
+            quantity = next(of, quantity)
+            fits = factor_of(quantity, unit) is not None
+        rests = [part.rest(role, quantity if n == says else '') for n, part in enumerate(parts)]
         self.quantity, self.why, self.scale = '', '', 1.0
         if 'other' in kinds:
             self.why = 'no position, velocity or effort of a drive'
@@ -136,6 +161,8 @@ class _Name:
             self.why = 'names no position, velocity or effort'
         elif role == 'command' and quantity == 'effort':
             self.why = 'a set-point of the effort'
+        elif not fits:
+            self.why = f'no {quantity} is in {unit}'
         else:
             self.scale = units_of(quantity).get(self.unit, 1.0)
             self.quantity = f'command_{quantity}' if role == 'command' else quantity
@@ -145,6 +172,7 @@ class _Name:
             if key:
                 between = '' if not self.joint else pieces[2 * n - 1] if last == n - 1 else '_'
                 self.joint, last = f'{self.joint}{between}{spelled}', n
+        return fits
 
 
 class _Part:
@@ -221,20 +249,24 @@ def _glued(word: str) -> int:
     return next((cut for cut, *both in pairs if all(both) and set(both) & {*_ROLES}), 0)
 
 
-def _without_unit(name: str) -> tuple[str, str]:
-    """Return a name without the unit in brackets or behind the last _, and that unit."""
+def _without_unit(name: str) -> tuple[str, str, bool]:
+    """Return a name without the unit in brackets or behind the last _, that unit, and which."""
     found = re.fullmatch(r'(.*\S)\s*[\[(<]([^\[\]()<>]*)[\])>]\s*', name)
     if found and found[2].strip().isdigit():
-        return f'{found[1]} {found[2].strip()}', ''
+        return f'{found[1]} {found[2].strip()}', '', False
     behind = re.fullmatch(r'(.+?)_([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
-    found = found if found and _is_unit(found[2]) else behind
-    if found and _is_unit(found[2]) and (found is not behind or _WORD.search(found[1])):
-        return found[1], plain_unit(found[2])
-    return name, ''
+    if found and _is_unit(found[2]):
+        return found[1], found[2].strip(), False
+    if behind and plain_unit(behind[2]) in _KNOWN and _WORD.search(behind[1]):
+        return behind[1], behind[2], True
+    return name, '', False
 
 
 def _is_unit(text: str) -> bool:
-    return plain_unit(text) in MOTION.keys() | EFFORT.keys() | TIME_UNITS.keys()
+    """Return whether a text is a unit, of whatever, or made of several, as Nm/A and m/s^2."""
+    parts = re.split('[/*·]', text.strip().lower())
+    plain = (re.sub(r'(\^?-?\d|[²³])$', '', x.strip()) or x.strip() for x in parts)
+    return plain_unit(text) in _KNOWN or all(x in _UNITS for x in plain)
 
 
 @dataclass(frozen=True)

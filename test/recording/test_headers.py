@@ -37,6 +37,7 @@ def test_each_column_is_read_as_what_its_name_says(header):
     ('name', 'scale'),
     [
         ('pos [mm]', 1e-3), ('vel_deg_s', DEGREE), ('speed [rpm]', TURN / 60.0),
+        ('vel [Hz]', TURN), ('speed_hz', TURN), ('vel [min^-1]', TURN / 60.0),
         ('pos (turns)', TURN),
         ('torque [mNm]', 1e-3), ('torque [permil]', 0.1), ('torque %', 1.0), ('tau [N m]', 1.0),
         ('Position [inc]', math.nan), ('Present Position (counts)', math.nan),
