@@ -239,7 +239,11 @@ def check_streams(data: Dataset) -> list[Gate]:
         name, share = ' and '.join(roles), stream.missing_share
         level: Level = 'fail' if share > TOO_MANY_MISSING else 'warn' if share > MISSING else 'ok'
         text = f'{name}: {stream.samples} samples at {stream.rate:.6g} Hz'
-        if level == 'ok':
+        uneven = stream.missing is None
+        if uneven:
+            level = 'warn'
+            text += ' come unevenly; log at a fixed rate, stamped where they are taken'
+        elif level == 'ok':
             text += f', {stream.missing} missing' if stream.missing else ', none missing'
         else:
             text += (
@@ -248,8 +252,8 @@ def check_streams(data: Dataset) -> list[Gate]:
             )
         found.append(Gate('missing', '', level, share, '1', text))
         period = 1.0 / stream.rate if stream.rate else math.inf
-        # A share of its period, by hand.
-        loose = stream.jitter > 0.15 * period
+        # A share of its period, by hand. Uneven samples keep to no cycle.
+        loose = stream.jitter > 0.15 * period and not uneven
         text = f'{name}: stamps scatter by {1e3 * stream.jitter:.2g} ms about the grid'
         if loose and not stream.stride:
             text = (

@@ -70,7 +70,7 @@ class Data:
         for dataset in self.datasets:
             for role, stream in dataset.streams.items():
                 came[role] += stream.samples
-                lost[role] += stream.missing
+                lost[role] += stream.missing or 0
         said = [w for d in self.datasets for w in d.warnings]
         return Quality(
             segments=len(self.datasets),

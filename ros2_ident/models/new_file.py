@@ -19,7 +19,7 @@ from ros2_ident.machine.kind import Kind
 from ros2_ident.models.registry import KINDS, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.align import align
-from ros2_ident.recording.grid import sample_period
+from ros2_ident.recording.grid import cycle_of, sample_period, short_number
 from ros2_ident.recording.motion import fill_gaps, Motion, motion_of
 from ros2_ident.recording.streams import FloatArray, with_positions
 
@@ -72,8 +72,7 @@ def new_machine_file(
             kind.joints(description)
         boxes = _boxes(kind, description)
     if states is not None:
-        period = float(np.median(np.diff(states.stamp))) * 1e-9
-        known['cycle'] = f'{period:.4g}'
+        known['cycle'] = cycle_of(states.stamp)
     names = tuple(drives) or _joints(kind, description, states)
     units = _effort_units(log, names)
     if len(units) > 1:
@@ -149,7 +148,7 @@ def one_joint_file(
     head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
     if fits == 'N':
         head += 'effort_unit: N\n'
-    period = f'controller: {{cycle: {motion.period:.4g}}}      # s, period of the log\n'
+    period = f'controller: {{cycle: {cycle_of(log.state.stamp)}}}      # s, period of the log\n'
     # A commanded effort acts half a cycle after its stamp; a measured one is that much late.
     delay = f'  measurement_delay: [0.0, {2.0 * motion.period:.3g}, s]\n'
     if links:
@@ -236,7 +235,7 @@ def followed_file(
     boxes = _boxes_of(names, root, log)
     period = sample_period(log.command.stamp)
     data = align(log, names, period, need=('position',))
-    stated = f'  cycle: {period:.4g}      # s, how long a set-point holds\n'
+    stated = f'  cycle: {short_number(period)}      # s, how long a set-point holds\n'
     limits = _stated_by_joint(root).get('force_limit', {})
     if limits.keys() >= {*names}:
         stated += f'  torque_limit: {inline([limits[x] for x in names])}\n'
@@ -279,7 +278,7 @@ def _steps_as_mujoco(
     the machine described. Both begin as a search would.
     """
     other = new_machine_file(arm_kind(True), names, description, named)
-    other = re.sub('( cycle: )[^ ]*', rf'\g<1>{data.cycle:.4g}', other)
+    other = re.sub('( cycle: )[^ ]*', rf'\g<1>{short_number(data.cycle)}', other)
     left = []
     for each in (text, other):
         try:

@@ -10,7 +10,13 @@ import scipy
 
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import streams
-from ros2_ident.recording.grid import find_ticks, missing_samples, sample_period, Ticks
+from ros2_ident.recording.grid import (
+    find_ticks,
+    missing_samples,
+    sample_period,
+    Ticks,
+    TOLD_DRIFT,
+)
 from ros2_ident.recording.limits import require_memory
 from ros2_ident.recording.streams import Dataset, FIELDS, FloatArray, IntArray, Recording, Stream
 
@@ -164,7 +170,7 @@ class _Layout:
             if doubled := int((~ticks.keep).sum()):
                 said = f'{doubled} samples share a controller cycle with another and are left out'
                 remarks.setdefault(f'{said}; state a shorter one', []).append(role)
-            if abs(ticks.drift) > 2e-5:
+            if abs(ticks.drift) > TOLD_DRIFT:
                 long = self.cycle * (1.0 + ticks.drift) * 1e3
                 said = f'the controller cycle is {long:.6g} ms on the clock of the stamps'
                 remarks.setdefault(f'{said}, not {self.cycle * 1e3:.6g} ms', []).append(role)
@@ -345,9 +351,7 @@ class _Layout:
         """Count what of a stream lies on the grid."""
         inside = self._inside(placed)[1]
         stride = placed.ticks.stride
-        steps = np.diff(placed.tick[inside])
-        usual = stride or (float(np.median(steps)) if steps.size else 1.0)
-        missing = missing_samples(steps, usual) or 0
+        missing = missing_samples(placed.stream.stamp[inside])
         rate = 1.0 / placed.period if placed.period else 0.0
         jitter = placed.ticks.jitter
         return streams.StreamQuality(int(inside.sum()), missing, rate, jitter, stride)

@@ -6,25 +6,28 @@ The stamps give m from their typical spacing, the phase of the grid, and the num
 sample.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_ident.errors import ErrorCode
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.streams import FloatArray, IntArray
 
 # A stream counts as sampled every m-th cycle where its spacing is within this share of a multiple
 # of the cycle.
 _RATE_TOLERANCE = 0.02
-# Steps that lie so far off whole periods (RMS, in periods) are uneven; at random it is 0.29.
-_UNEVEN = 0.2
 # Clocks of controller and stamps may run apart by this share before the given cycle must be wrong.
 _DRIFT_LIMIT = 1e-3
 # Cycles of one recording: 28 hours at 1 kHz.
 _MOST_CYCLES = 1e8
+# From this share on it is said that the cycle is another one on the clock of the stamps. By hand.
+TOLD_DRIFT = 2e-5
 # No controller is faster or slower, s.
 _SHORTEST_CYCLE, _LONGEST_CYCLE = 1e-12, 1e3
+# A period of uneven samples is divided by so much.
+_PARTS = 1, 2, 4, 8, 16
 # So many multiples of the cycle to either side of a stream's spacing are tried.
 _MOST_STRIDES = 500
 # Length of the mean phase vector below which the stamps do not cluster on the grid.
@@ -63,18 +66,43 @@ def sample_period(stamp: IntArray) -> float:
     return usual * 1e-9
 
 
-def missing_samples(steps: NDArray[np.number], period: float) -> int | None:
+def missing_samples(stamp: IntArray) -> int | None:
     """Return how many samples did not come, None where they come unevenly, so that none is due.
 
+    They come evenly where they keep to a grid of their own period.
+
     Args:
-        steps: From sample to sample (T,).
-        period: The usual step.
+        stamp: Stamps (T,), ns, increasing.
     """
-    shares = steps / (period or 1.0)
-    whole = np.maximum(np.round(shares), 1.0)
-    missing = int((whole - 1.0).sum())
-    uneven = missing > 0 and float(np.mean((shares - whole) ** 2)) > _UNEVEN**2
-    return None if uneven else missing
+    if not (period := sample_period(stamp)):
+        return 0
+    with suppress(IdentError):  # so slow, or so far apart, that no grid holds them
+        ticks = find_ticks(stamp, int(stamp[0]), period)
+        return int(np.ptp(ticks.tick)) + 1 - stamp.size if ticks.stride else None
+    return None
+
+
+def cycle_of(stamp: IntArray) -> str:
+    """Return the cycle that a machine file states for samples, s, with the digits it needs.
+
+    That is their period where they come evenly, else so short a cycle that no two share one.
+
+    Args:
+        stamp: Stamps (T,), ns, increasing, at least two.
+    """
+    cycle = period = sample_period(stamp)
+    for parts in _PARTS:
+        ticks = find_ticks(stamp, int(stamp[0]), period / parts)
+        cycle = period / parts * (1.0 + ticks.drift)
+        if ticks.stride or ticks.keep.all():
+            break
+    return short_number(cycle)
+
+
+def short_number(cycle: float) -> str:
+    """Return a cycle, s, with the fewest digits that leave no drift to tell of."""
+    texts = (f'{cycle:.{digits}g}' for digits in range(1, 18))
+    return next(x for x in texts if abs(float(x) / cycle - 1.0) < 0.5 * TOLD_DRIFT)
 
 
 def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:

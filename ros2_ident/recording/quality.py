@@ -313,7 +313,7 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
     steps, samples = np.diff(stream.stamp) * 1e-9, stream.stamp.size
     period = sample_period(stream.stamp)
     near = steps[steps <= 1.5 * period]
-    missing = missing_samples(steps, period)
+    missing = missing_samples(stream.stamp)
     share = (missing or 0) / (samples + (missing or 0))
     text = f'{samples} samples of {"+".join(stream.fields)} in {stream.duration:.4g} s'
     level: Level = 'ok'

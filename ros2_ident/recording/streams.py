@@ -253,7 +253,7 @@ class StreamQuality:
     """How one stream arrived."""
 
     samples: int  # that are used
-    missing: int  # samples that should have come and did not
+    missing: int | None  # samples that should have come and did not; None where they are uneven
     rate: float  # samples per second, Hz
     jitter: float  # standard deviation of the stamps about the grid, s
     stride: int  # cycles from sample to sample; 0 where it does not keep to the grid
@@ -261,7 +261,8 @@ class StreamQuality:
     @property
     def missing_share(self) -> float:
         """Missing samples as a share of those expected."""
-        return self.missing / max(1, self.samples + self.missing)
+        missing = self.missing or 0
+        return missing / max(1, self.samples + missing)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,10 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from ros2_ident.commissioning import check_both
+from ros2_ident.gates.examine import check_streams
 from ros2_ident.models.registry import read_machine_file
 from ros2_ident.recording import align, check, read_bag, Recording, Stream
+from ros2_ident.recording.grid import cycle_of, missing_samples
 from ros2_ident.recording.motion import Motion, smooth_motion
 from ros2_ident.recording.quality import sign_of
 
@@ -125,7 +127,7 @@ def test_a_log_that_is_sampled_unevenly_has_lost_nothing():
     assert 'missing' in codes(report, 'warn')
     assert re.search('unevenly, 2 to 10 ms apart: log at', report.of('missing')[0].sentence)
     data = align(Recording(replace(whole, stamp=np.cumsum(steps))), ['a'], 1e-3)
-    assert data.streams['state'].missing == 0
+    assert data.streams['state'].missing is None
 
 
 def test_missing_samples():
@@ -266,3 +268,41 @@ def test_the_size_of_a_current_with_an_idle_part_is_told_from_a_reversed_one():
     assert sign_of(replace(log, effort=np.abs(made) + 0.3), alone=True) == 'unsigned'
     assert sign_of(replace(log, effort=6.0 - made), alone=True) == 'reversed'
     assert sign_of(replace(log, effort=6.0 + made), alone=True) == 'right'
+
+
+def _loop(seconds=20.0):
+    """Return stamps, ns, of a program's loop: it takes 4 ms, and often longer."""
+    rng = np.random.default_rng(3)
+    steps = 4e6 + rng.exponential(2e5, round(seconds / 4e-3))
+    longer = rng.random(steps.size) < 0.15
+    return np.cumsum(steps + longer * rng.uniform(2e6, 8e6, steps.size)).astype(np.int64)
+
+
+def test_a_loop_that_takes_longer_now_and_then_has_lost_nothing():
+    stamp = _loop()
+    assert missing_samples(stamp) is None
+    assert missing_samples(np.array([0, 1, 1 << 60])) is None
+    # Samples that did not come leave whole periods.
+    there = np.random.default_rng(4).random(5000) > 0.2
+    there[[0, -1]] = True
+    assert missing_samples(np.arange(5000)[there] * 4_000_000) == 5000 - there.sum()
+
+
+@pytest.mark.parametrize(
+    ('stamp', 'cycle'),
+    [
+        (np.arange(3000) * 2_000_000, '0.002'),
+        (np.round(np.arange(3000) * 1e9 / 1500).astype(np.int64), '0.00066667'),
+        (np.round(np.arange(3000) * 4.0003e6).astype(np.int64), '0.0040003'),
+    ],
+)
+def test_a_cycle_is_written_with_the_digits_it_needs(stamp, cycle):
+    assert cycle_of(stamp) == cycle
+
+
+@pytest.mark.parametrize('stamp', [_loop(), np.round(np.arange(3000) * 1e9 / 1500).astype(int)])
+def test_the_cycle_of_a_log_is_none_to_complain_of(stamp):
+    state = Stream(('a',), stamp, np.sin(stamp[:, None] * 2e-9))
+    data = align(Recording(state), ['a'], float(cycle_of(stamp)), need=('position',))
+    assert not data.warnings
+    assert all('cycle' not in gate.sentence for gate in check_streams(data))
