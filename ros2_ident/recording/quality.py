@@ -209,11 +209,18 @@ STANDS = 0.02
 # Fewer efforts are none.
 _FEWEST = 10
 
+# Units of a time that may have been taken for seconds, s; factors between rad, deg, turns, rpm.
+_PARTS = {'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
+_ANGLES = 1.0, math.pi / 180.0, 2.0 * math.pi, math.pi / 30.0
+_BETWEEN = [x / y for x in _ANGLES for y in _ANGLES]
+
 Level = Literal['ok', 'warn', 'error']
 _RECORD = 'record the set-point where there is one'
 _ORDER: dict[str, int] = {'ok': 0, 'warn': 1, 'error': 2}
 # Level, code and sentence of what is found, without its subject.
 Said = tuple[Level, str, str]
+# How late a signal is, s, by which factor off, and which share of it is explained.
+_Fit = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -355,6 +362,7 @@ def _judge_drives(
         return [], [Finding('warn', 'no_position', 'state', f'{text}joint states')]
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
+    rates: list[float] = []
     for name in (x for x in (state.names if wanted is None else wanted) if x in state.names):
         try:
             motion = motions.motion_of(recording, name)
@@ -366,11 +374,16 @@ def _judge_drives(
             rest = motion.resting & np.isfinite(effort)
             at_rest = float(np.mean(effort[rest])) if rest.sum() >= _FEWEST else math.nan
         drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
-        judged: list[Said] = [*_judged(drives[-1], motion, gravity, wanted is not None)]
-        judged += [('warn', code, text) for code, text in repeats(recording, name)]
         # An integrated speed says nothing of the speed.
-        said = (x for x in judged if name not in integrated or not x[1].startswith('velocity'))
-        findings += about(name, said)
+        fit = None if name in integrated else _velocity_fit(motion)
+        if fit is not None and fit[2] >= _KNOWN:
+            rates.append(fit[1])
+        judged = [*_judged(drives[-1], motion, gravity, wanted is not None, fit)]
+        judged += [('warn', code, text) for code, text in repeats(recording, name)]
+        findings += about(name, judged)
+    if off := _of_time(rates):
+        findings = [x for x in findings if x.code != 'velocity']
+        findings += about('state', off)
     if still := standing({x.drive: x.stroke for x in drives}):
         said_of = ', '.join(still)
         text = 'stood still, so nothing is found of what moves there; the others count'
@@ -385,15 +398,22 @@ def standing(strokes: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(name for name, stroke in strokes.items() if stroke < STANDS * longest)
 
 
-def _judged(drive: DriveSummary, motion: Motion, gravity: float, wanted: bool) -> Iterator[Said]:
-    """Yield what is to be said of a drive's excitation and effort.
+def _moves(motion: Motion) -> bool:
+    return float(np.ptp(motion.position)) > 1e-6 * float(np.abs(motion.position).max())
+
+
+def _judged(
+    drive: DriveSummary, motion: Motion, gravity: float, wanted: bool, fit: _Fit | None
+) -> Iterator[Said]:
+    """Yield what is to be said of a drive's excitation, velocity by its fit, and effort.
 
     Where it is `wanted` to identify the drive, that it stands still is an error.
     """
-    moves = drive.stroke > 1e-6 * float(np.abs(motion.position).max())
+    moves = _moves(motion)
     if moves:
         yield _of_motion(drive, motion)
-        yield from _of_velocity(motion)
+        if fit is not None:
+            yield _of_velocity(motion, *fit)
     else:
         text = 'does not move; move it through its working range while recording'
         yield 'error' if wanted else 'warn', 'no_motion', text
@@ -423,22 +443,51 @@ def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
     return 'ok', 'excitation', text
 
 
-def _of_velocity(motion: Motion) -> Iterator[Said]:
-    """Compare the reported velocity with the derivative of the position."""
-    if motion.reported is None or np.isfinite(motion.reported).sum() < 20:
-        return
+def _velocity_fit(motion: Motion) -> _Fit | None:
+    """Fit the reported velocity by the derivative of the position; None where one is not there."""
+    if motion.reported is None or np.isfinite(motion.reported).sum() < 20 or not _moves(motion):
+        return None
     reported = motion.slowly(fill_gaps(motion.reported))
     lag, gain, share = motions.best_lag(motion.velocity[:, None], reported, motion.period, -0.02)
-    text = f'the reported velocity is {gain[0]:.3g} times the derivative of the position and '
+    return lag, float(gain[0]), share
+
+
+def _of_time(rates: Sequence[float]) -> list[Said]:
+    """Return what is said of the time where all joints' velocities are off by one factor.
+
+    Args:
+        rates: Their reported velocities over the derivatives of their positions.
+    """
+    middle = float(np.median(rates)) if len(rates) > 1 else 1.0
+    off = not 0.9 < middle < 1.1 and all(0.9 * middle < x < 1.1 * middle for x in rates)
+    # Between units of angles the factor is that of all velocities.
+    if not off or any(0.97 < middle * x < 1.03 for x in _BETWEEN):
+        return []
+    text = f'the reported velocities of all {len(rates)} joints are {middle:.4g} times the '
+    text += 'derivatives of their positions: '
+    unit = next((x for x, size in _PARTS.items() if 0.9 < middle * size < 1.1), '')
+    if unit:
+        text += (
+            f'the time is in {unit} and was read as s; state `unit: {unit}` of it in the column '
+        )
+        return [('error', 'time', f'{text}map, unless all velocities are in another unit')]
+    text += f'the time is no time in s (a number of the row: {middle:.4g} rows a second), or all '
+    return [
+        ('warn', 'time', f'{text}velocities are those of motors before a gear; correct the one')
+    ]
+
+
+def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
+    """Compare the reported velocity with the derivative of the position."""
+    text = f'the reported velocity is {gain:.3g} times the derivative of the position and '
     text += f'explains {100.0 * share:.0f} % of it'
-    if share < 0.5 or not 0.9 < gain[0] < 1.1:
+    if share < 0.5 or not 0.9 < gain < 1.1:
         remedy = 'correct its unit, sign or source in the driver, or leave it out'
-        yield 'warn', 'velocity', f'{text}; {remedy}'
-    elif abs(lag) > max(0.6 * motion.period, 1e-3):
+        return 'warn', 'velocity', f'{text}; {remedy}'
+    if abs(lag) > max(0.6 * motion.period, 1e-3):
         text = f'the reported velocity is {abs(lag) * 1e3:.3g} ms {"late" if lag > 0 else "early"}'
-        yield 'warn', 'velocity_lag', f'{text}; the position is the better measurement'
-    else:
-        yield 'ok', 'velocity', text
+        return 'warn', 'velocity_lag', f'{text}; the position is the better measurement'
+    return 'ok', 'velocity', text
 
 
 def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:

@@ -111,6 +111,33 @@ def test_wrong_velocities_are_seen(velocity, text):
     assert re.search(text, found[0].sentence)
 
 
+def _joints(factor, joints=2):
+    """Return a recording of joints whose reported velocities are off by a factor each."""
+    state = recording(velocity=VELOCITY).state
+    names = tuple('abc'[:joints])
+    position = np.stack([(n + 1.0) * state.position[:, 0] for n in range(joints)], axis=1)
+    velocity = np.stack(
+        [factor[n % len(factor)] * (n + 1.0) * state.velocity[:, 0] for n in range(joints)], axis=1
+    )
+    return Recording(Stream(names, state.stamp, position, velocity))
+
+
+@pytest.mark.parametrize(
+    ('factor', 'said'),
+    [
+        ((1000.0,), 'the time is in ms and was read as s; state `unit: ms` of it in the'),
+        ((125.0,), '(a number of the row: 125 rows a second), or all velocities are'),
+        ((180.0 / np.pi,), ''),
+        ((1000.0, 1.0), ''),
+    ],
+)
+def test_a_factor_of_all_velocities_is_one_of_the_time(factor, said):
+    report = check([_joints(factor)])
+    sentences = [x.sentence for x in report.of('time')]
+    assert len(sentences) == bool(said) and all(said in x for x in sentences)
+    assert (not report.of('velocity')) == bool(said)
+
+
 def test_excitation():
     still = check([recording(position=np.zeros(TIME.size), velocity=None)], ('a',))
     assert 'no_motion' in codes(still, 'error')
