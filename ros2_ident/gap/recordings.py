@@ -6,6 +6,7 @@ from contextlib import suppress
 import copy
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache, partial
+import shlex
 
 import numpy as np
 import numpy.typing as npt
@@ -290,10 +291,13 @@ class Split:
         for part in (self.fit, self.check):
             counts = np.bincount(part.drive, minlength=len(self.drives))
             if part.models[0].thinned and counts.min() < _FEWEST:
+                told = zip(self.drives, counts, strict=True)
+                others = ','.join(name for name, count in told if count >= _FEWEST)
+                way = f'leave it out (--drives {shlex.quote(others)}), or ' if others else ''
                 raise ErrorCode.NO_DATA.error(
                     f'{self.drives[int(counts.argmin())]} moves too little for the rate of its '
-                    f'log: {counts.min()} values are left beside rest and turns; record longer '
-                    'moves, or at a higher rate'
+                    f'log: {counts.min()} values are left beside rest and turns; {way}record '
+                    'longer moves, or at a higher rate'
                 )
 
     def carrying(self, held: Sequence[Array]) -> 'Split':

@@ -452,7 +452,9 @@ def _joints(kind: Kind, description: str | None, states: Stream | None) -> tuple
     if not common:
         raise ErrorCode.INVALID_GOAL.error(
             f'the log holds {", ".join(logged or ()) or "no joint"} and the description '
-            f'{", ".join(known) or "no joint that moves"}; give both of one machine'
+            f'{", ".join(known) or "no joint that moves"}; give both of one machine, or name the '
+            'joints of the log as the description does: in its column map, of a bag in one of its '
+            'fields (--columns), or where its messages have no names by --joint-names'
         )
     return common
 

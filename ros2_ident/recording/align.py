@@ -190,7 +190,8 @@ class _Layout:
         held = ', '.join(stream.names)
         if missing and role != 'effort':
             text = f'{role} has no joint {", ".join(missing)}, it holds {held}'
-            raise self.error(f'{text}; name these as drives, or record the others')
+            way = 'name these as drives, call them in a column map as the drives are'
+            raise self.error(f'{text}; {way}, or record the others')
         said = ''
         columns = [stream.names.index(x) if x in stream.names else -1 for x in self.names]
         picked = {field: values[:, columns] for field, values in stream.fields.items()}

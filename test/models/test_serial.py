@@ -467,6 +467,16 @@ def test_a_giant_is_refused_where_it_is_read_and_where_it_is_heard(tmp_path, abo
     assert 'arm.yaml:3: ' in error.message and 'arm.urdf has ' in error.message
 
 
+def test_joints_of_other_names_are_told_how_to_be_called_as_the_description_does() -> None:
+    wave = np.sin(0.01 * np.arange(300))[:, None]
+    log = Recording(Stream(('joint_1',), 10_000_000 * np.arange(300), wave))
+    with pytest.raises(IdentError, match='name the joints of the log .* in its column map'):
+        new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', log)
+    renamed = Recording(Stream(('elbow',), log.state.stamp, wave))
+    made = new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', renamed)
+    assert yaml.safe_load(made)['drives'] == ['elbow']
+
+
 def test_odd_names_of_a_description_stand_in_a_new_file_as_they_are() -> None:
     named = ('arm: 1', "]'#", '<&"> $$', 'null')
     text = URDF
