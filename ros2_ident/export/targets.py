@@ -175,7 +175,7 @@ TARGETS = {
     ),
     'gazebo': Target(
         'Gazebo', 'gazebo.urdf', gazebo, _URDF, frozenset({'viscous', 'coulomb'}),
-        'weigh 1e-5 kg', 'move by themselves, as its parser drops that',
+        'weigh 1e-5 kg', 'are coupled',
     ),
     **dict((
         _loaded('pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'),
