@@ -74,6 +74,9 @@ def test_effects_of_a_diagnosis_are_in_the_model(logs, capsys):
     assert main(_words(logs, 'identify', 'worn_too', 'worn_2', *known)) == 0
     found = {p.name: p for p in load_result(logs / 'worn_2').parameters}
     before = read_estimate(logs / 'diagnosed')
+    alike = np.array(before.prior.correlation)
+    assert np.diag(alike) == pytest.approx(1.0) and np.isfinite(alike).all()
+    assert 0.1 < np.abs(alike[~np.eye(len(alike), dtype=bool)]).max() < 1.0
     torque = found['emps_axis.stribeck.torque']
     assert torque.low < 4.0 < torque.high
     assert torque.high - torque.low < 3.9 * before.deviations[torque.name]

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.bootstrap import BlockBootstrap, Interval
 from ros2_ident.gap.coordinates import motion_of
@@ -22,7 +23,6 @@ from ros2_ident.gates import Gate
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
 from ros2_ident.prediction import CHECK, IDENTIFIED, LOG, of_description, predicted, Prediction
-from ros2_ident.search.evidence import Evidence
 
 
 def assemble(
@@ -62,7 +62,8 @@ def assemble(
     known = selector.on_all(final)[0] if final.effects else first
     evidence = selector.noise_of(known).evidence if found.complete else None
     per_drive, whole = _per_drive(selector, found, blocks)
-    values = _values(selector, known, evidence, every) | _steps(verdict.encoders)
+    ends, correlation = selector.ends(known, evidence, every)
+    values = _values(selector, known, ends) | _steps(verdict.encoders)
     values |= {
         c.key: Value(c.value, c.unit, c.low, c.high)
         for c in verdict.facts.constants
@@ -97,6 +98,7 @@ def assemble(
         per_drive=per_drive,
         localisation=where,
         parameters=values,
+        correlation=tuple(map(tuple, correlation.tolist())),
         moved=moved,
         nominal=nominal,
         gates=tuple(gates),
@@ -176,25 +178,21 @@ def _predicted(selector: Selector, chain: Sequence[Hypothesis], verdict: Verdict
     return predicted(CHECK if apart else LOG, [*of_description(stages[0][1]), *stages])
 
 
-def _values(
-    selector: Selector,
-    e: Hypothesis,
-    evidence: Evidence | None = None,
-    fits: Fits | None = None,
-) -> dict[str, Value]:
+def _values(selector: Selector, e: Hypothesis, ends: Array) -> dict[str, Value]:
+    """Return the parameters of a fit; `ends` (4, N) as of `Selector.ends`."""
     joint = selector.split.fit.with_effects(e.effects)
     # What the log does not say the box does: an interval ends where its parameter was searched.
-    ends = np.clip(selector.ends(e, evidence, fits), joint.low, joint.high).T.tolist()
+    rows = np.clip(ends, joint.low, joint.high).T.tolist()
     # Those of the effects come last; the bounds of the others are the machine file's matter.
     sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
-    own = [None] * (len(ends) - len(sizes)) + sizes
+    own = [None] * (len(rows) - len(sizes)) + sizes
     return {
         p.name: Value(
             v, p.unit, low, high, bool(size and at_bound(size, v)), less, more,
             p.low, p.high, p.kind,
         )
         for p, v, size, (low, high, less, more) in zip(
-            joint.parameters, e.theta.tolist(), own, ends, strict=True
+            joint.parameters, e.theta.tolist(), own, rows, strict=True
         )
     }  # fmt: skip
 
@@ -214,7 +212,8 @@ def _steps(encoders: Sequence[EncoderSteps]) -> dict[str, Value]:
 def _ranked(selector: Selector, base: Hypothesis, one: RankedFit) -> Ranked:
     at, e = one.at, one.model
     gap = float(np.sqrt(np.mean(e.check / e.samples.check * selector.fits.floor**2)))
-    own = {name: v for name, v in _values(selector, e).items() if name.startswith(at.prefix)}
+    values = _values(selector, e, selector.ends(e, None)[0])
+    own = {name: v for name, v in values.items() if name.startswith(at.prefix)}
     return Ranked(at, one.probability, gap, e.closes(base), own)
 
 

@@ -322,6 +322,7 @@ class Diagnosis:
         traces: The recordings, those fitted to first.
         facts: Facts behind the verdict.
         prediction: How far free runs come from the recordings judged on, effect by effect.
+        correlation: Correlations of the first N `parameters`, by noise; NaN where unknown.
     """
 
     effect: str
@@ -349,3 +350,4 @@ class Diagnosis:
     traces: tuple[Trace, ...]
     facts: Facts = Facts()
     prediction: Prediction | None = None
+    correlation: tuple[tuple[float, ...], ...] = ()

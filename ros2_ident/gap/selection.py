@@ -65,8 +65,10 @@ class Selector(Fitter):
 
     def ends(
         self, e: Hypothesis, evidence: Evidence | None, fits: Fits | None = None
-    ) -> tuple[Array, ...]:
-        """Return (N,) both ends of each parameter's 95 % interval, and of that by noise alone.
+    ) -> tuple[Array, Array]:
+        """Return (4, N) ends of each parameter's 95 % interval and of that by noise alone.
+
+        And (N, N) correlations of the estimates.
 
         Args:
             e: The fit.
@@ -90,9 +92,10 @@ class Selector(Fitter):
             known=joint.box.known,
         )
         noise = found.low, found.high
-        if evidence is None:
-            return *noise, *noise
-        return *evidence.ends(e.theta, joint.low, joint.high, *noise), *noise
+        ends = noise
+        if evidence is not None:
+            ends = evidence.ends(e.theta, joint.low, joint.high, *noise)
+        return np.stack([*ends, *noise]), found.correlation
 
     @staticmethod
     def _slow(residual: Array, part: Part) -> Array:

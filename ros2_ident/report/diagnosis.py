@@ -117,6 +117,7 @@ def to_mapping(d: Diagnosis) -> dict[str, Any]:
             ],
             'maps': [asdict(m) for m in maps_of(d)],
             'parameters': {name: asdict(v) for name, v in d.parameters.items()},
+            'correlation': d.correlation,
             'nominal': d.nominal,
             'moved': d.moved,
             'prediction': None if d.prediction is None else asdict(d.prediction),

@@ -98,6 +98,8 @@ def read_estimate(path: str | Path) -> Estimate:
         fixed = of.settings.get('fixed', {})
         drives = tuple(of.settings.get('drives', ()))
         correlation = np.full((len(known), len(known)), np.nan)
+        count = len(of.found.correlation)
+        correlation[:count, :count] = of.found.correlation
         doubt = sentence(of.found) if of.found.facts.cause in _UNSOUND else ''
     deviations = {name: _deviation(v.low, v.high) for name, v in known.items()}
     noise = {name: _deviation(v.noise_low, v.noise_high) for name, v in known.items()}

@@ -32,12 +32,10 @@ def test_an_interval_ends_where_its_parameter_was_searched():
     """The end that noise alone allows was kept, 50 times as far as the box goes."""
     box = Parameter('measurement_delay', 's', 0.0, 0.08, 'measurement', '')
     joint = SimpleNamespace(parameters=(box,), low=np.array([0.0]), high=np.array([0.08]))
-    ends = [np.array([x]) for x in (0.0, 4.46, -4.46, 4.46)]
-    selector = SimpleNamespace(
-        split=SimpleNamespace(fit=SimpleNamespace(with_effects=lambda effects: joint)),
-        ends=lambda e, evidence, fits: ends,
-    )
-    found = _values(selector, SimpleNamespace(effects=(), theta=np.array([0.07])))
+    ends = np.array([[0.0], [4.46], [-4.46], [4.46]])
+    fit = SimpleNamespace(with_effects=lambda effects: joint)
+    selector = SimpleNamespace(split=SimpleNamespace(fit=fit))
+    found = _values(selector, SimpleNamespace(effects=(), theta=np.array([0.07])), ends)
     value = found['measurement_delay']
     assert (value.low, value.high, value.noise_low, value.noise_high) == (0.0, 0.08, 0.0, 0.08)
     assert undetermined(value) and not undetermined(replace(value, low=0.05))

@@ -108,7 +108,7 @@ def factors_of_all_drives(selector: Selector, found: Selection) -> dict[str, flo
     final, drives = found.chain[-1], selector.split.drives
     if len(final.effects) < len(drives) or len(drives) == 1:
         return {}
-    low, high, *_ = selector.ends(final, selector.noise_of(final).evidence)
+    (low, high, *_), _ = selector.ends(final, selector.noise_of(final).evidence)
     sizes: dict[str, list[int]] = {}
     column = len(found.chain[0].theta)
     for at in final.effects:
