@@ -82,7 +82,7 @@ def rough(folder: Path, *, late: float, smooth: bool) -> str:
     at = (np.cumsum(0.0042 + uneven) / step).astype(int)
     at = at[at < net.size]
     if smooth:
-        torque = low_pass(torque[None], step, 10.0, 2)[0]
+        torque = low_pass(torque[None], step, 4.0, 2)[0]
     stamp = np.sort(step * at + rng.uniform(0.0, late, at.size))
     place = 2.0 * np.pi / 16384 * np.round(step * np.cumsum(speed)[at] * 16384 / (2.0 * np.pi))
     # What is smoothed is the file: its noise, too.
