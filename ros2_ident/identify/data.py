@@ -13,6 +13,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates.examine import late_set_point
 from ros2_ident.identify.result import Quality
+from ros2_ident.machine.units import STATED_FOR
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import compared_of, follows, kind_of, knows_gains, travel_of
 from ros2_ident.recording import (
@@ -204,18 +205,16 @@ def gather(
     return data.without_command() if late else data
 
 
-_CONSTANT = {'A': ' and torque_constant', 'percent': ' and rated_torque'}
-
-
 def _require_unit(recording: Recording, machine: Machine, chosen: tuple[str, ...]) -> None:
     """Refuse an effort whose stated unit is not that of the machine file."""
     for name in chosen:
         unit = recording.units.get((name, 'effort'), machine.effort_unit)
         if unit != machine.effort_unit:
+            needed = f' and {STATED_FOR[unit]}' if unit in STATED_FOR else ''
             raise ErrorCode.WRONG_UNITS.error(
                 f'{recording.source}: its column map states the effort of {name} in {unit}, the '
                 f'machine file in {machine.effort_unit}; write `effort_unit: {unit}`'
-                f'{_CONSTANT.get(unit, "")} in the machine file, or in the map a `scale` to '
+                f'{needed} in the machine file, or in the map a `scale` to '
                 f'{machine.effort_unit} in place of the unit'
             )
 

@@ -51,6 +51,10 @@ def number(value: Any) -> float | None:
     return found if math.isfinite(found) else None
 
 
+# What the machine file has to state for an effort in a unit that is no torque or force.
+STATED_FOR = {'A': 'torque_constant', 'percent': 'rated_torque'}
+
+
 def effort_factors(
     unit: str, torque_constant: object = None, rated: object = None
 ) -> tuple[float, ...]:
@@ -66,15 +70,12 @@ def effort_factors(
     """
     if unit in ('N m', 'N'):
         return (1.0,)
-    needed: dict[str, tuple[str, object, float]] = {
-        'A': ('torque_constant', torque_constant, 1.0),
-        'percent': ('rated_torque', rated, 0.01),
-    }
-    if unit not in needed:
+    if unit not in STATED_FOR:
         raise ErrorCode.WRONG_UNITS.error(
             f'effort unit is {shown(unit)}; write one of N m, N, A, percent'
         )
-    key, value, share = needed[unit]
+    key = STATED_FOR[unit]
+    value, share = (torque_constant, 1.0) if unit == 'A' else (rated, 0.01)
     factors = [number(x) or 0.0 for x in (value if isinstance(value, list) else [value])]
     if not all(factors):
         raise ErrorCode.WRONG_UNITS.error(

@@ -16,6 +16,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import declared, judged_tree, own_physics, OWN_WORDS
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
+from ros2_ident.machine.units import STATED_FOR
 from ros2_ident.models.registry import KINDS, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.align import align
@@ -82,7 +83,7 @@ def new_machine_file(
         )
     if units:
         known['effort_unit'] = units[0]
-        constant = {'A': 'torque_constant', 'percent': 'rated_torque'}.get(units[0])
+        constant = STATED_FOR.get(units[0])
         known |= {key.name: literal(key) for key in kind.keys if key.name == constant}
     return machine_template(kind, names, known, boxes)
 
@@ -318,7 +319,7 @@ def _boxes_of(names: Sequence[str], root: Any, log: Recording) -> _Boxes:
     for name in names:
         motion = motion_of(log, name)
         # a current or a share bounds no torque
-        foreign = log.units.get((name, 'effort')) in ('A', 'percent')
+        foreign = log.units.get((name, 'effort')) in STATED_FOR
         known = None if foreign else motion.effort
         logged = 0.0 if known is None else float(np.nanmax(np.abs(known)))
         most = logged or limits.get(name) or max(limits.values(), default=0.0) or 100.0
