@@ -15,7 +15,9 @@ import scipy
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import motion as motions
+from ros2_ident.recording.columns import MOTION, SPEEDS
 from ros2_ident.recording.grid import missing_samples, sample_period
+from ros2_ident.recording.maps import DIGITS
 from ros2_ident.recording.motion import fill_gaps, Motion
 from ros2_ident.recording.streams import FloatArray, Recording, Stream, with_positions
 
@@ -210,8 +212,8 @@ STANDS = 0.02
 _FEWEST = 10
 
 # Units of a time that may have been taken for seconds, s; factors between rad, deg, turns, rpm.
-_PARTS = {'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
-_ANGLES = 1.0, math.pi / 180.0, 2.0 * math.pi, math.pi / 30.0
+_PARTS = {unit: 10.0 ** (digits - DIGITS['s']) for unit, digits in DIGITS.items() if unit != 's'}
+_ANGLES = 1.0, MOTION['deg'], MOTION['rev'], SPEEDS['rpm']
 _BETWEEN = [x / y for x in _ANGLES for y in _ANGLES]
 
 Level = Literal['ok', 'warn', 'error']
