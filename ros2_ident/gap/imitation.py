@@ -100,7 +100,7 @@ def in_place_of(
 
 
 def noise_does(fits: Fits, e: Hypothesis, at: EffectAt) -> bool:
-    """Return whether noise of the recorded motion does as much as efforts that were smoothed.
+    """Return whether noise of the recorded motion does as much as an effect that smooths efforts.
 
     What is simulated of a noisy motion is too rough, and fits better where it is smoothed. But a
     log that was smoothed is weaker itself: what is taken of it has less power than it has in
@@ -116,6 +116,8 @@ def noise_does(fits: Fits, e: Hypothesis, at: EffectAt) -> bool:
         Bendat and Piersol (2010), Random Data, section 6.1.
     """
     targets = [p.target for p in get_effect(at.effect).parameters]
+    if 'log_smoothing' not in targets:
+        return False
     column = e.columns(e.effects.index(at))[targets.index('log_smoothing')]
     common, more, less = 0.0, 0.0, 0.0
     for model, theta in fits.split.whole.with_effects(e.effects).each(e.theta):

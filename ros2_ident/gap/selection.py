@@ -211,8 +211,7 @@ class Selector(Fitter):
             for name, (less, both) in others.items()
             if max(e.closes(base), both.closes(base)) - less.closes(base) < self.rules.alike
         ]
-        if any(p.target == 'log_smoothing' for p in get_effect(at.effect).parameters):
-            like += [NOISE] * noise_does(self.fits, e, at)
+        like += [NOISE] * noise_does(self.fits, e, at)
         return Tie(at.effect, at.where, e.closes(base), tuple(like)) if like else None
 
     def restless(self) -> dict[str, float]:
