@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial
 from itertools import chain, islice
 import math
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -293,16 +293,14 @@ def _round(
     others: list[Array] = []
     beside = sides.nominal + seen.columns.shape[1]
     for c, places in chain(_parameters(sides, theta), _effects(first, seen, sides.nominal)):
-        columns.append(replace(c, columns=_next(changed, places)))
+        columns.append(replace(c, columns=_appended(changed, places)))
     for c, own in chain(
         _constants(sides, theta, rows, residual), _zeros(sides, theta, rows, zeros)
     ):
-        at = range(beside + len(others), beside + len(others) + len(own))
-        columns.append(replace(c, columns=_next(changed, at)))
-        others += own
-    at = range(beside + len(others), beside + len(others) + len(theta) - sides.nominal)
-    kept = _next(changed, at)
-    others += list(jacobian[:, sides.nominal :].T)
+        at = [beside + i for i in _appended(others, own)]
+        columns.append(replace(c, columns=_appended(changed, at)))
+    at = [beside + i for i in _appended(others, list(jacobian[:, sides.nominal :].T))]
+    kept = _appended(changed, at)
     every = [*nominal.T, *seen.columns.T, *others]
     usual, alone = np.zeros(len(changed)), np.zeros(len(changed), dtype=bool)
     for c in columns:
@@ -327,10 +325,13 @@ def _round(
     return _Round(sides, theta, rows, logs, columns, weighed, marginal, nominal)
 
 
-def _next(changed: list[int], places: Sequence[int]) -> range:
-    """Append the columns of a change; return where they are."""
-    changed += places
-    return range(len(changed) - len(places), len(changed))
+_Entry = TypeVar('_Entry')
+
+
+def _appended(entries: list[_Entry], more: Sequence[_Entry]) -> range:
+    """Append entries; return where they are."""
+    entries += more
+    return range(len(entries) - len(more), len(entries))
 
 
 _Places = Iterator[tuple[_Column, Sequence[int]]]

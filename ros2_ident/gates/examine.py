@@ -237,11 +237,11 @@ def check_streams(data: Dataset) -> list[Gate]:
         alike.setdefault(stream, []).append(role)
     for stream, roles in alike.items():
         name, share = ' and '.join(roles), stream.missing_share
-        level: Level = 'fail' if share > TOO_MANY_MISSING else 'warn' if share > MISSING else 'ok'
-        text = f'{name}: {stream.samples} samples at {stream.rate:.6g} Hz'
         uneven = stream.missing is None
+        level: Level = 'warn' if uneven or share > MISSING else 'ok'
+        level = 'fail' if share > TOO_MANY_MISSING else level
+        text = f'{name}: {stream.samples} samples at {stream.rate:.6g} Hz'
         if uneven:
-            level = 'warn'
             text += ' come unevenly; log at a fixed rate, stamped where they are taken'
         elif level == 'ok':
             text += f', {stream.missing} missing' if stream.missing else ', none missing'

@@ -243,12 +243,10 @@ def missing_beside(
         found = tuple(pool.map(of, candidates, wide))
     answers = _answers(models, rows)
     columns = np.concatenate([answers, *(one.changes for one in found)]).T
-    ends = len(answers) + np.cumsum([len(one.points) for one in found])
     # Not held twice: they are the most of what is in memory.
-    found = tuple(
-        replace(one, changes=columns.T[end - len(one.points) : end])
-        for one, end in zip(found, ends.tolist(), strict=True)
-    )
+    ends = np.cumsum([len(answers), *(len(one.points) for one in found)])
+    parts = np.split(columns.T, ends[:-1])[1:]
+    found = tuple(replace(one, changes=x) for one, x in zip(found, parts, strict=True))
     most = np.concatenate([np.full(len(answers), np.inf), *(one.most for one in found)])
     known, unit = fitted.known(), fitted.box.inside(theta)
     beforehand = None if known is None else (known.rows, known.residual(unit))
