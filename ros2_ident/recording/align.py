@@ -316,7 +316,10 @@ class _Layout:
         return out, rate
 
     def measured(self, field: str) -> FloatArray | None:
-        """Return a field (D, K), NaN where no sample is, or None where it was never measured."""
+        """Return a field (D, K), NaN where no sample is, or None where it was never measured.
+
+        Samples beside their cycle, of a stream that keeps to no grid, count as on a straight line.
+        """
         out = np.full((len(self.names), self.cycles), np.nan)
         # an effort of its own topic counts before that of the state
         for role in ('state', 'effort') if field == 'effort' else ('state',):
@@ -325,9 +328,11 @@ class _Layout:
                 continue
             index, inside = self._inside(x)
             for row, column in zip(out, values.T, strict=True):
-                if not np.isnan(column).all():
+                there = ~np.isnan(column)
+                if there.any():
+                    told = np.interp(x.tick, x.instants[there], column[there])
                     row[:] = np.nan
-                    row[index[inside]] = column[inside]
+                    row[index[inside & there]] = told[inside & there]
         return None if np.isnan(out).all() else out
 
     def check_need(self, measured: Mapping[str, FloatArray | None], need: Collection[str]) -> None:
