@@ -14,6 +14,7 @@ from ros2_ident.recording.grid import (
     find_ticks,
     missing_samples,
     sample_period,
+    SHARED,
     Ticks,
     TOLD_DRIFT,
 )
@@ -167,7 +168,7 @@ class _Layout:
                 off, other = f'{abs(ticks.phase) * 1e3:.3g} ms', next(iter(self.placed))
                 said = f'stamps lie {off} beside those of {other}, near half a cycle'
                 self.warnings.append(f'{role}: {said}: it may be one cycle off')
-            if doubled := int((~ticks.keep).sum()):
+            if (doubled := int((~ticks.keep).sum())) > SHARED * ticks.keep.size:
                 said = f'{doubled} samples share a controller cycle with another and are left out'
                 remarks.setdefault(f'{said}; state a shorter one', []).append(role)
             if abs(ticks.drift) > TOLD_DRIFT:

@@ -327,7 +327,15 @@ def test_a_cycle_is_written_with_the_digits_it_needs(stamp, cycle):
     assert cycle_of(stamp) == cycle
 
 
-@pytest.mark.parametrize('stamp', [_loop(), np.round(np.arange(3000) * 1e9 / 1500).astype(int)])
+def _turns():
+    """Return stamps of a loop at 2 ms that logs at every fifth turn or every sixth."""
+    steps = np.random.default_rng(5).choice([10, 12], 4000)
+    return np.cumsum(steps) * 1_000_000
+
+
+@pytest.mark.parametrize(
+    'stamp', [_loop(), _turns(), np.round(np.arange(3000) * 1e9 / 1500).astype(int)]
+)
 def test_the_cycle_of_a_log_is_none_to_complain_of(stamp):
     state = Stream(('a',), stamp, np.sin(stamp[:, None] * 2e-9))
     data = align(Recording(state), ['a'], float(cycle_of(stamp)), need=('position',))
