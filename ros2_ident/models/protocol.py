@@ -298,6 +298,10 @@ class FullModel(Model):
         """Return the motor angle per travel of a place [rad/m]; 0 where it is not known."""
         return 0.0
 
+    def highest_order(self, place: str) -> float:
+        """Return how many periods a motor turn of a place has at most that outputs show."""
+        return math.inf
+
     # ------------------------------------------------------------------ effects
 
     def scaled(self, at: EffectAt) -> tuple['EffectParameter', ...]:

@@ -165,11 +165,12 @@ def _best(grid: Array, gain: Array, sizes: int, clear: bool) -> tuple[float, ...
 
 
 def _grid(model: FullModel, place: str, order: EffectParameter) -> Array:
-    """Return orders so dense that none lies unseen between two."""
+    """Return the orders that outputs show, so dense that none lies unseen between two."""
     turns = _turns(model, place)
     if not turns > 0.0:
         return np.empty(0)
-    return np.arange(max(order.low, _PERIODS / turns), order.high, _DENSE / turns)
+    high = min(order.high, model.highest_order(place))
+    return np.arange(max(order.low, _PERIODS / turns), high, _DENSE / turns)
 
 
 def _turns(model: FullModel, place: str) -> float:

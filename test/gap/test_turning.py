@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A joint that turns: what is looked for in metres is looked for in radians, and named in them."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,8 @@ from checks.reference.axis import simulate_axis
 from checks.reference.effects import Effect
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.result import Diagnosis
-from ros2_ident.models import machine_from_mapping
+from ros2_ident.machine.machine import Machine
+from ros2_ident.models import EffectAt, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset
 from ros2_ident.words.finding import where
 from ros2_ident.words.verdict import advice, sentence
@@ -61,22 +64,41 @@ def diagnosed(name: str, values: dict[str, float]) -> Diagnosis:
     return diagnose(JOINT, [recording(1, effect)], [recording(2, effect)], seed=1)
 
 
-def test_all_orders_of_a_motor_that_does_nothing_but_cog_are_found() -> None:
+def turned(cogging: Callable[[np.ndarray], np.ndarray]) -> tuple[Machine, Dataset]:
+    """Return a motor without a load, and its log without set-points."""
     time = np.arange(9000) * 2e-3
     position = 2.0 * np.arcsin(0.99 * np.sin(time))
-    cogging = 0.5 * np.sin(9.0 * position + 0.4) + 0.3 * np.sin(30.0 * position + 2.0)
     speed = np.gradient(position, 2e-3)
-    effort = cogging + 0.05 * np.tanh(speed / 0.02) + 0.02 * np.gradient(speed, 2e-3)
+    effort = cogging(position) + 0.05 * np.tanh(speed / 0.02) + 0.02 * np.gradient(speed, 2e-3)
     effort += NOISE * np.random.default_rng(1).standard_normal(time.size)
     controller = {'cycle': 2e-3, 'torque_limit': 40.0}
     motor = machine_from_mapping({**PLAIN, 'controller': controller})
-    data = Dataset(JOINT.drives, 2e-3, 0, None, None, position[None], None, effort[None])
+    return motor, Dataset(JOINT.drives, 2e-3, 0, None, None, position[None], None, effort[None])
+
+
+def test_all_orders_of_a_motor_that_does_nothing_but_cog_are_found() -> None:
+    motor, data = turned(lambda q: 0.5 * np.sin(9.0 * q + 0.4) + 0.3 * np.sin(30.0 * q + 2.0))
     found = diagnose(motor, [data], seed=1)
     names = [f'torque_ripple{n}' for n in ('', '_2')]
     assert [found.effect, *(at.effect for at in found.also)] == names, sentence(found)
     orders = [found.parameters[f'joint.{name}.order'].value for name in names]
     assert orders == pytest.approx([9.0, 30.0], abs=0.02)
     assert 'bound' not in ' '.join([sentence(found), *advice(found)])
+
+
+def test_orders_that_the_band_hides_are_not_looked_for() -> None:
+    motor, data = turned(np.sin)
+    at = EffectAt('torque_ripple', 'joint')
+    nominal = make_model(motor.with_constants(bandwidth=5.0), data)
+    most, model = nominal.highest_order('joint'), nominal.extended([at])
+    assert most < model.scaled(at)[-1].high
+    low, high = (
+        model.simulate(np.array([[0.1, 0.3, 0.1, 0.1, 0.0, n]]))[0] for n in (9.0, 2.0 * most)
+    )
+    plain = model.simulate(np.array([[0.1, 0.3, 0.1, 0.0, 0.0, 1.0]]))[0]
+    shown, hidden = (np.std((x - plain)[np.isfinite(model.measured)]) for x in (low, high))
+    # A hundredth of its power.
+    assert shown > 0.05 and hidden < 0.1 * shown
 
 
 def test_stribeck_friction_of_half_a_radian_a_second_is_found() -> None:

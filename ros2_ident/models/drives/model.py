@@ -168,6 +168,16 @@ class DriveModel(MachineModel):
         turn = float(turns[0, self.machine.drives.index(place)])
         return turn if turn != 1.0 else 0.0
 
+    def highest_order(self, place: str) -> float:
+        """Return how many periods a motor turn has at most that the band leaves.
+
+        By hand: at a tenth of the drive's highest speed.
+        """
+        if self.log.band is None:
+            return math.inf
+        speed = 0.1 * self.scales.speed[self.machine.drives.index(place)]
+        return 2.0 * math.pi * self.log.band.cutoff / (speed * (self.motor_turn(place) or 1.0))
+
     @property
     def effort_unit(self) -> str:
         """Unit of the effort that a log would hold."""
@@ -415,6 +425,8 @@ class DriveModel(MachineModel):
             out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, SMOOTHING)[0]
         if self.log.band is not None:
             whole = np.isfinite(out).all(axis=(1, 2))
+            if whole.all():
+                return self.log.band.passed(out)
             out[whole] = self.log.band.passed(out[whole])
         return out
 
