@@ -175,7 +175,7 @@ class DriveModel(MachineModel):
         """
         if self.log.band is None:
             return math.inf
-        speed = 0.1 * self.scales.speed[self.machine.drives.index(place)]
+        speed = 0.1 * float(self.candidates.scales.speed[self.machine.drives.index(place)])
         return 2.0 * math.pi * self.log.band.cutoff / (speed * (self.motor_turn(place) or 1.0))
 
     @property
