@@ -14,6 +14,7 @@ DESCRIPTION = (
 EXAMPLES = (
     '  python -m checks.simulators --out build/simulators\n'
     '  python -m checks.simulators --out build/simulators --only mujoco,drake\n'
+    '  python -m checks.simulators --out build/cuda --only warp,newton,usd --device cuda:0\n'
     '\n'
     'writes to DIR: simulators.md, figures.json, the exports, and an environment of each\n'
     'simulator, which stays for the next run until it is removed; needs a network\n'
@@ -29,6 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='interpreter that their environments are made of; that of this command by default',
     )  # fmt: skip
     parser.add_argument(
+        '--device', default='cpu', metavar='NAME',
+        help='where MuJoCo Warp and Newton run, as cuda:0; the processor by default',
+    )  # fmt: skip
+    parser.add_argument(
         '--only', type=names, default=[*PEERS], metavar='NAME,..', help=f'of {", ".join(PEERS)}'
     )
 
@@ -37,5 +42,5 @@ def run(args: argparse.Namespace) -> int:
     """Run the simulators, write the page."""
     from checks.simulators.run import run as run_all
 
-    print(f'written: {run_all(args.out, args.only, args.python)}')
+    print(f'written: {run_all(args.out, args.only, args.python, args.device)}')
     return 0

@@ -36,6 +36,7 @@ class Peer:
 
 PEERS = {
     'mujoco': Peer('MuJoCo', ('mujoco',), 'mjcf'),
+    'warp': Peer('MuJoCo Warp', ('mujoco-warp',), 'mjcf'),
     'pinocchio': Peer('pinocchio', ('pin',), 'pinocchio'),
     'drake': Peer('Drake', ('drake',), 'drake'),
     'pybullet': Peer('PyBullet', ('pybullet', 'numpy'), 'pybullet'),
@@ -60,13 +61,14 @@ def robots(folder: Path, python: str) -> Path:
     return next(folder.glob(_ROBOTS))
 
 
-def asked(name: str, folder: Path, python: str, request: Any) -> dict[str, Any]:
+def asked(name: str, folder: Path, python: str, device: str, request: Any) -> dict[str, Any]:
     """Return what a simulator answers to a request, see `runs/common.py`.
 
     Args:
         name: Of `PEERS`.
         folder: Its environment, made where it is not there.
         python: What makes it.
+        device: Where it runs, if it can: `cpu`, `cuda:0`.
         request: The cases.
 
     Raises:
@@ -77,7 +79,7 @@ def asked(name: str, folder: Path, python: str, request: Any) -> dict[str, Any]:
     out.unlink(missing_ok=True)
     with (folder / 'run.log').open('w') as log:
         subprocess.run(
-            [str(own), str(script), str(out)], input=json.dumps(request), text=True,
+            [str(own), str(script), str(out), device], input=json.dumps(request), text=True,
             stdout=log, stderr=log, timeout=_RUN, check=False, env=_alone(),
         )  # fmt: skip
     if not out.is_file():

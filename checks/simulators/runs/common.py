@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every simulator is asked, in an environment of its own: numpy is all that is needed here.
 
-A request stands on the standard input, as JSON; the answer goes into the file of the argument.
+A request stands on the standard input, as JSON; the answer goes into the file of the first
+argument. The second one is Warp's name of the device for the simulators that run on it.
 """
 
 from importlib.metadata import version
@@ -12,6 +13,8 @@ import sys
 import traceback
 
 import numpy as np
+
+DEVICE = sys.argv[2]
 
 
 def exported(folder, name):

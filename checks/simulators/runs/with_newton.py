@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Newton with MuJoCo as its solver: single steps, and motion in steps, on the processor."""
+"""Newton with MuJoCo as its solver, on CUDA MuJoCo Warp: single steps, and motion in steps."""
 
-from common import Simulation
+from common import DEVICE, Simulation
 import newton
 import numpy as np
+import warp
 
 STEP = 1e-3
+warp.set_device(DEVICE)
 
 
 class Run(Simulation):
@@ -19,7 +21,7 @@ class Run(Simulation):
         self.q = [builder.joint_q_start[n] for n in found]
         self.v = [builder.joint_qd_start[n] for n in found]
         self.model = builder.finalize()
-        self.solver = newton.solvers.SolverMuJoCo(self.model, use_mujoco_cpu=True)
+        self.solver = newton.solvers.SolverMuJoCo(self.model, use_mujoco_cpu=DEVICE == 'cpu')
         self.states = [self.model.state(), self.model.state()]
         self.control = self.model.control()
 
