@@ -26,6 +26,8 @@ Whole = npt.NDArray[np.intp]
 _KEPT = 4.0
 # What is filtered are means, of at least so many blocks in a period.
 _FINE = 20.0
+# Of so many cycles one is looked at first where rows are compared.
+_FEW = 499
 # Of what a row is made of at least this share is motion.
 _LEAST = 0.5
 
@@ -92,52 +94,68 @@ class Band:
 
     def low(self, efforts: Array, cutoff: float = 0.0) -> Array:
         """Return efforts (..., O, K) below a frequency, the band's end where 0."""
-        cutoff, cycles = cutoff or self.cutoff, efforts.shape[-1]
-        size = max(1, int(1.0 / (_FINE * cutoff * self.cycle)))
+        cutoff = cutoff or self.cutoff
+        return self._at(self._blocks(efforts, cutoff), cutoff, np.arange(efforts.shape[-1]))
+
+    def _blocks(self, efforts: Array, cutoff: float) -> Array:
+        """Return (..., B) what is below a frequency of the means of blocks of efforts (..., K).
+
+        What passes is as good in means, and filtered in a fraction of the time.
+        """
+        size = self._size(cutoff)
         if size == 1:
             return low_pass(efforts, self.cycle, cutoff)
-        # What passes is as good in means of blocks, and filtered in a fraction of the time.
+        cycles = efforts.shape[-1]
         starts = np.arange(0, cycles, size)
         counts = np.diff(starts, append=cycles)
         blocks = np.add.reduceat(efforts, starts, axis=-1) / counts
-        low = low_pass(blocks, size * self.cycle, cutoff)
-        at = np.clip((np.arange(cycles) - 0.5 * (size - 1)) / size, 0.0, starts.size - 1.001)
+        return low_pass(blocks, size * self.cycle, cutoff)
+
+    def _at(self, blocks: Array, cutoff: float, cycles: Whole) -> Array:
+        """Return (..., R) what blocks (..., B) are at some cycles (R,)."""
+        size = self._size(cutoff)
+        if size == 1:
+            return blocks[..., cycles]
+        at = np.clip((cycles - 0.5 * (size - 1)) / size, 0.0, blocks.shape[-1] - 1.001)
         before = at.astype(int)
-        out: Array = low[..., before]
-        out += (at - before) * (low[..., before + 1] - out)
+        out: Array = blocks[..., before]
+        out += (at - before) * (blocks[..., before + 1] - out)
         return out
 
-    def passed(self, efforts: Array) -> Array:
-        """Return simulated efforts (S, O, K) as they are compared with those measured.
+    def _size(self, cutoff: float) -> int:
+        return max(1, int(1.0 / (_FINE * cutoff * self.cycle)))
+
+    def passed(self, efforts: Array, there: Mask) -> Array:
+        """Return (S, R) what is compared of efforts (S, O, K) where `there` (O, K) holds.
 
         Most candidates differ on one drive only: rows that come again are filtered once.
         """
-        out = np.empty_like(efforts)
-        for o in range(efforts.shape[1]):
-            rows = efforts[:, o]
-            known = self._usual.get(o)
-            if known is not None:
-                new = (rows != known[0]).any(axis=-1)
-                out[~new, o] = known[1]
-            else:
-                new = np.ones(len(rows), dtype=bool)
-            if not new.any():
-                continue
-            first, *others = rows[new]
-            alike = all(np.array_equal(first, other) for other in others)
-            told = self._passed(first[None] if alike else rows[new], o)
-            out[new, o] = told
-            if alike:
-                self._usual[o] = first.copy(), told[0]
+        count = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
+        out = np.empty((len(efforts), count[-1]))
+        for o, cycles in enumerate(map(np.flatnonzero, there)):
+            rows, own = efforts[:, o], out[:, count[o] : count[o + 1]]
+            alike, blocks = self._usual.get(o, (rows[0], None))
+            new = np.array([not _same(row, alike) for row in rows])
+            if blocks is None:
+                blocks = self._passed(alike[None], o)
+                self._usual[o] = alike.copy(), blocks
+            elif new.all() and all(_same(row, rows[0]) for row in rows[1:]):
+                # The drive does something else from now on.
+                alike, blocks = rows[0], self._passed(rows[:1], o)
+                self._usual[o] = alike.copy(), blocks
+                new[:] = False
+            own[~new] = self._at(blocks, self.cutoff, cycles)
+            if new.any():
+                own[new] = self._at(self._passed(rows[new], o), self.cutoff, cycles)
         return out
 
     @functools.cached_property
     def _usual(self) -> dict[int, tuple[Array, Array]]:
-        """Of each output a row (K,) that all candidates had, and what passes of it."""
+        """Of each output a row (K,) that all candidates had, and the blocks (1, B) of it."""
         return {}
 
     def _passed(self, rows: Array, o: int) -> Array:
-        """Return (S, K) what passes of rows (S, K) of an output."""
+        """Return blocks (S, B) of what passes of rows (S, K) of an output."""
         if self._between:
             # Friction of a smoothed motion turns over as no effort does, and would be sampled so.
             rows = self.low(rows, self.motion)
@@ -146,7 +164,7 @@ class Band:
             first = rows[:, before]
             rows = first + share * (rows[:, after] - first)
         held = self._held[o] & np.isfinite(self._filled[o])
-        return self.low(np.where(held, self._filled[o], rows))
+        return self._blocks(np.where(held, self._filled[o], rows), self.cutoff)
 
     @functools.cached_property
     def _between(self) -> dict[int, tuple[Whole, Whole, Array]]:
@@ -160,3 +178,8 @@ class Band:
                 before, after = samples[at], samples[at + 1]
                 out[o] = before, after, np.clip((cycles - before) / (after - before), 0.0, 1.0)
         return out
+
+
+def _same(one: Array, other: Array) -> bool:
+    """Return whether rows (K,) are the same: of most that are not, a few cycles say so."""
+    return np.array_equal(one[::_FEW], other[::_FEW]) and np.array_equal(one, other)

@@ -37,6 +37,8 @@ _LAWS = {
 }
 # Order of the filter that smooths an effort, and candidates whose logs are kept whole at a time.
 SMOOTHING, _WHOLE = 2, 64
+# Bytes of a processor's cache: the second of most desktops'. By hand.
+_CACHE = 1 << 20
 # In place of no mass or width, where one is divided by: rotors weigh 1e-7 kg m^2 and less.
 _NOTHING = 1e-100
 # A controller's motion has to be in the log at this share of its cycles to be replayed.
@@ -381,7 +383,9 @@ class DriveModel(MachineModel):
         space = lanes.room(room)
         cycles = task.wanted.shape[2]
         whole = stop is None and not np.isfinite(task.limits).any()
-        part = cycles if whole else PART
+        # In parts, too, where what all candidates read is more than a processor's cache holds.
+        shared = sum(x.nbytes for x in given if isinstance(x, np.ndarray))
+        part = cycles if whole and shared < _CACHE else PART
         for begin in range(0, cycles, part):
             if stop is not None and stop():
                 task.out.fill(math.inf)
@@ -405,7 +409,7 @@ class DriveModel(MachineModel):
             return self._simulated(theta, self.signals.task(there, out))
         for first in range(0, len(theta), _WHOLE):
             part = slice(first, first + _WHOLE)
-            out[part] = self._smoothed(theta[part])[:, there]
+            out[part] = self._smoothed(theta[part], there)
         return out
 
     @property
@@ -413,8 +417,8 @@ class DriveModel(MachineModel):
         """Whether outputs are made of the log as a whole, which the kernels never have."""
         return self.thinned or bool(self.candidates.smoothed.any())
 
-    def _smoothed(self, theta: Array) -> Array:
-        """Return (S, O, K) outputs of candidates (S, N) whose log is smoothed."""
+    def _smoothed(self, theta: Array, there: npt.NDArray[np.bool_]) -> Array:
+        """Return (S, R) outputs of candidates (S, N) in a smoothed log, where `there` holds."""
         out = self._everything(theta, self.signals)
         smoothing = self.candidates.of(self.rows(theta), 'log_smoothing')
         periods = smoothing[:, list(self.signals.sources)]
@@ -423,12 +427,14 @@ class DriveModel(MachineModel):
         for s, o in np.argwhere((periods > 0.0) & finite & efforts):
             cutoff = 1.0 / periods[s, o]
             out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, SMOOTHING)[0]
-        if self.log.band is not None:
-            whole = np.isfinite(out).all(axis=(1, 2))
-            if whole.all():
-                return self.log.band.passed(out)
-            out[whole] = self.log.band.passed(out[whole])
-        return out
+        whole = np.isfinite(out).all(axis=(1, 2))
+        if self.log.band is None or not whole.any():
+            return out[:, there]
+        if whole.all():
+            return self.log.band.passed(out, there)
+        told: Array = out[:, there]
+        told[whole] = self.log.band.passed(out[whole], there)
+        return told
 
     def simulated_effort(self, theta: Array) -> Array:
         """Return (D, K) the effort that a log of one candidate (N,) would hold."""
