@@ -220,5 +220,6 @@ def encode(
     for field, values in zip(FIELDS, fields, strict=True):
         if values is not None:
             raw = np.ascontiguousarray(values, dtype='<f8').view(np.uint8).reshape(stamp.size, -1)
-            table[:, found[field].at : found[field].at + raw.shape[1]] = raw
+            begin = found[field].places.start
+            table[:, begin : begin + raw.shape[1]] = raw
     return [row.tobytes() for row in table]

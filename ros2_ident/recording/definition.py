@@ -18,7 +18,6 @@ from rosbags.typesys.store import Typestore
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.recording.limits import limit, variable_of
-from ros2_ident.recording.streams import IntArray
 
 # Kinds of definitions, as MCAP names them.
 OF_ROS = ('ros2msg', 'ros2idl', 'ros1msg')
@@ -67,16 +66,10 @@ def path_of(text: str) -> Path:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Where numbers lie in a message: so many of a format from a byte on; -1 for nowhere."""
+    """Where numbers of one format lie in a message."""
 
-    at: int
-    count: int
+    places: range  # byte of each; -1 for nowhere
     format: str
-
-    @property
-    def places(self) -> IntArray:
-        """Byte of each (N,)."""
-        return self.at + int(self.format[1:]) * np.arange(self.count)
 
 
 @dataclass(frozen=True)
@@ -209,7 +202,8 @@ class Cursor:
 
     def _numbers(self, number: int, form: str) -> Numbers:
         size = int(form[1:])
-        return Numbers(self.skip(size * number, size) if number else self.at, number, form)
+        begin = self.skip(size * number, size) if number else self.at
+        return Numbers(range(begin, begin + size * number, size), form)
 
     def one(self, about: Any, definition: Definition, kept: Any, deep: int = 0) -> Any:
         """Pass over one value; return its place, or of a message its fields' by name.
@@ -293,33 +287,24 @@ def found_at(tree: Mapping[str, Any], path: Path) -> list[Any]:
     for name, index in path:
         below: list[Any] = []
         for node in nodes:
-            value = node[name]
+            entry: Any = index
+            value: Any = node[name]
+            several: Any = value if isinstance(value, list) else [value]
+            if numbers := isinstance(value, Numbers):
+                several = value.places
             if isinstance(index, tuple):
                 keys = node[index[0]]
-                if len(keys) != (value.count if isinstance(value, Numbers) else len(value)):
+                if len(keys) != len(several):
                     raise ValueError(f'not as many {name} as {index[0]}')
                 if index[1] not in keys:
-                    below.append(Numbers(-1, 1, 'f8'))
+                    below.append(Numbers(range(-1, 0), 'f8'))
                     continue
-                below += _entries(value, keys.index(index[1]))
-            else:
-                below += _entries(value, index)
+                entry = keys.index(index[1])
+            if isinstance(entry, int):
+                if not -len(several) <= entry < len(several):
+                    raise ValueError('not as many entries as asked for')
+                entry = slice(entry, entry + 1 or None)
+            chosen = several if entry is None else several[entry]
+            below += [Numbers(chosen, value.format)] if numbers else chosen
         nodes = below
     return nodes
-
-
-def _entries(value: Any, index: int | slice | None) -> list[Any]:
-    """Return the entries of a value that an index or slice chooses."""
-    if index is None:
-        return value if isinstance(value, list) else [value]
-    count = value.count if isinstance(value, Numbers) else len(value)
-    if isinstance(index, slice):
-        chosen = range(count)[index]
-    elif -count <= index < count:
-        chosen = range(index % count, index % count + 1)
-    else:
-        raise ValueError('not as many entries as asked for')
-    if not isinstance(value, Numbers):
-        return [value[k] for k in chosen]
-    size = int(value.format[1:])
-    return [Numbers(value.at + size * chosen.start, len(chosen), value.format)]

@@ -218,7 +218,7 @@ def parser(
                 number, every = VALUES.index(name), np.arange(where.size)
                 picks.append(Pick(number, every, where, form, source.scale, source.absent))
         parts = ((forms.found_at(tree, path)[0], factor) for path, factor in about.stamp)
-        stamp = tuple((x.at, x.format, factor) for x, factor in parts)
+        stamp = tuple((x.places.start, x.format, factor) for x, factor in parts)
         layout = Layout(joints, tuple(picks), cursor.fixed, cursor.big, stamp)
         return _present(layout) if titles else layout
 
@@ -229,11 +229,10 @@ def _numbers(found: Sequence[Any]) -> tuple[IntArray, str]:
     """Return the places (N,) of numbers, -1 where there is none, and their format."""
     if not all(isinstance(x, forms.Numbers) for x in found):
         raise ValueError('values that are no numbers')
-    written = {x.format for x in found if x.at >= 0} or {'f8'}
+    written = {x.format for x in found if x.places.start >= 0} or {'f8'}
     if len(written) > 1:
         raise ValueError('values of several formats')
-    places = [x.places if x.at >= 0 else np.full(1, -1) for x in found]
-    return np.concatenate(places or [np.empty(0, np.int64)]), written.pop()
+    return np.array([k for x in found for k in x.places], dtype=np.int64), written.pop()
 
 
 def _named(about: MessageMap, drives: Sequence[str], count: int) -> tuple[str, ...]:
