@@ -19,16 +19,6 @@ import shlex
 
 from ros2_ident.errors import ErrorCode
 from ros2_ident.recording import columns as maps
-from ros2_ident.recording.columns import (
-    EFFORT,
-    factor_of,
-    MOTION,
-    plain_unit,
-    refuse,
-    SPEEDS,
-    TIME_UNITS,
-    units_of,
-)
 from ros2_ident.recording.limits import listed, printable, short
 from ros2_ident.recording.table import text_of
 
@@ -61,7 +51,7 @@ _ROLES = ('command', 'measured')
 _WORD = re.compile(r'[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![^\W\d_A-Z])|[A-Z]|\d+')
 _BESIDE = ' _-./:'
 # Units, and of what is no motion and no effort, too.
-_KNOWN = MOTION.keys() | SPEEDS.keys() | EFFORT.keys() | TIME_UNITS.keys()
+_KNOWN = maps.MOTION.keys() | maps.SPEEDS.keys() | maps.EFFORT.keys() | maps.TIME_UNITS.keys()
 _UNITS = _KNOWN | {*['1', 'v', 'mv', 'w', 'kw', 'khz', '°c', 'kg', 'bar', 'pa']}
 # Lines that are looked at.
 _HEAD = 200
@@ -125,15 +115,14 @@ class _Name:
         self.name = name
         whole = re.sub(r'^#\s+', '', name)
         text, unit, behind = _without_unit(whole)
-        if (stated := below.strip('[]() ')) or not behind:
-            self._read(text, stated or unit, derived)
-        elif not self._read(text, unit, derived):
+        stated = below.strip('[]() ')
+        if not self._read(text, stated or unit, derived) and behind and not stated:
             # what is no unit of it is a name's end
             self._read(whole, '', derived)
 
     def _read(self, text: str, unit: str, derived: bool) -> bool:
         """Take a name without its unit apart; return whether the unit is one of its quantity."""
-        self.unit = plain_unit(unit)
+        self.unit = maps.plain_unit(unit)
         pieces = re.split(r'([/.])', text)
         parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
@@ -145,17 +134,16 @@ class _Name:
         self.bare = not quantity and role != '' and 'time' not in kinds
         faint = self.bare or (says >= 0 and not {*parts[says].kinds} & {*_QUANTITIES})
         quantity = 'position' if self.bare else quantity
-        open_ = not quantity or not _is_unit(unit)
-        fits = open_ or factor_of(quantity, unit) is not None
+        fits = not quantity or not _is_unit(unit) or maps.factor_of(quantity, unit) is not None
         if not fits and faint:
-            of = (x for x in ('position', *_QUANTITIES) if factor_of(x, unit) is not None)
-            quantity = next(of, quantity)
-            fits = factor_of(quantity, unit) is not None
+            of = (x for x in ('position', *_QUANTITIES) if maps.factor_of(x, unit) is not None)
+            if found := next(of, ''):
+                fits, quantity = True, found
         rests = [part.rest(role, quantity if n == says else '') for n, part in enumerate(parts)]
         self.quantity, self.why, self.scale = '', '', 1.0
         if 'other' in kinds:
             self.why = 'no position, velocity or effort of a drive'
-        elif not quantity and ('time' in kinds or (not kinds and self.unit in TIME_UNITS)):
+        elif not quantity and ('time' in kinds or (not kinds and self.unit in maps.TIME_UNITS)):
             self.quantity = 'time'
         elif not quantity:
             self.why = 'names no position, velocity or effort'
@@ -164,7 +152,7 @@ class _Name:
         elif not fits:
             self.why = f'no {quantity} is in {unit}'
         else:
-            self.scale = units_of(quantity).get(self.unit, 1.0)
+            self.scale = maps.units_of(quantity).get(self.unit, 1.0)
             self.quantity = f'command_{quantity}' if role == 'command' else quantity
         self.key = tuple(word for _, key in rests for word in key)
         self.joint, last = '', -2
@@ -257,7 +245,7 @@ def _without_unit(name: str) -> tuple[str, str, bool]:
     behind = re.fullmatch(r'(.+?)_([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
     if found and _is_unit(found[2]):
         return found[1], found[2].strip(), False
-    if behind and plain_unit(behind[2]) in _KNOWN and _WORD.search(behind[1]):
+    if behind and maps.plain_unit(behind[2]) in _KNOWN and _WORD.search(behind[1]):
         return behind[1], behind[2], True
     return name, '', False
 
@@ -266,7 +254,7 @@ def _is_unit(text: str) -> bool:
     """Return whether a text is a unit, of whatever, or made of several, as Nm/A and m/s^2."""
     parts = re.split('[/*·]', text.strip().lower())
     plain = (re.sub(r'(\^?-?\d|[²³])$', '', x.strip()) or x.strip() for x in parts)
-    return plain_unit(text) in _KNOWN or all(x in _UNITS for x in plain)
+    return maps.plain_unit(text) in _KNOWN or all(x in _UNITS for x in plain)
 
 
 @dataclass(frozen=True)
@@ -286,10 +274,10 @@ class Header:
         time: dict[str, object] = {}
         for cell, x in zip(self.cells, self.columns, strict=True):
             if x.quantity == 'time':
-                time = {'column': cell, 'unit': TIME_UNITS.get(x.unit, 's')}
+                time = {'column': cell, 'unit': maps.TIME_UNITS.get(x.unit, 's')}
             elif x.quantity:
                 by: dict[str, object] = {'scale': x.scale}
-                if x.scale == units_of(x.quantity).get(x.unit):
+                if x.scale == maps.units_of(x.quantity).get(x.unit):
                     by = {'unit': x.unit}
                 entry = cell if by == {'scale': 1.0} else {'column': cell, **by}
                 joints.setdefault(x.joint, {})[x.quantity] = entry
@@ -303,7 +291,7 @@ class Header:
         for x in self.columns:
             read = f'{x.joint}.{x.quantity}'.lstrip('.')
             if x.quantity not in ('', 'time'):
-                per = '/s' * (x.quantity.endswith('velocity') and x.unit not in SPEEDS)
+                per = '/s' * (x.quantity.endswith('velocity') and x.unit not in maps.SPEEDS)
                 read += f', in {x.unit}{per}' if x.unit else ', as it stands'
                 if x.unit and math.isnan(x.scale):
                     read += ': its scale has to be stated'
@@ -350,7 +338,7 @@ class Header:
             IdentError: INVALID_GOAL with the option that states it.
         """
         for x in self.columns:
-            asked = effort and x.quantity == 'effort' and x.scale == EFFORT.get(x.unit)
+            asked = effort and x.quantity == 'effort' and x.scale == maps.EFFORT.get(x.unit)
             asked = asked and maps.si_unit('effort', x.unit) in ('A', 'percent')
             if x.quantity and (math.isnan(x.scale) or asked):
                 per = 'N m or N' if asked else 'N m, N, A or percent'
@@ -400,12 +388,12 @@ def header_of(path: Path) -> Header:
     wide = [n for n, row in enumerate(above) if values and len(row) == len(values[0])]
     if any(len(row) > 3 and len({*row[::2]}) == 1 and row[0] for row in above):
         text = 'has a block of properties above a time for each channel'
-        raise refuse(path, f'{text}; export it with one common time, or {where}')
+        raise maps.refuse(path, f'{text}; export it with one common time, or {where}')
     if not wide:
         said = f'has no line of names above its numbers; {where}'
         if len(rows) > 1 and not any(held):
             said = _wordy(rows[0], rows[1], decimal)
-        raise refuse(path, said)
+        raise maps.refuse(path, said)
     # Of two lines the lower one holds units.
     top = wide[max(-2, -len(wide))]
     if wide[1:] and not any(map(_is_unit, above[wide[-1]])):
@@ -423,8 +411,8 @@ def header_of(path: Path) -> Header:
         kind = 'position, velocity or effort' if 'time' in there else 'time'
         named = meanings(names, units)
         for n in (n for n in wordy if named[n].quantity):
-            raise refuse(path, _wordy([names[n]] * len(values), below[n], decimal))
-        raise refuse(path, f'no column is named as a {kind}: {listed(names)}; {where}')
+            raise maps.refuse(path, _wordy([names[n]] * len(values), below[n], decimal))
+        raise maps.refuse(path, f'no column is named as a {kind}: {listed(names)}; {where}')
     shifted = above[top] is not rows[top]
     numbered = [shifted or names.count(name) > 1 or not name for name in names]
     cells = tuple(n if by else names[n - 1] for n, by in enumerate(numbered, 1))
@@ -438,13 +426,13 @@ def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Seque
     times = [n for n, x in enumerate(columns) if x.quantity == 'time'][:1]
     if words and len(others) == 1 and not others[0].quantity:
         text = 'holds one value a row; make it a table with a column for each of its quantities'
-        raise refuse(path, f'{text}, as by the pivot of pandas')
+        raise maps.refuse(path, f'{text}, as by the pivot of pandas')
     held = [{row[n] for row in values} for n in range(len(columns))]
     kinds = [n for n in words if len(held[n]) > 1]
     if kinds and any(len(held[n]) <= len(values) / 2 for n in times):
         name, shown = columns[kinds[0]].name, listed(sorted(held[kinds[0]]), 5)
         text = f'holds several rows for each time, by {short(name)}: {shown}; write a column map '
-        raise refuse(path, f'{text}that chooses one by `where`, as in docs/logs.md')
+        raise maps.refuse(path, f'{text}that chooses one by `where`, as in docs/logs.md')
 
 
 def _wordy(names: Sequence[str], below: Iterable[str], decimal: str) -> str:

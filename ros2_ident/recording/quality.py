@@ -340,17 +340,14 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
     yield level, 'missing', text
     for field, values in stream.fields.items():
         for name, share in zip(stream.names, np.isnan(values).mean(axis=0).tolist(), strict=True):
-            what, text = f'{field} of {name}', ''
+            what, remedy = f'the {field} of {name}', ': it was not measured'
+            if role != 'effort' and field == 'effort':
+                remedy = '; name the topic that carries it, or switch its measurement on'
             if share == 1.0:
-                text = f'every value of the {what} is NaN: it was not measured'
-                if role != 'effort' and field == 'effort':
-                    text = f'every value of the {what} is NaN; name the topic that carries it, or '
-                    text += 'switch its measurement on'
+                yield 'warn', 'nan', f'every value of {what} is NaN{remedy}'
             elif share > _MISSING_WARN:
-                text = f'{100.0 * share:.3g} % of the values of the {what} are missing or NaN: '
-                text += 'they are left out'
-            if text:
-                yield 'warn', 'nan', text
+                text = f'{100.0 * share:.3g} % of the values of {what} are missing or NaN'
+                yield 'warn', 'nan', f'{text}: they are left out'
 
 
 def _judge_drives(
@@ -466,17 +463,12 @@ def _of_time(rates: Sequence[float]) -> list[Said]:
     if not off or any(0.97 < middle * x < 1.03 for x in _BETWEEN):
         return []
     text = f'the reported velocities of all {len(rates)} joints are {middle:.4g} times the '
-    text += 'derivatives of their positions: '
-    unit = next((x for x, size in _PARTS.items() if 0.9 < middle * size < 1.1), '')
-    if unit:
-        text += (
-            f'the time is in {unit} and was read as s; state `unit: {unit}` of it in the column '
-        )
-        return [('error', 'time', f'{text}map, unless all velocities are in another unit')]
-    text += f'the time is no time in s (a number of the row: {middle:.4g} rows a second), or all '
-    return [
-        ('warn', 'time', f'{text}velocities are those of motors before a gear; correct the one')
-    ]
+    text += 'derivatives of their positions: the time is '
+    if unit := next((x for x, size in _PARTS.items() if 0.9 < middle * size < 1.1), ''):
+        text += f'in {unit} and was read as s; state `unit: {unit}` of it in the column map, '
+        return [('error', 'time', f'{text}unless all velocities are in another unit')]
+    text += f'no time in s (a number of the row: {middle:.4g} rows a second), or all velocities '
+    return [('warn', 'time', f'{text}are those of motors before a gear; correct the one')]
 
 
 def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
