@@ -31,8 +31,7 @@ QUANTITIES = {
 }
 # A map is short; so is a row.
 _LARGEST_MAP, _MOST_COLUMNS = 1 << 20, 1 << 16
-# A step between rows outside of this is a wrong unit of the time, ns.
-_FINEST, _COARSEST = 1_000, 2_000_000_000
+
 Cell = str | int
 
 TIME_UNITS = {'s': 's', 'sec': 's', 'seconds': 's', 'ms': 'ms', 'us': 'us', 'µs': 'us', 'ns': 'ns'}
@@ -192,9 +191,7 @@ def _joints(
         for quantity, entry in quantities.items():
             for part in entry if isinstance(entry, list) and entry else [entry]:
                 about = _column(path, str(key), quantity, part, cell)
-                columns += [
-                    Column(str(x), *about, entry=n, of=len(names)) for n, x in enumerate(names)
-                ]
+                columns += [Column(str(x), *about, n, len(names)) for n, x in enumerate(names)]
     if len(set(named)) < len(named):
         raise refuse(path, 'names a joint twice; give each joint its own name')
     if not columns:
@@ -338,21 +335,3 @@ def summed(
         role, field = QUANTITIES[x.quantity]
         found[role, x.joint, field] = sums[x.joint, x.quantity]
     return found
-
-
-def require_steps(path: Path, stamp: IntArray) -> None:
-    """Refuse times (T,) [ns] that the stated unit or too few digits make useless.
-
-    Raises:
-        IdentError: BAD_VALUES with the remedy.
-    """
-    steps, text = np.diff(stamp), ''
-    repeated, forward = int((steps == 0).sum()), steps[steps > 0]
-    period = float(np.median(forward)) if forward.size else _FINEST
-    if repeated > 0.01 * stamp.size:
-        text = f'{repeated} of {stamp.size} rows have the time of the row before; '
-        text += 'write it with more digits, or correct its unit'
-    elif not _FINEST <= period <= _COARSEST:
-        text = f'the rows are {period * 1e-9:g} s apart; correct the unit of the time'
-    if text:
-        raise ErrorCode.BAD_VALUES.error(f'{path}: {text}')

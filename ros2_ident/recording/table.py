@@ -37,6 +37,8 @@ from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Rec
 TABLES = ('.csv', '.tsv', '.txt')
 # Rows converted at once: bounds the memory that texts take.
 _BLOCK = 1 << 14
+# A step between rows outside of this is a wrong unit of the time, ns.
+_FINEST, _COARSEST = 1_000, 2_000_000_000
 _NO_TIME = 'write a number, or leave lines of units below the names out by `skip_below: 1`'
 _NO_VALUE = 'leave a cell empty where nothing was measured'
 # Number of a line and its cells; makes a value of a cell.
@@ -76,17 +78,30 @@ def _read_table(path: Path, where: Path) -> list[Recording]:
         text += f'`{command}`; the first line is: {names}'
         raise refuse(path, text)
     layout = maps.load_columns(where)
-    return _recorded(str(path), [path, where], layout, *_parse(path, text, layout))
+    return _recorded(path, where, '', layout, *_parse(path, text, layout))
 
 
 def _recorded(
-    source: str, files: Sequence[Path], layout: ColumnMap, stamp: IntArray,
+    path: Path, where: Path, key: str, layout: ColumnMap, stamp: IntArray,
     values: Sequence[FloatArray], warnings: Sequence[str],
 ) -> list[Recording]:  # fmt: skip
-    """Return recordings of columns (T,) with their stamps (T,), ns."""
-    builder = RecordingBuilder(source, digest(files), warnings=warnings)
-    units = maps.stated_units(str(files[1]), layout.columns)
-    builder.add_columns(stamp, maps.summed(str(files[0]), layout.columns, stamp, values), units)
+    """Return recordings of columns (T,) with their stamps (T,), ns, of a group of arrays."""
+    if not stamp.size:
+        text = ' with what `where` asks for' * bool(layout.where)
+        raise ErrorCode.NO_DATA.error(f'{path}: holds no row of values{text}; record again')
+    steps = np.diff(stamp)
+    repeated, forward = int((steps == 0).sum()), steps[steps > 0]
+    period = float(np.median(forward)) if forward.size else _FINEST
+    if repeated > 0.01 * stamp.size:
+        text = f'{repeated} of {stamp.size} rows have the time of the row before; '
+        raise _bad(path, f'{text}write it with more digits, or correct its unit')
+    if not _FINEST <= period <= _COARSEST:
+        text = f'the rows are {period * 1e-9:g} s apart; correct the unit of the time'
+        raise _bad(path, text)
+    source = f'{path}/{key}' if key else str(path)
+    builder = RecordingBuilder(source, digest([path, where]), warnings=warnings)
+    units = maps.stated_units(str(where), layout.columns)
+    builder.add_columns(stamp, maps.summed(str(path), layout.columns, stamp, values), units)
     return builder.build()
 
 
@@ -100,11 +115,6 @@ def _nanoseconds(time: str | int, digits: int) -> int:
 
 def _bad(path: object, text: str) -> IdentError:
     return ErrorCode.BAD_VALUES.error(f'{path}: {text}')
-
-
-def _empty(path: Path, layout: ColumnMap) -> IdentError:
-    text = ' with what `where` asks for' * bool(layout.where)
-    return ErrorCode.NO_DATA.error(f'{path}: holds no row of values{text}; record again')
 
 
 def text_of(path: Path) -> str:
@@ -135,8 +145,8 @@ def _parse(
     cells = [layout.time, *(x.cell for x in layout.columns)]
     time, *where = (_find(path, cell, names) for cell in cells)
     asked = {_find(path, cell, names): value for cell, value in layout.where}
-    stamps: list[IntArray] = []
-    parts: list[list[FloatArray]] = [[] for _ in layout.columns]
+    stamps = [np.empty(0, dtype=np.int64)]
+    parts = [[np.empty(0)] for _ in layout.columns]
     warnings: list[str] = []
     nanoseconds = partial(_nanoseconds, digits=layout.digits)
     rows = _rows_of(path, reader, max(time, *where, *asked) + 1, layout.skip, warnings)
@@ -149,11 +159,7 @@ def _parse(
             with np.errstate(over='ignore'):
                 numbers = read(at, name, _NO_VALUE, lambda x: float(x) if x else math.nan)
                 part.append(column.scale * np.array(numbers))
-    if not stamps:
-        raise _empty(path, layout)
-    stamp = np.concatenate(stamps)
-    maps.require_steps(path, stamp)
-    return stamp, [np.concatenate(part) for part in parts], warnings
+    return np.concatenate(stamps), [np.concatenate(part) for part in parts], warnings
 
 
 def _equal(cell: str, value: str) -> bool:
@@ -234,9 +240,7 @@ def _read_arrays(path: Path, where: Path) -> list[Recording]:
             cells = [str(x.cell).replace('*', key) for x in layout.columns]
             own = [replace(x, cell=y) for x, y in zip(layout.columns, cells, strict=True)]
             one = replace(layout, columns=tuple(own), time=str(layout.time).replace('*', key))
-            source = f'{path}/{key}' if key else str(path)
-            rows = _rows(path, one, names, get)
-            found += _recorded(source, [path, where], one, *rows, warnings)
+            found += _recorded(path, where, key, one, *_rows(path, one, names, get), warnings)
     return found
 
 
@@ -317,9 +321,6 @@ def _rows(
         if row.size != stamp.size:
             text = f'{printable(str(x.cell))} has {row.size} rows, the time {stamp.size}'
             raise _bad(path, f'{text}; write arrays of one length, or a map for each')
-    if not there.any():
-        raise _empty(path, layout)
-    maps.require_steps(path, stamp[there])
     pairs = zip(layout.columns, values, strict=True)
     return stamp[there], [x.scale * row[there].astype(np.float64) for x, row in pairs]
 
