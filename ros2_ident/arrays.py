@@ -50,3 +50,12 @@ def fast_noise(*series: Array) -> float:
     """
     fast = np.abs(np.concatenate([np.empty(0), *(np.diff(row, _ORDER) for row in series)]))
     return float(np.median(fast / _GAIN)) / MEDIAN if fast.size else 0.0
+
+
+def highest(height: Array, peak: int) -> float:
+    """Return where a peak is highest, in steps from it, by a parabola through its neighbours."""
+    if not 0 < peak < height.size - 1:
+        return 0.0
+    before, top, after = height[peak - 1 : peak + 2]
+    bend = before - 2.0 * top + after
+    return float(0.5 * (before - after) / bend) if bend < 0.0 else 0.0

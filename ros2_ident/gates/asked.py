@@ -13,10 +13,10 @@ import math
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, highest
 from ros2_ident.errors import IdentError
 from ros2_ident.gates import scale
-from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size, robust_weights
+from ros2_ident.gates.instants import peaks_of, robust_fit, robust_size, robust_weights
 from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass

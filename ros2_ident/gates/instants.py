@@ -72,13 +72,6 @@ def swings(at: NDArray[np.intp], width: Array, sign: Array) -> bool:
     return bool((near & (sign[1:] != sign[:-1])).any())
 
 
-def highest(height: Array, peak: int) -> float:
-    """Return where a peak is highest, in steps from it, by a parabola through its neighbours."""
-    before, top, after = height[peak - 1 : peak + 2]
-    bend = before - 2.0 * top + after
-    return float(0.5 * (before - after) / bend) if bend < 0.0 else 0.0
-
-
 def robust_size(values: Array) -> float:
     """Return the standard deviation of values that do not stand out."""
     return float(np.median(np.abs(values - np.median(values)))) / MEDIAN if values.size else 0.0

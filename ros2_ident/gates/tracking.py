@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, highest
 from ros2_ident.errors import IdentError
 from ros2_ident.gates import scale
 from ros2_ident.gates.finding import Gate, Level
-from ros2_ident.gates.instants import highest
 from ros2_ident.gates.scale import near
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.motion import allowed_cutoff, correlation
@@ -84,7 +83,7 @@ def _follows(moved: Array, wanted: Array, period: float) -> tuple[float, float, 
     best, same = (int(np.argmax(x)) for x in (share, np.where(product > 0.0, share, 0.0)))
     if 1.0 - share[best] > scale.SWAPPED * (1.0 - share[same]):
         best = same
-    fine = highest(share, best) if 0 < best < share.size - 1 else 0.0
+    fine = highest(share, best)
     slope = float(product[best]) / max(float(of_wanted[best]), 1e-300)
     return float(share[best]), float(lags[best] + fine) * period, slope
 

@@ -12,7 +12,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import load_topics, stated_units, summed
 from ros2_ident.recording.content import Content, Messages, why
-from ros2_ident.recording.lerobot import is_lerobot, read_lerobot, Travel
+from ros2_ident.recording.lerobot import INFO, read_lerobot, Travel
 from ros2_ident.recording.limits import listed, printable
 from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, nameless, roles_of
 from ros2_ident.recording.scan import scan
@@ -103,7 +103,7 @@ def read_bag(
         suffix = path.suffix.lower()
         if suffix in TABLES or (suffix in ARRAYS and not path.is_dir()):
             return read_columns(path, topics.columns)
-        if is_lerobot(path):
+        if (path / INFO).is_file():  # a LeRobot folder
             roles = [role for role in ROLES if topics.topic(role)]
             return read_lerobot(path, roles, topics.position_unit, topics.columns, travel)
         return _read(path, topics, tuple(drives))

@@ -125,13 +125,13 @@ def find_ticks(stamp: IntArray, reference: int, cycle: float) -> Ticks:
     Raises:
         IdentError: BAD_VALUES where the cycle is no positive time.
     """
-    time, text = (stamp - reference).astype(np.float64) * 1e-9, ''
     if not _SHORTEST_CYCLE < cycle < _LONGEST_CYCLE:
         text = f'controller cycle is {cycle} s; give a positive time in the machine file'
-    elif (cycles := (time[-1] - time[0]) / cycle) > _MOST_CYCLES:
+        raise ErrorCode.BAD_VALUES.error(text)
+    time = (stamp - reference).astype(np.float64) * 1e-9
+    if (cycles := (time[-1] - time[0]) / cycle) > _MOST_CYCLES:
         text = f'{time[-1] - time[0]:.4g} s are {cycles:.3g} controller cycles of {cycle:g} s, '
         text += f'more than {_MOST_CYCLES:g}; cut the log, or correct its stamps or the cycle'
-    if text:
         raise ErrorCode.BAD_VALUES.error(text)
     if period := sample_period(stamp):
         stride = _stride(time, period, cycle)

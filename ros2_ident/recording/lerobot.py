@@ -57,11 +57,6 @@ _Place = tuple[str, int, str]
 _Columns = dict[_Key, _Place]
 
 
-def is_lerobot(path: Path) -> bool:
-    """Say whether a path is a LeRobot folder."""
-    return (path / INFO).is_file()
-
-
 def read_lerobot(
     path: Path,
     roles: Container[str] = ROLES,

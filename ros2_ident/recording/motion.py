@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
+from ros2_ident.arrays import highest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import sample_period
@@ -150,15 +151,13 @@ def smooth_motion(
     position = np.atleast_2d(np.asarray(position, dtype=np.float64))
     for row, samples in enumerate(position, 1):
         there, period = samples_of(samples, cycle)
-        rate, text = 1.0 / period, ''
+        rate = 1.0 / period
         if there.size < 4:
             text = f'drive {row} of {len(position)} has {there.size} position samples, at least 4 '
-            text += 'are needed; record longer'
-        elif not 0.0 < cutoff < 0.5 * rate:
+            raise ErrorCode.BAD_VALUES.error(f'{text}are needed; record longer')
+        if not 0.0 < cutoff < 0.5 * rate:
             text = f'the smoothing cutoff is {cutoff:g} Hz but positions come at {rate:g} Hz; '
-            text += f'choose one between 0 and {0.5 * rate:g} Hz'
-        if text:
-            raise ErrorCode.BAD_VALUES.error(text)
+            raise ErrorCode.BAD_VALUES.error(f'{text}choose one between 0 and {0.5 * rate:g} Hz')
     smooth = low_pass(np.stack([fill_smoothly(row) for row in position]), cycle, cutoff)
     # time in cycles keeps the spline's knots well scaled
     time = np.arange(smooth.shape[1], dtype=np.float64)
@@ -303,13 +302,8 @@ def best_lag(
     off = mean - x.mean(axis=0) / size @ solution
     shares = 1.0 - (left - off**2) / np.maximum(square - mean**2, 1e-300)
     best = int(np.argmax(shares))
-    # a parabola through the neighbours gives the lag to a fraction of a sample
-    fine = 0.0
-    if 0 < best < shares.size - 1:
-        a, share, b = shares[best - 1 : best + 2]
-        bend = a - 2.0 * share + b
-        fine = 0.5 * (a - b) / bend if bend < 0.0 else 0.0
-    lag = (low + best + float(np.clip(fine, -0.5, 0.5))) * period
+    # a parabola gives the lag to a fraction of a sample
+    lag = (low + best + float(np.clip(highest(shares, best), -0.5, 0.5))) * period
     return lag, solution[:, best] / size, float(shares[best])
 
 

@@ -247,14 +247,13 @@ class _Walk:
         if target is not None and len(data):
             target(times, data)
 
-    def _summary(self) -> Summary | None:
-        """Return what stands between the end of the data and the footer, None for no such."""
-        tail = self.data[-FOOTER_SIZE:]
+    def _summary(self) -> Summary:
+        """Return what stands between the end of the data and the footer, empty for no such."""
+        tail, found, at = self.data[-FOOTER_SIZE:], Summary(), 0
         if not tail.endswith(MAGIC) or len(tail) < FOOTER_SIZE:
-            return None
+            return found
         stated = _parsed(Footer, tail[HEAD.size :])
         length = self.size - FOOTER_SIZE - stated.summary_start
-        found, at = Summary(), 0
         if not stated.summary_start or not 0 <= length <= self.budget.chunk:
             length = 0
         records = self.data[stated.summary_start : stated.summary_start + length]
@@ -267,13 +266,13 @@ class _Walk:
         if stated.summary_crc not in (0, crc):
             self.losses.say('the checksum of its summary does not fit')
             found.statistics = None
-        return found if at == length else None
+        return found if at == length else Summary()
 
     def _way(self, number: int) -> tuple[str, Sink | None] | None:
         """Return the way of a channel, as described before it or else in the summary."""
-        for about in (self.defined, self.summary or Summary()):
+        for about in (self.defined, self.summary):
             if (channel := about.channels.get(number)) is not None:
-                schemas = (self.summary or about).schemas | about.schemas
+                schemas = self.summary.schemas | about.schemas
                 schema = schemas.get(channel.schema_id) or Schema(0, b'', '', '')
                 form = channel.message_encoding
                 form = schema.encoding if form in ('cdr', 'ros1', '') else form
@@ -284,14 +283,14 @@ class _Walk:
 
     def _finish(self) -> Losses:
         """Return what is lost, after noting topics without a message."""
-        summary, stated = self.summary or Summary(), Counter[str]()
-        for number in [*self.defined.channels, *summary.channels]:
+        for number in [*self.defined.channels, *self.summary.channels]:
             if number not in self.ways:
                 self._way(number)
         for topic, count in self.found.items():
             self.content.counts[topic] += count
         self.losses.whole = self.found.total()
-        counts = summary.statistics.channel_message_counts if summary.statistics else {}
+        about, stated = self.summary.statistics, Counter[str]()
+        counts = about.channel_message_counts if about else {}
         for number in counts.keys() & self.ways.keys():
             stated[self.ways[number][0]] += counts[number]
         self.losses.messages = (stated - self.found).total()

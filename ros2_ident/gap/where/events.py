@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, highest
 from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.gap.where.localise import Finding, Region
 from ros2_ident.gates.asked import Asked, Event
-from ros2_ident.gates.instants import highest, peaks_of, robust_fit, robust_size
+from ros2_ident.gates.instants import peaks_of, robust_fit, robust_size
 from ros2_ident.gates.scale import STANDS_OUT
 from ros2_ident.models import FullModel
 from ros2_ident.search.jacobian import Box
