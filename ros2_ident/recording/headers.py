@@ -306,21 +306,20 @@ class Header:
         Raises:
             IdentError: INVALID_GOAL for another text, or a column or quantity that is not there.
         """
-        columns = list(self.columns)
+        columns, names = list(self.columns), [x.name for x in self.columns]
         for text in given:
             name, _, place = text.rpartition('=')
             place, _, factor = place.partition('*')
             joint, _, quantity = place.rpartition('.')
-            at = next((i for i, x in enumerate(columns) if x.name == name), None)
             scale = math.nan
             with suppress(ValueError):
                 scale = float(factor or 1.0)
-            named = at is not None and joint and quantity in maps.QUANTITIES
-            if at is None or not named or not math.isfinite(scale) or not scale:
+            known = name in names and joint and quantity in maps.QUANTITIES
+            if not known or not math.isfinite(scale) or not scale:
                 form = 'write NAME=JOINT.QUANTITY or NAME=JOINT.QUANTITY*SCALE, with a quantity of'
-                able = f'{", ".join(maps.QUANTITIES)} and a column of '
-                able += listed([x.name for x in columns], 30)
+                able = f'{", ".join(maps.QUANTITIES)} and a column of {listed(names, 30)}'
                 raise ErrorCode.INVALID_GOAL.error(f'--column {short(text)}: {form} {able}')
+            at = names.index(name)
             for n, x in enumerate(columns):
                 if (x.joint, x.quantity) == (joint, quantity):
                     other = 'another column was given for it'
@@ -370,17 +369,16 @@ def header_of(path: Path) -> Header:
     # Among more words than numbers a row holds values where it is like the last one.
     last = [_is_number(x, decimal) for x in rows[-1]] if rows else []
     held = []
-    for row in rows:
+    for number, row in enumerate(rows):
         known = [_is_number(x, decimal) for x in row]
         filled = [known[n] for n, x in enumerate(row) if x]
         # two numbers at least, the first cell among them or most
         plain = sum(filled) > 1 and (filled[0] or 2 * sum(filled) > len(filled))
-        held.append(plain or (sum(last) > 1 and known == last))
+        held += [number] if plain or (sum(last) > 1 and known == last) else []
     # A property above may have several numbers, but not as many in each row as the table.
-    widths = [len(row) for row, there in zip(rows, held, strict=True) if there]
+    widths = [len(rows[n]) for n in held]
     usual = max(widths, key=widths.count, default=0)
-    both = enumerate(zip(rows, held, strict=True))
-    first = next((n for n, (row, there) in both if there and len(row) == usual), 0)
+    first = next((n for n in held if len(rows[n]) == usual), 0)
     values = [row for row in rows[first:] if len(row) == len(rows[first])]
     where = f'write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
     # A line of names may begin with the mark of a comment.
@@ -391,14 +389,12 @@ def header_of(path: Path) -> Header:
         raise maps.refuse(path, f'{text}; export it with one common time, or {where}')
     if not wide:
         said = f'has no line of names above its numbers; {where}'
-        if len(rows) > 1 and not any(held):
-            said = _wordy(rows[0], rows[1], decimal)
+        if len(rows) > 1 and not held:
+            said = _wordy(zip(rows[0], rows[1], strict=False), decimal)
         raise maps.refuse(path, said)
-    # Of two lines the lower one holds units.
-    top = wide[max(-2, -len(wide))]
-    if wide[1:] and not any(map(_is_unit, above[wide[-1]])):
-        top = wide[-1]
-    units = above[wide[-1]] if top != wide[-1] else []
+    # Of two lines the lower one may hold units.
+    units = above[wide[-1]] if wide[1:] and any(map(_is_unit, above[wide[-1]])) else []
+    top = wide[-2 if units else -1]
     names = above[top]
     below = list(zip(*values, strict=True))
     wordy = [n for n, x in enumerate(below) if not all(_is_number(y, decimal) for y in x if y)]
@@ -411,11 +407,10 @@ def header_of(path: Path) -> Header:
         kind = 'position, velocity or effort' if 'time' in there else 'time'
         named = meanings(names, units)
         for n in (n for n in wordy if named[n].quantity):
-            raise maps.refuse(path, _wordy([names[n]] * len(values), below[n], decimal))
+            raise maps.refuse(path, _wordy(((names[n], x) for x in below[n]), decimal))
         raise maps.refuse(path, f'no column is named as a {kind}: {listed(names)}; {where}')
-    shifted = above[top] is not rows[top]
-    numbered = [shifted or names.count(name) > 1 or not name for name in names]
-    cells = tuple(n if by else names[n - 1] for n, by in enumerate(numbered, 1))
+    unique = {x for x in names if x and names.count(x) == 1 and names is rows[top]}
+    cells = tuple(x if x in unique else n for n, x in enumerate(names, 1))
     return Header(tuple(columns), cells, delimiter, decimal, top, bool(units))
 
 
@@ -435,9 +430,8 @@ def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Seque
         raise maps.refuse(path, f'{text}that chooses one by `where`, as in docs/logs.md')
 
 
-def _wordy(names: Sequence[str], below: Iterable[str], decimal: str) -> str:
-    """Return which of the cells below names holds words: one does."""
-    cells = zip(names, below, strict=False)
+def _wordy(cells: Iterable[tuple[str, str]], decimal: str) -> str:
+    """Return which of some cells, each after its column's name, holds words: one does."""
     name, cell = next(x for x in cells if x[1] and not _is_number(x[1], decimal))
     said = f'holds words where numbers belong, {short(cell)} below {short(name)}: write numbers '
     return f'{said}alone, a time in s from any instant and units in the names'
