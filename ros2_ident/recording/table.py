@@ -315,8 +315,10 @@ def _rows(
         stamp = np.round(np.arange(len(values[0])) * (1e9 / layout.rate)).astype(np.int64)
     there = np.ones(stamp.size, dtype=np.bool_)
     for cell, wanted in layout.where:
-        asked = column(cell)
-        there &= asked == float(wanted) if asked.dtype.kind != 'U' else asked == wanted
+        number = math.nan  # what is no number stands nowhere
+        with suppress(ValueError):
+            number = float(wanted)
+        there &= column(cell) == number
     for x, row in zip(layout.columns, values, strict=True):
         if row.size != stamp.size:
             text = f'{printable(str(x.cell))} has {row.size} rows, the time {stamp.size}'

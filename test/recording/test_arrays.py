@@ -254,6 +254,7 @@ def test_rows_are_chosen_by_what_stands_there(tmp_path):
         ('BAD_VALUES', "'cube' holds float64 of 3 axes", 'a: {position: cube}'),
         ('BAD_VALUES', "'text' holds str.* of 1 axes", 'a: {position: text}'),
         ('BAD_VALUES', 'short has 7 rows, the time 400', 'a: {position: short}'),
+        ('NO_DATA', 'with what `where` asks for', "a: {position: 'q[0]'}\nwhere: {time: run}"),
         ('INVALID_GOAL', 'write the name of an array', 'a: {position: 3}'),
         ('INVALID_GOAL', "the map has 'skip'; choose from time, joints, where", 'a: {}\nskip: 3'),
     ],
