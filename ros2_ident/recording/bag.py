@@ -165,10 +165,9 @@ def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording
         _tell(builder, role, topic, content, messages)
         if topic in layouts:
             columns = layouts[topic].columns
-            stamp, values = _joined(messages, len(columns))
-            rows = [x.scale * row for x, row in zip(columns, values.T, strict=True)]
+            stamp, rows = _joined(messages, len(columns))
             units = stated_units(topics.columns, columns)
-            builder.add_columns(stamp, summed(topics.columns, columns, stamp, rows), units)
+            builder.add_columns(stamp, summed(topics.columns, columns, stamp, [*rows.T]), units)
         while messages.blocks:
             block = messages.blocks.popleft()
             builder.add_block(role, block.stamp, block.names, *block.fields)

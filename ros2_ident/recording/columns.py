@@ -323,12 +323,14 @@ def stated_units(path: str, columns: Sequence[Column]) -> dict[tuple[str, str], 
 def summed(
     path: str, columns: Sequence[Column], stamp: IntArray, values: Sequence[FloatArray]
 ) -> dict[tuple[str, str, str], FloatArray]:
-    """Return the values by role, joint and field, of which a map may have several columns."""
+    """Return scaled values by role, joint and field, of which a map may have several columns."""
     sums: dict[tuple[str, str], FloatArray] = {}
     for column, row in sorted(zip(columns, values, strict=True), key=lambda x: x[0].unsigned):
         key = column.joint, column.quantity
+        with np.errstate(over='ignore'):
+            row = column.scale * row
         if column.unsigned:
-            row = row * _directions(path, column.joint, stamp, sums)
+            row *= _directions(path, column.joint, stamp, sums)
         sums[key] = sums[key] + row if key in sums else row
     found = {}
     for x in columns:

@@ -132,7 +132,7 @@ def text_of(path: Path) -> str:
 def _parse(
     path: Path, text: str, layout: ColumnMap
 ) -> tuple[IntArray, list[FloatArray], list[str]]:
-    """Return stamps (T,) ns, each column's scaled values (T,), and what was left out."""
+    """Return stamps (T,) ns, each column's values (T,), and what was left out."""
     lines = islice(io.StringIO(text, newline=''), layout.skip, None)
     reader = csv.reader(lines, delimiter=layout.delimiter, skipinitialspace=True)
     try:
@@ -156,9 +156,8 @@ def _parse(
         stamps.append(np.array(read(time, ': the time', _NO_TIME, nanoseconds), dtype=np.int64))
         for part, column, at in zip(parts, layout.columns, where, strict=True):
             name = f', column {printable(str(column.cell))}:'
-            with np.errstate(over='ignore'):
-                numbers = read(at, name, _NO_VALUE, lambda x: float(x) if x else math.nan)
-                part.append(column.scale * np.array(numbers))
+            numbers = read(at, name, _NO_VALUE, lambda x: float(x) if x else math.nan)
+            part.append(np.array(numbers))
     return np.concatenate(stamps), [np.concatenate(part) for part in parts], warnings
 
 
@@ -274,7 +273,7 @@ def _missing(path: Path, name: str, names: Sequence[str]) -> Exception:
 def _rows(
     path: Path, layout: ColumnMap, names: Sequence[str], get: Callable[[str], NDArray[Any]]
 ) -> tuple[IntArray, list[FloatArray]]:
-    """Return stamps (T,) ns and each column's scaled values (T,)."""
+    """Return stamps (T,) ns and each column's values (T,)."""
     held: dict[str, NDArray[Any]] = {}
 
     def column(cell: object, entry: int = 0, of: int = 1) -> NDArray[Any]:
@@ -323,8 +322,7 @@ def _rows(
         if row.size != stamp.size:
             text = f'{printable(str(x.cell))} has {row.size} rows, the time {stamp.size}'
             raise _bad(path, f'{text}; write arrays of one length, or a map for each')
-    pairs = zip(layout.columns, values, strict=True)
-    return stamp[there], [x.scale * row[there].astype(np.float64) for x, row in pairs]
+    return stamp[there], [row[there].astype(np.float64) for row in values]
 
 
 def _library(name: str, path: Path) -> Any:
