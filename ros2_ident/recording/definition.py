@@ -191,12 +191,10 @@ class Cursor:
     def text(self, *, free: bool) -> str:
         """Return a string; a free one may differ from message to message, and is not returned."""
         size = self.count()
-        if self.at + size > len(self._data):
-            raise ValueError('message ends early')
+        begin = self.skip(size, 1)
         if not free and size > limit('name') + 1:
             text = f'a joint has a name of {size - 1} bytes, more than the {limit("name")} allowed'
             raise ErrorCode.BAD_VALUES.error(f'{text}; shorten it, or raise {variable_of("name")}')
-        begin = self.skip(size, 1)
         self.fixed[begin : self.at] = not free
         return '' if free else self._data[begin : self.at].rstrip(b'\0').decode()
 

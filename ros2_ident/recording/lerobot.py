@@ -15,7 +15,7 @@ from ros2_ident.files import read_small
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.limits import listed, printable
 from ros2_ident.recording.storage import damaged, digest
-from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
+from ros2_ident.recording.streams import FloatArray, IntArray, Recording
 from ros2_ident.recording.table import parquet_columns
 
 # Ends of each joint's travel by its name: low and high, rad.
@@ -58,11 +58,7 @@ _Columns = dict[_Key, _Place]
 
 
 def read_lerobot(
-    path: Path,
-    roles: Container[str] = ROLES,
-    unit: str = '',
-    calibration: str = '',
-    travel: Travel | None = None,
+    path: Path, roles: Container[str], unit: str, calibration: str, travel: Travel | None
 ) -> list[Recording]:
     """Read the episodes of a LeRobot folder, one recording each, positions in rad.
 
@@ -70,7 +66,8 @@ def read_lerobot(
         roles: What to read: `state`, `effort`, and `command` for the action.
         unit: Of positions, one of `UNITS`; where empty, the one in which they stay within the
             ends of their joints.
-        calibration: LeRobot's calibration file of the robot, which says how far joints turn.
+        calibration: LeRobot's calibration file of the robot, which says how far joints turn; none
+            where empty.
         travel: Ends of the machine's joints, where its description has any.
 
     Raises:
@@ -88,8 +85,8 @@ def read_lerobot(
     own = _calibrated(Path(calibration), turned) if calibration else {}
     said = [f'LeRobot stamps are the number of the frame over {rate:g} Hz: jitter cannot be seen']
     said += _in_rad(path, unit, columns, values, {**(travel or {}), **own})
-    asked = ['the action is what was asked for, before the driver limits it']
-    notes = asked if any(role == 'command' for role, *_ in columns) else []
+    asked = any(role == 'command' for role, *_ in columns)
+    notes = ['the action is what was asked for, before the driver limits it'] * asked
     numbers, total = np.unique(episode), digest([path / INFO, *files])
     found = []
     for number in numbers.tolist():
@@ -193,10 +190,10 @@ def _in_rad(
         if joint in placed and pair is not None:
             row *= pair[0]
             row += pair[1] if field == 'position' else 0.0
-            continue
-        row[:] = np.nan
-        # a velocity alone is of a mobile base, in m/s and in a unit of its own
-        (bases if joint not in placed else shut if gripper else unknown)[joint] = None
+        else:
+            row[:] = np.nan
+            # a velocity alone is of a mobile base, in m/s and in a unit of its own
+            (bases if joint not in placed else shut if gripper else unknown)[joint] = None
     if unknown:
         text = f'-100 to 100 is the travel of {listed(unknown)}, which nothing states; give '
         text += "LeRobot's calibration file by --columns, or a machine with limits"
