@@ -108,8 +108,7 @@ def allowed_cutoff(position: FloatArray, cycle: float, wanted: float) -> float:
     """Return the cutoff with which positions can be smoothed, as near to the wanted one as may be.
 
     Args:
-        position: Measured positions (D, K), NaN at cycles without a sample.
-        cycle: Time from cycle to cycle, s.
+        position, cycle: As of `smooth_motion`.
         wanted: Frequency up to which motion is wanted, Hz.
 
     Returns:
@@ -373,10 +372,8 @@ def standing(
     """Return where joints stand still or turn, as far as their readings tell.
 
     Args:
-        position: Measured (D, K), NaN at cycles without a sample.
+        position, cycle, cutoff: As of `smooth_motion`.
         velocity: Of the smoothed motion (D, K).
-        cycle: Time from cycle to cycle, s.
-        cutoff: Frequency up to which their motion is kept, Hz.
         least: (D,) speeds below which they stand all the same, rad/s or m/s.
 
     Returns:
@@ -413,9 +410,8 @@ def speed_error(position: FloatArray, cycle: float, cutoff: float) -> float:
     2 pi s sqrt(2 B^3 / (3 f)) below a frequency B.
 
     Args:
-        position: Measured (K,), NaN at cycles without a sample.
-        cycle: Time from cycle to cycle, s.
-        cutoff: The frequency, Hz.
+        position: One row (K,) of those of `smooth_motion`.
+        cycle, cutoff: As there; the frequency is the cutoff.
     """
     there, period = samples_of(position, cycle)
     if not there.size:

@@ -175,8 +175,12 @@ def _find(path: Path, cell: Cell, names: list[str]) -> int:
     if cell in names:
         text = f'two columns are called {short(cell)}; give the number of the column instead'
         raise _bad(path, text)
-    text = f'{path}: has no column {short(cell)}, its columns are {listed(names, 30)}; correct '
-    raise ErrorCode.MISSING_STREAM.error(f'{text}the column map, its delimiter or its skip')
+    raise _missing(path, 'column', cell, names, ', its delimiter or its skip')
+
+
+def _missing(path: Path, kind: str, name: str, names: Sequence[str], more: str = '') -> Exception:
+    text = f'{path}: has no {kind} {short(name)}, its {kind}s are {listed(names, 30)}'
+    return ErrorCode.MISSING_STREAM.error(f'{text}; correct the column map{more}')
 
 
 def _rows_of(
@@ -251,7 +255,7 @@ def _keys(path: Path, layout: ColumnMap, names: Sequence[str]) -> list[str]:
     name, _ = _parts(starred[0])
     pattern = re.compile(re.escape(name).replace(r'\*', '([^/]+)'))
     if not (found := [x[1] for x in map(pattern.fullmatch, names) if x]):
-        raise _missing(path, name, names)
+        raise _missing(path, 'array', name, names)
     return sorted(found, key=counted)
 
 
@@ -265,11 +269,6 @@ def _parts(cell: str) -> tuple[str, int | slice | None]:
     return name, None if one is None else int(one)
 
 
-def _missing(path: Path, name: str, names: Sequence[str]) -> Exception:
-    text = f'{path}: has no array {short(name)}, its arrays are {listed(names, 30)}'
-    return ErrorCode.MISSING_STREAM.error(f'{text}; correct the column map')
-
-
 def _rows(
     path: Path, layout: ColumnMap, names: Sequence[str], get: Callable[[str], NDArray[Any]]
 ) -> tuple[IntArray, list[FloatArray]]:
@@ -280,7 +279,7 @@ def _rows(
         name, index = _parts(str(cell))
         if name not in held:
             if name not in names:
-                raise _missing(path, name, names)
+                raise _missing(path, 'array', name, names)
             with _careful(path):
                 found = get(name)
             if found.dtype.kind == 'M':
