@@ -37,6 +37,10 @@ class ErrorCode(enum.IntEnum):
         """Return an error of this kind; its message is as of `IdentError`."""
         return IdentError(self, message)
 
+    def at(self, where: object, text: str) -> 'IdentError':
+        """Return an error of this kind whose sentence begins with where it is: a file, say."""
+        return IdentError(self, f'{where}: {text}')
+
 
 # After a cancel and the like there is a result all the same.
 _EXIT_CODES = {

@@ -93,8 +93,7 @@ def make_directory(path: str | Path) -> Path:
     if not why and not os.access(path, os.W_OK):
         why = 'cannot be written to'
     if why:
-        text = f'{path}: {why}; give another directory for the results'
-        raise ErrorCode.INVALID_GOAL.error(text)
+        raise ErrorCode.INVALID_GOAL.at(path, f'{why}; give another directory for the results')
     return path
 
 

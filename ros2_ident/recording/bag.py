@@ -123,7 +123,7 @@ def read_bags(
         name, digest = printable(str(path)), recordings[0].sha256
         if digest in of:
             text = f'is the same log as {of[digest]} and would count twice; name it once'
-            raise ErrorCode.INVALID_GOAL.error(f'{name}: {text}')
+            raise ErrorCode.INVALID_GOAL.at(name, text)
         of[digest] = name
     return found
 
@@ -298,7 +298,7 @@ def _unreadable(path: Path, kind: str, reason: str) -> IdentError:
         text = f'{printable(kind) or "a file without a suffix"} is not a format read here; '
         text += 'give a bag, .mcap, .db3, .bag or its directory, or write a table with a column '
         text += f'map: {", ".join((TABLES[0], *ARRAYS))}'
-        return ErrorCode.INVALID_GOAL.error(f'{path}: {text}')
+        return ErrorCode.INVALID_GOAL.at(path, text)
     name = shlex.quote(path.name)
     remedy = {
         '.bag': f'`rosbag reindex {name}` writes the index of what is whole, or ',
@@ -331,14 +331,14 @@ def _check_topics(
             raise ErrorCode.INVALID_GOAL.error(text)
     if not sum(raw.counts.values()):
         text = 'the bag holds no message; record again while the drives publish'
-        raise ErrorCode.NO_DATA.error(f'{path}: {text}')
+        raise ErrorCode.NO_DATA.at(path, text)
     named = [x for x, several in roles.items() if any(map(topics.named, several))]
     lacking = [x for x in named if not raw.counts.get(x)]
     if lacking or not any(messages.count for messages in raw.messages.values()):
         held = listed(f'{x} ({kind})' for x, kind in sorted(raw.types.items()) if raw.counts[x])
         text = f'holds no message of {", ".join(lacking or roles)}, only {held}; name the topics '
         text += 'of state, effort and command, or `none` for one that was not recorded'
-        raise ErrorCode.MISSING_STREAM.error(f'{path}: {text}')
+        raise ErrorCode.MISSING_STREAM.at(path, text)
 
 
 def _tell(

@@ -215,7 +215,7 @@ class RecordingBuilder:
         return [replace(x, warnings=tuple(warnings)) for x in found]
 
     def _bad(self, text: str, code: ErrorCode = ErrorCode.BAD_VALUES) -> IdentError:
-        return code.error(f'{self.source}: {text}')
+        return code.at(self.source, text)
 
     def _streams(self, role: str, track: _Track, warnings: list[str]) -> list[Stream]:
         names = list(track.joints)
@@ -363,7 +363,7 @@ def _cut(stamp: IntArray, where: str) -> tuple[list[IntArray], int]:
     if restarts > max(_MANY, _SHARE * stamp.size) or late > max(_MANY, _LATE_SHARE * stamp.size):
         text = f'the stamps step back {back.size} times in {stamp.size} messages: two publishers '
         text += 'with different clocks share the topic; record one of them, or remap the other'
-        raise ErrorCode.BAD_VALUES.error(f'{where}: {text}')
+        raise ErrorCode.BAD_VALUES.at(where, text)
     parts = np.split(np.arange(stamp.size), cuts[1:])
     return [part[np.argsort(stamp[part], kind='stable')] for part in parts], late
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_yaml
 from ros2_ident.recording.definition import path_of
 from ros2_ident.recording.limits import printable, short, unfit
@@ -21,6 +21,8 @@ from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, REST, smooth_mot
 from ros2_ident.recording.streams import FloatArray, IntArray
 
 MAP_SUFFIX = '.columns.yaml'
+# Error of a map that makes no sense.
+refuse = ErrorCode.INVALID_GOAL.at
 # Quantity of a joint in the map: role and field of the stream it becomes.
 QUANTITIES = {
     'position': ('state', 'position'),
@@ -241,11 +243,6 @@ def _field(path: object, what: str, cell: Any) -> Cell:
         form = 'write a topic and its field, as `/lowstate motor_state[3].q`'
         raise refuse(path, f'{what} names {short(cell)}; {form}') from None
     return f'/{topic.lstrip("/")} {field.strip()}'
-
-
-def refuse(path: object, text: str) -> IdentError:
-    """Return the error of a map that makes no sense."""
-    return ErrorCode.INVALID_GOAL.error(f'{path}: {text}')
 
 
 def _known(path: object, what: str, given: Iterable[object], known: tuple[str, ...]) -> None:

@@ -77,8 +77,7 @@ def read_lerobot(
     rate, robot, columns = _described(path, roles)
     files = sorted(filter(Path.is_file, path.glob('data/*/*.parquet')))
     if not files:
-        text = f'{path}: holds no data/*/*.parquet; fetch or record it again'
-        raise ErrorCode.NO_DATA.error(text)
+        raise ErrorCode.NO_DATA.at(path, 'holds no data/*/*.parquet; fetch or record it again')
     parts = [_values(file, columns) for file in files]
     episode, frame, values = (np.concatenate(x) for x in zip(*parts, strict=True))
     turned = not robot.startswith(_UNTURNED)
@@ -197,7 +196,7 @@ def _in_rad(
     if unknown:
         text = f'-100 to 100 is the travel of {listed(unknown)}, which nothing states; give '
         text += "LeRobot's calibration file by --columns, or a machine with limits"
-        raise ErrorCode.WRONG_UNITS.error(f'{path}: {text}')
+        raise ErrorCode.WRONG_UNITS.at(path, text)
     if shut:
         text = f'{listed(shut)}: left out, 0 to 100 of a travel that nothing states; give '
         said.append(f"{text}LeRobot's calibration file by --columns, or a machine with it")

@@ -18,7 +18,7 @@ from lz4.frame import LZ4FrameFile  # type: ignore[import-untyped]
 import yaml
 from zstandard import ZstdDecompressor, ZstdError
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import unreadable
 from ros2_ident.recording.limits import limit, size_text, total_of, variable_of
 
@@ -119,6 +119,8 @@ def inflate(method: str, packed: bytes, most: int) -> tuple[bytes, bool]:
 
 SUFFIXES = ('.mcap', '.db3', '.bag')
 NAME = 'metadata.yaml'
+# Refusal of a damaged file.
+damaged = ErrorCode.DAMAGED_BAG.at
 # Beginning and end of an MCAP file.
 MAGIC = b'\x89MCAP0\r\n'
 # No recorder writes more.
@@ -144,7 +146,7 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
     files = [x for x in path.iterdir() if x.suffix in (*SUFFIXES, '.zstd') and x.is_file()]
     if not files:
         text = 'holds no .mcap, .db3 or .bag file; give what `ros2 bag record` wrote'
-        raise ErrorCode.NO_DATA.error(f'{path}: {text}')
+        raise ErrorCode.NO_DATA.at(path, text)
     files.sort(key=lambda x: counted(x.name))
     stated = [path / x for x in read_metadata(path)[0]]
     said, there = '', (path / NAME).exists()
@@ -168,11 +170,6 @@ def digest(files: Iterable[Path]) -> str:
         with path.open('rb') as stream:
             hashlib.file_digest(stream, lambda: total)
     return total.hexdigest()
-
-
-def damaged(path: Path, text: str) -> IdentError:
-    """Return the refusal of a damaged file."""
-    return ErrorCode.DAMAGED_BAG.error(f'{path}: {text}')
 
 
 @contextmanager

@@ -35,6 +35,7 @@ from ros2_ident.recording.storage import counted, damaged, digest
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
 
 TABLES = ('.csv', '.tsv', '.txt')
+_bad = ErrorCode.BAD_VALUES.at
 # Rows converted at once: bounds the memory that texts take.
 _BLOCK = 1 << 14
 # A step between rows outside of this is a wrong unit of the time, ns.
@@ -111,10 +112,6 @@ def _nanoseconds(time: str | int, digits: int) -> int:
     if abs(stamp) > LATEST_STAMP:
         raise OverflowError
     return stamp
-
-
-def _bad(path: object, text: str) -> IdentError:
-    return ErrorCode.BAD_VALUES.error(f'{path}: {text}')
 
 
 def text_of(path: Path) -> str:

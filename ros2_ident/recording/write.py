@@ -80,8 +80,7 @@ def write_bag(
         streams = {getattr(Topics, role): stream for role, stream in streams.streams.items()}
     by_topic = {'/' + topic.lstrip('/'): stream for topic, stream in streams.items()}
     if not by_topic:
-        text = f'{path}: there is no stream to write; name at least one'
-        raise ErrorCode.INVALID_GOAL.error(text)
+        raise ErrorCode.INVALID_GOAL.at(path, 'there is no stream to write; name at least one')
     require_room(path, mark)
     noted = {**(custom or {}), **({MARK: mark} if mark else {})}
     topics = []
@@ -195,7 +194,7 @@ def require_room(path: str | Path, mark: str = '') -> None:
     if mark:
         text = f'is no {mark} that ident wrote and will not be replaced; move it away'
     if (path.exists() or path.is_symlink()) and not (mark and _is_marked(path, mark)):
-        raise ErrorCode.INVALID_GOAL.error(f'{path}: {text}')
+        raise ErrorCode.INVALID_GOAL.at(path, text)
 
 
 def remove_bag(path: str | Path, mark: str) -> None:
