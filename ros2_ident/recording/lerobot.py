@@ -14,7 +14,7 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_small
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.limits import listed, printable
-from ros2_ident.recording.storage import damaged, digest
+from ros2_ident.recording.storage import damaged, digest, UNFIT
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording
 from ros2_ident.recording.table import parquet_columns
 
@@ -45,8 +45,6 @@ _ENDINGS = {'pos': 'position', 'q': 'position', 'vel': 'velocity'}
 _ENDINGS |= dict.fromkeys(('effort', 'torque', 'current', 'load'), 'effort')
 # Beyond its ends by this share of its travel a joint is not; through less of it none is moved.
 _BEYOND, _MOVED = 0.05, 0.04
-# What JSON of another content raises: a number may be too large for a float, too.
-_UNFIT = (LookupError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 # Without ends: what is farther off than this was not logged in rad.
 _TURN = 1.1 * math.tau
 
@@ -109,7 +107,7 @@ def _described(path: Path, roles: Container[str]) -> tuple[float, str, _Columns]
         robot = str(info.get('robot_type') or '')
         features = {k: v for k, v in info['features'].items() if k in _FEATURES}
         pairs = [x for k, v in features.items() for x in _columns(k, v) if x[0][0] in roles]
-    except _UNFIT as exc:
+    except UNFIT as exc:
         text = f'is no description of a LeRobot folder ({printable(str(exc), 80)})'
         raise damaged(file, f'{text}; fetch it again') from None
     if not version.startswith(('v2.', 'v3.')) or not 0.0 < rate < 1e6:
@@ -164,7 +162,7 @@ def _calibrated(file: Path, turned: bool) -> dict[str, tuple[float, float]]:
             counts = _COUNTS[x['range_max'] <= _COUNTS[1]]
             half = 0.5 * math.tau * (x['range_max'] - x['range_min']) / counts
             ends[name] = (half, -half) if turned and x.get('drive_mode') else (-half, half)
-    except _UNFIT as exc:
+    except UNFIT as exc:
         text = f'is no calibration of LeRobot ({printable(str(exc), 80)})'
         text = f'{file}: {text}; give the file with range_min and range_max of each motor'
         raise ErrorCode.INVALID_GOAL.error(text) from None

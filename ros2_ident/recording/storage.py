@@ -3,7 +3,7 @@
 
 from bz2 import BZ2File
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 import hashlib
 from io import BytesIO
@@ -19,12 +19,14 @@ import yaml
 from zstandard import ZstdDecompressor, ZstdError
 
 from ros2_ident.errors import ErrorCode
-from ros2_ident.files import unreadable
+from ros2_ident.files import read_small, unreadable
 from ros2_ident.recording.limits import limit, size_text, total_of, variable_of
 
 ZSTD = b'\x28\xb5\x2f\xfd'
 # What the decompressors raise at damaged data.
 FAILURES = (ZstdError, RuntimeError, EOFError, OSError, ValueError, MemoryError)
+# What JSON and YAML of another content raise: a number may be too large for a float, too.
+UNFIT = (LookupError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
 _PIECE = 1 << 16  # read1 of a zstd frame that is cut never ends
 
 
@@ -220,14 +222,10 @@ def read_metadata(folder: Path) -> tuple[list[str], dict[str, str]]:
 
     Nothing else is taken from it: the files themselves hold it.
     """
-    path = folder / NAME
-    try:
-        if not path.is_file() or path.stat().st_size > _LARGEST:
-            return [], {}
-        data = yaml.load(path.read_text(encoding='utf-8'), Loader=_LOADER)  # noqa: S506 - safe
+    with suppress(OSError, yaml.YAMLError, *UNFIT):
+        text = read_small(folder / NAME, _LARGEST).decode()
+        data = yaml.load(text, Loader=_LOADER)  # noqa: S506 - safe
         info = data['rosbag2_bagfile_information']
         custom = {str(k): str(v) for k, v in (info.get('custom_data') or {}).items()}
         return [Path(str(x)).name for x in info['relative_file_paths']], custom
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError,
-            yaml.YAMLError):  # fmt: skip
-        return [], {}
+    return [], {}
