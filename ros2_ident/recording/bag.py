@@ -318,8 +318,9 @@ def _check_topics(
             if not roles_of(kind):
                 text = f'of which there is no map; give another as {role}, or --columns with the '
                 text += 'fields that it is in'
-            text = f'{path}: {topic} is of type {printable(kind)}, {text}'
-            raise ErrorCode.MISSING_STREAM.error(text)
+            raise ErrorCode.MISSING_STREAM.at(
+                path, f'{topic} is of type {printable(kind)}, {text}'
+            )
         about = map_of(kind)
         same = about is None or len({str(about.roles[x]) for x in several}) < len(several)
         if len(several) > 1 and same:

@@ -327,9 +327,9 @@ class _Chunks(Reader):
         for x in self.connections:
             target = content.open(x.topic, x.msgtype, 'ros1msg', x.msgdef.data.encode())
             ways[x.id] = x.topic, target
-        found, stated = Counter[str](), Counter[int]()
+        stated = 0
         for info in self.chunk_infos:
-            stated.update(info.connection_counts)
+            stated += sum(info.connection_counts.values())
             try:
                 chunk = self.chunks[info.pos]
                 self.bio.seek(chunk.datapos)  # type: ignore[union-attr]
@@ -344,7 +344,8 @@ class _Chunks(Reader):
                     data = read_bytes(stream, read_uint32(stream))
                     if header.get_uint8('op') == RecordType.MSGDATA:
                         topic, target = ways[header.get_uint32('conn')]
-                        found[topic] += 1
+                        content.counts[topic] += 1
+                        losses.whole += 1
                         if target is not None:
                             target([header.get_time('time')], [data])
             except Damage as exc:
@@ -352,10 +353,7 @@ class _Chunks(Reader):
                 losses.say(str(exc))
             except Exception:  # the parser lets whatever damaged bytes cause through
                 losses.blocks += 1
-        for topic, _ in ways.values():
-            content.counts[topic] = found[topic]
-        losses.whole = found.total()
-        losses.messages = max(0, stated.total() - losses.whole)
+        losses.messages = max(0, stated - losses.whole)
 
 
 _SOUND_STEPS, _STEPS_PER_BYTE, _EVERY = 2_000_000, 20, 10_000
