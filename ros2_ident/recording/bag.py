@@ -318,9 +318,8 @@ def _check_topics(
             if not roles_of(kind):
                 text = f'of which there is no map; give another as {role}, or --columns with the '
                 text += 'fields that it is in'
-            raise ErrorCode.MISSING_STREAM.at(
-                path, f'{topic} is of type {printable(kind)}, {text}'
-            )
+            text = f'{topic} is of type {printable(kind)}, {text}'
+            raise ErrorCode.MISSING_STREAM.at(path, text)
         about = map_of(kind)
         same = about is None or len({str(about.roles[x]) for x in several}) < len(several)
         if len(several) > 1 and same:
