@@ -312,7 +312,7 @@ def _rows(
     for cell, wanted in layout.where:
         number = math.nan  # what is no number stands nowhere
         with suppress(ValueError):
-            number = float(wanted)
+            number = float({'True': 1, 'False': 0}.get(wanted, wanted))
         there &= column(cell) == number
     for x, row in zip(layout.columns, values, strict=True):
         if row.size != stamp.size:

@@ -232,10 +232,11 @@ def test_episodes_in_groups_are_recordings_and_a_rate_is_a_time(tmp_path):
     assert (np.diff(found[0].state.stamp) == 4_000_000).all()
 
 
-def test_rows_are_chosen_by_what_stands_there(tmp_path):
-    values = samples()
-    np.savez(tmp_path / 'log.npz', **values, mode=np.arange(ROWS) // 100)
-    (tmp_path / 'log.columns.yaml').write_text(column_map(rest='where: {mode: 1}'))
+@pytest.mark.parametrize('wanted', [1, 'true'])
+def test_rows_are_chosen_by_what_stands_there(tmp_path, wanted):
+    values, mode = samples(), np.arange(ROWS) // 100
+    np.savez(tmp_path / 'log.npz', **values, mode=mode if wanted == 1 else mode == 1)
+    (tmp_path / 'log.columns.yaml').write_text(column_map(rest=f'where: {{mode: {wanted}}}'))
     (read,) = read_bag(tmp_path / 'log.npz')
     np.testing.assert_array_equal(read.state.position, values['q'][100:200])
 
