@@ -27,19 +27,27 @@ class Topics:
 
     Where a log has no topic of a default name, what ros2_control publishes is taken instead. One
     of another name was named, and has to be there.
+
+    Attributes:
+        state: Measured positions and velocities, and efforts where the drive reports them here.
+        effort: Measured efforts on a topic of their own.
+        command: The controller's set-point.
+        columns: Column map of a table (CSV) or of the fields of a bag's topics; of a table, where
+            empty, the file `NAME.columns.yaml` beside `NAME.csv`. Of a LeRobot folder its robot's
+            calibration.
+        names: Joints in the order of messages that name none; of a Float64MultiArray also
+            `joint/velocity`.
+        so_far: Whether the log is of a node that may not have heard every topic yet.
+        position_unit: Unit of the positions in a LeRobot folder: rad, deg or percent; where empty,
+            it is told by the ends of the joints.
     """
 
-    # measured positions and velocities, and efforts where the drive reports them here
     state: str = '/joint_states'
-    effort: str = '/effort'  # measured, on a topic of their own
-    command: str = '/joint_command'  # the controller's set-point
-    # column map of a table (CSV) or of the fields of a bag's topics; of a table, where empty, the
-    # file `NAME.columns.yaml` beside `NAME.csv`; of a LeRobot folder its robot's calibration
+    effort: str = '/effort'
+    command: str = '/joint_command'
     columns: str = ''
-    # joints in the order of messages that name none; of a Float64MultiArray also `joint/velocity`
     names: tuple[str, ...] = ()
-    so_far: bool = False  # whether the log is of a node that may not have heard every topic yet
-    # of a LeRobot folder: rad, deg or percent; where empty, the ends of the joints tell it
+    so_far: bool = False
     position_unit: str = ''
 
     def topic(self, role: str) -> str:

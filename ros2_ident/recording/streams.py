@@ -25,16 +25,22 @@ _fail = ErrorCode.BAD_VALUES.error
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """Samples (T, D) of D joints, in the order of their stamps.
+    """Samples of some joints, in the order of their stamps.
 
-    A field is None where it was never measured, and NaN where one message left the joint out.
+    Attributes:
+        names: The D joints' names.
+        stamp: Header stamps (T,), ns, strictly increasing.
+        position: Positions (T, D), rad or m; None where never measured; NaN where one message left
+            the joint out.
+        velocity: Velocities (T, D), rad/s or m/s; likewise.
+        effort: Efforts (T, D) in the log's unit; likewise.
     """
 
-    names: tuple[str, ...]  # of the joints
-    stamp: IntArray  # of the headers (T,), ns, strictly increasing
-    position: FloatArray | None = None  # rad or m
-    velocity: FloatArray | None = None  # rad/s or m/s
-    effort: FloatArray | None = None  # in the log's unit
+    names: tuple[str, ...]
+    stamp: IntArray
+    position: FloatArray | None = None
+    velocity: FloatArray | None = None
+    effort: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Validate and take ownership of the arrays."""
@@ -118,17 +124,27 @@ class Stream:
 
 @dataclass(frozen=True)
 class Recording:
-    """One uninterrupted stretch of a log."""
+    """One uninterrupted stretch of a log.
 
-    state: Stream | None = None  # what the drives measured
-    effort: Stream | None = None  # the effort where it came on a stream of its own
-    command: Stream | None = None  # the controller's set-point
-    source: str = ''  # where it came from: a path, or the name of the live buffer
-    sha256: str = ''  # of the bag's storage file(s), empty for live data
-    warnings: tuple[str, ...] = ()  # what the reader has to say about it, one sentence each
-    notes: tuple[str, ...] = ()  # where its values come from, and what else the log holds
-    # units that the log states by joint and quantity: m or rad of positions and velocities; of
-    # efforts N m, N, A or percent
+    Attributes:
+        state: What the drives measured, or None.
+        effort: The effort where it came on a stream of its own, or None.
+        command: The controller's set-point, or None.
+        source: Where it came from: a path, or the name of the live buffer.
+        sha256: Hash of the bag's storage file(s), empty for live data.
+        warnings: What the reader has to say about it, one sentence each.
+        notes: Where its values come from, and what else the log holds.
+        units: Units that the log states by joint and quantity: m or rad of positions and
+            velocities; of efforts N m, N, A or percent.
+    """
+
+    state: Stream | None = None
+    effort: Stream | None = None
+    command: Stream | None = None
+    source: str = ''
+    sha256: str = ''
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     units: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -251,27 +267,38 @@ class StreamQuality:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Measurements (D, K) of D drives on K controller cycles.
+    """Measurements of D drives on K controller cycles.
 
-    They are NaN at cycles without a sample, and None where never measured.
+    Attributes:
+        names: The drives.
+        cycle: From one to the next, s: the controller's, or of a `coarse` grid.
+        start: Stamp of cycle 0, ns.
+        command_position: Set-point (D, K), rad or m, at every cycle; None where there is no
+            command.
+        command_velocity: Its derivative (D, K), rad/s or m/s; None likewise.
+        position: Measured (D, K), NaN at cycles without a sample; None where never measured.
+        velocity: Likewise.
+        effort: Likewise, in the unit of the recording given (N m or N after conversion).
+        streams: How the streams arrived, by role.
+        warnings: What a user has to know of that, one sentence each.
+        beside: Positions (K,) of the recording's other joints, by name, at every cycle.
+        released: Cycle from which on the motors are switched off; None where they never are.
+        command_effort: Effort asked for (D, K), in the unit of `effort`, NaN for drives that are
+            told a motion; None where all are. No model is driven by it.
     """
 
-    names: tuple[str, ...]  # of the drives
-    cycle: float  # from one to the next, s: the controller's, or of a `coarse` grid
-    start: int  # stamp of cycle 0, ns
-    command_position: FloatArray | None  # set-point at every cycle, rad or m; None without one
-    command_velocity: FloatArray | None  # its derivative, rad/s or m/s
-    position: FloatArray | None  # rad or m
-    velocity: FloatArray | None  # rad/s or m/s
-    effort: FloatArray | None  # in the unit of the recording given (N m or N after conversion)
-    # how the streams arrived, by role, and what a user has to know of that, one sentence each
+    names: tuple[str, ...]
+    cycle: float
+    start: int
+    command_position: FloatArray | None
+    command_velocity: FloatArray | None
+    position: FloatArray | None
+    velocity: FloatArray | None
+    effort: FloatArray | None
     streams: Mapping[str, StreamQuality] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    # positions (K,) of the recording's other joints, by name, at every cycle
     beside: Mapping[str, FloatArray] = field(default_factory=dict)
-    released: int | None = None  # cycle from which on the motors are off; None for never
-    # effort asked for, in the unit of `effort`, NaN for drives that are told a motion; None where
-    # all are. No model is driven by it.
+    released: int | None = None
     command_effort: FloatArray | None = None
 
     def __post_init__(self) -> None:
