@@ -179,6 +179,13 @@ class Value:
     upper_bound: float = math.nan
     kind: str = 'physical'
 
+    @property
+    def confined(self) -> bool:
+        """Whether it ended at a bound of its search, other than at nothing."""
+        edge = AT_BOUND * (self.upper_bound - self.lower_bound)
+        low = self.value <= self.lower_bound + edge and self.lower_bound != 0.0
+        return bool(low or self.value >= self.upper_bound - edge)
+
 
 def at_bound(parameter: EffectParameter, value: float) -> bool:
     """Whether an effect's size ended at a bound of its search, other than at its neutral value.

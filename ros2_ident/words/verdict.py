@@ -78,12 +78,19 @@ def hidden(d: Diagnosis) -> Iterator[str]:
 
 
 def at_bounds(d: Diagnosis) -> Iterator[str]:
-    """Yield which sizes of effects ended at a bound of their search."""
+    """Yield which sizes of effects, and which parameters, ended at a bound of their search."""
     if ends := _at_bounds(d):
         yield (
             f'{ends}: the effect is larger than the search allows, or replaces another cause. '
             'Check the unit of the effort and the constants of the machine file, or exclude the '
             'effect.'
+        )
+    names = [name for name, v in d.parameters.items() if name in d.nominal and v.confined]
+    if names:
+        lie = 'lies' if len(names) == 1 else 'lie'
+        yield (
+            f'{enumerated(names, _LISTED)} {lie} at a bound of the machine file: what is missing '
+            'may be what lies beyond; widen it.'
         )
 
 
