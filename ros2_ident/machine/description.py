@@ -18,6 +18,8 @@ from ros2_ident.recording.limits import unfit
 _BYTES, _ELEMENTS, _BODIES, _DEPTH, _JOINTS, _FILES = 1 << 24, 100_000, 1_000, 250, 6, 100
 # MuJoCo 4.0 knows 38 of an element `general`, the most of all.
 _ATTRIBUTES = 100
+# Types of joints that turn about one axis, or slide along it.
+_TURN, SLIDE = ('revolute', 'continuous', 'hinge'), ('prismatic', 'slide')
 _ATTRIBUTE = re.compile(r"""=\s*("[^"]*"|'[^']*')""")
 # SI units: a limit of none is 1e16, squares are far from overflow; what may be a rounded 0.
 _LARGEST, _NOTHING = 1e30, -1e-9
@@ -237,18 +239,21 @@ def own_physics(root: ET.Element, joints: Collection[str]) -> str:
     return ''
 
 
-def joints_in(text: str) -> tuple[str, ...]:
+def joints_in(text: str, types: Collection[str] = (*_TURN, *SLIDE)) -> tuple[str, ...]:
     """Return the joints of a description that turn about or slide along one axis.
+
+    Args:
+        text: URDF or MJCF.
+        types: Of joints, as either calls them.
 
     Raises:
         IdentError: As `judged_tree`.
     """
     root = judged_tree(text)
     found = root.iterfind('joint' if root.tag == 'robot' else './/worldbody//joint')
-    one_axis = 'revolute', 'continuous', 'prismatic', 'hinge', 'slide'
     return tuple(
         joint.get('name', '') for joint in found
-        if joint.get('name') and joint.get('type', 'hinge') in one_axis
+        if joint.get('name') and joint.get('type', 'hinge') in types
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A new machine file: a template of every key, or from a description and a log of the machine."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 import itertools
 from itertools import cycle, groupby, islice
@@ -13,7 +13,14 @@ import numpy as np
 import yaml
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.description import declared, judged_tree, own_physics, OWN_WORDS
+from ros2_ident.machine.description import (
+    declared,
+    joints_in,
+    judged_tree,
+    own_physics,
+    OWN_WORDS,
+    SLIDE,
+)
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.units import STATED_FOR
@@ -66,8 +73,9 @@ def new_machine_file(
             in common, or the log efforts of several units; or as the kind's `joints`.
     """
     states = None if log is None else log.state
-    known, boxes = dict[str, str](), dict[str, str]()
+    known, boxes, slides = dict[str, str](), dict[str, str](), set[str]()
     if description is not None:
+        slides = {*joints_in(description, SLIDE)}
         known = {description_key(kind): inline(named)}
         if kind.joints is not None:
             kind.joints(description)
@@ -85,7 +93,9 @@ def new_machine_file(
         known['effort_unit'] = units[0]
         constant = STATED_FOR.get(units[0])
         known |= {key.name: literal(key) for key in kind.keys if key.name == constant}
-    return machine_template(kind, names, known, boxes)
+    # What slides asks its mass of its drive, what turns the moment alone.
+    shown = kind.described[:1] if kind.extent and slides.intersection(names) else ()
+    return machine_template(kind, names, known, boxes, shown)
 
 
 def _effort_units(log: Recording | None, names: Sequence[str]) -> list[str]:
@@ -469,6 +479,7 @@ def machine_template(
     drives: Sequence[str] = (),
     known: Mapping[str, str] | None = None,
     boxes: Mapping[str, str] | None = None,
+    shown: Collection[str] = (),
 ) -> str:
     """Return the text of a machine file.
 
@@ -478,6 +489,7 @@ def machine_template(
         known: Values of keys by name, as YAML. Beside a file that describes it, a machine needs
             nothing of that section which belongs to single drives or has no default.
         boxes: Boxes of parameters by name, likewise.
+        shown: Parameters that are to be found, beside those of the example.
 
     Returns:
         YAML that `load_machine` reads. Optional keys that the example does without stand behind
@@ -502,7 +514,7 @@ def machine_template(
             lines += ['', f'{section}:{note}']
         for key in keys:
             if (value := (boxes or {} if boxed else given).get(key.name)) is not None:
-                key = replace(key, shown=key.shown or not boxed)
+                key = replace(key, shown=key.shown or not boxed or key.name in shown)
                 lines += _lines(key, indent, value)
                 continue
             if key.section in described and key.absent and (key.each or key.default is None):

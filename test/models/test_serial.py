@@ -477,6 +477,14 @@ def test_joints_of_other_names_are_told_how_to_be_called_as_the_description_does
     assert yaml.safe_load(made)['drives'] == ['elbow']
 
 
+@pytest.mark.parametrize(('joint', 'sought'), [('slide', True), ('elbow', False)])
+def test_the_mass_of_what_slides_is_sought(joint: str, sought: bool) -> None:
+    wave = np.sin(0.01 * np.arange(300))[:, None]
+    log = Recording(Stream((joint,), 10_000_000 * np.arange(300), wave))
+    made = yaml.safe_load(new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', log))
+    assert ('link_mass' in made['parameters']) is sought
+
+
 def test_odd_names_of_a_description_stand_in_a_new_file_as_they_are() -> None:
     named = ('arm: 1', "]'#", '<&"> $$', 'null')
     text = URDF
