@@ -175,14 +175,17 @@ def _sized(factors: dict[str, float]) -> list[Gate]:
     )
     if abs(factor) < _NOTHING:
         text += 'log the whole torque, not one with gravity compensated, or set free_fall to 0'
-    elif near(-factor):
-        hangs = ', or write base_roll: 3.14 where the arm hangs' if by_one else ''
-        text += f'negate the effort or the position in the driver{hangs}'
     else:
-        text += (
-            'state effort_unit with torque_constant or rated_torque, gear_factor where it is the '
-            "motor's, or correct the masses of the description"
-        )
+        turned = [name for name, x in off.items() if x < 0.0]
+        hangs = ', or write base_roll: 3.14 where the arm hangs' if by_one else ''
+        whose = '' if len(turned) == len(off) else f' of {", ".join(turned)}'
+        steps = [f'negate the effort{whose} or the position in the driver{hangs}'] * bool(turned)
+        if not near(-factor):
+            steps.append(
+                'state effort_unit with torque_constant or rated_torque, gear_factor where it is '
+                "the motor's, or correct the masses of the description"
+            )
+        text += ', and '.join(steps)
     level: Level = 'fail' if by_one else 'warn'
     return [Gate('weight', '', level, factor, '1', text, by_one, cause='size')]
 

@@ -48,6 +48,13 @@ def found(
         ({'factors': (1.0, 1.0, 8.0, 1.0)}, 'weight', 'warn', 8.0, 'elbow: the effort is 8 times'),
         ({'factors': (1.0, 1.0, -1.0, 1.0)}, 'weight', 'warn', -1.0, 'elbow: .* negate'),
         (
+            {'factors': (1.0, 1.0, -1.7, -2.4)},
+            'weight',
+            'warn',
+            -1.7,
+            'negate the effort or the position in the driver, and state effort_unit',
+        ),
+        (
             {'base_roll': 1.2, 'base_pitch': 0.3},
             'tilt',
             'fail',
