@@ -92,8 +92,11 @@ def check_both(
             found.append(Finding('warn', 'align', '', text))
     findings = [_with_line(x, file) for x in found] + [*own]
     if data is not None and all(x.level != 'error' for x in own):
-        # The machine file shows which drives load each other.
-        findings = [x for x in findings if x.code != 'effort_sign']
+        # The machine file shows which drives load each other: an arm's are not looked at alone.
+        alone = {'effort_sign'}
+        if kind_of(machine).joints and len(machine.drives) > 1:
+            alone |= {'effort', 'effort_unexplained'}
+        findings = [x for x in findings if x.code not in alone]
         findings += _gates(data, machine, file, drives)
     return replace(report, findings=tuple(findings))
 
