@@ -151,7 +151,7 @@ def load_columns(path: str | Path, arrays: bool = False) -> ColumnMap:
             raise refuse(path, f'{key} is {short(value)}; {_AS}')
     cell = partial(_cell, path, given['header'], arrays)
     time, where = data.get('time'), given.pop('where')
-    rate = time.get('rate') if arrays and isinstance(time, Mapping) and len(time) == 1 else None
+    rate = time.get('rate') if isinstance(time, Mapping) and len(time) == 1 else None
     if isinstance(rate, (int, float)) and 0 < rate < 1e6:
         time = {'column': '', 'unit': 's'}
     unit = str(time.get('unit')) if isinstance(time, Mapping) else ''

@@ -408,7 +408,8 @@ def header_of(path: Path) -> Header:
         named = meanings(names, units)
         for n in (n for n in wordy if named[n].quantity):
             raise maps.refuse(path, _wordy(((names[n], x) for x in below[n]), decimal))
-        raise maps.refuse(path, f'no column is named as a {kind}: {listed(names)}; {where}')
+        even = '; in a column map `time: {rate: HZ}` stands for none' * (kind == 'time')
+        raise maps.refuse(path, f'no column is named as a {kind}: {listed(names)}; {where}{even}')
     unique = {x for x in names if x and names.count(x) == 1 and names is rows[top]}
     cells = tuple(x if x in unique else n for n, x in enumerate(names, 1))
     return Header(tuple(columns), cells, delimiter, decimal, top, bool(units))

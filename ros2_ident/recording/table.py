@@ -139,18 +139,24 @@ def _parse(
     for _ in range(layout.skip_below):
         if next(reader, None) is None:
             break
-    cells = [layout.time, *(x.cell for x in layout.columns)]
-    time, *where = (_find(path, cell, names) for cell in cells)
+    where = [_find(path, x.cell, names) for x in layout.columns]
+    time = None if layout.rate else _find(path, layout.time, names)
     asked = {_find(path, cell, names): value for cell, value in layout.where}
     stamps = [np.empty(0, dtype=np.int64)]
     parts = [[np.empty(0)] for _ in layout.columns]
     warnings: list[str] = []
     nanoseconds = partial(_nanoseconds, digits=layout.digits)
-    rows = _rows_of(path, reader, max(time, *where, *asked) + 1, layout.skip, warnings)
-    met = (row for row in rows if all(_equal(row[1][at], x) for at, x in asked.items()))
-    while block := list(islice(met, _BLOCK)):
+    width = max([*where, *asked, time or 0]) + 1
+    rows = enumerate(_rows_of(path, reader, width, layout.skip, warnings))
+    met = (x for x in rows if all(_equal(x[1][1][at], y) for at, y in asked.items()))
+    while several := list(islice(met, _BLOCK)):
+        block = [row for _, row in several]
         read = partial(_converted, path, block, layout.decimal)
-        stamps.append(np.array(read(time, ': the time', _NO_TIME, nanoseconds), dtype=np.int64))
+        if time is None:
+            own = [round(n * 1e9 / layout.rate) for n, _ in several]
+        else:
+            own = read(time, ': the time', _NO_TIME, nanoseconds)
+        stamps.append(np.array(own, dtype=np.int64))
         for part, column, at in zip(parts, layout.columns, where, strict=True):
             name = f', column {printable(str(column.cell))}:'
             numbers = read(at, name, _NO_VALUE, lambda x: float(x) if x else math.nan)

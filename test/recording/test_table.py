@@ -75,6 +75,18 @@ def test_columns_are_added_rows_chosen_and_lines_of_units_left_out(tmp_path):
         read(tmp_path, text, f'skip_below: {1 << 63}\n', joints)
 
 
+def test_rows_without_a_time_are_even(tmp_path, monkeypatch):
+    monkeypatch.setattr(table, '_BLOCK', 7)
+    rows = ''.join(f'{n % 3},{0.5 * n}\n' for n in range(40))
+    text = 'time: {rate: 250}\njoints: {a: {position: q}}\nwhere: {run: 1}\n'
+    (tmp_path / 'log.columns.yaml').write_text(text)
+    (tmp_path / 'log.csv').write_text(f'run,q\n{rows}')
+    (found,) = read_bag(tmp_path / 'log.csv')
+    which = np.arange(1, 40, 3)
+    np.testing.assert_array_equal(found.state.stamp, which * 4_000_000)
+    np.testing.assert_array_equal(found.state.position[:, 0], 0.5 * which)
+
+
 def test_a_unit_is_a_factor_and_a_scale_beside_it_one_more(tmp_path):
     text = 't,q,v,g,m\n0,90,60,1000,20\n0.1,180,-30,0,10\n'
     joints = """a: {position: {column: q, unit: deg, scale: -1}, velocity: {column: v, unit: rpm},
