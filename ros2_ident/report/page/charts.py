@@ -164,7 +164,7 @@ def _explained(found: ResidualMap) -> float:
     squares = [
         b.mean**2 - a.mean**2
         for b, a in zip(found.before, found.after, strict=False)
-        if b.mean.size == a.mean.size
+        if b.mean.size == a.mean.size > 0
     ]
     mean = float(np.concatenate(squares).mean()) if squares else 0.0
     familiar = FAMILIAR if found.coordinate == 'velocity' else 1.0
