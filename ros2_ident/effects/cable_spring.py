@@ -19,7 +19,8 @@ EFFECT = Effect(
     equation='-k (s - s_0) on the load side',
     source='Khatib/FloBaRoID catalogue of disturbance forces; Hooke',
     parameters=(
-        EffectParameter('stiffness', 'force/m', -1.0, 1.0, 0.0, symbol='k'),
+        # One that pushes away is none.
+        EffectParameter('stiffness', 'force/m', 0.0, 1.0, 0.0, symbol='k'),
         along_rail('rest', 's_0', 'position without force'),
     ),
     hook=Hook.CARRIAGE_FORCE,
