@@ -15,13 +15,10 @@ def _kernel(value: Any, drive: Any, p: Any) -> Any:
 
 
 def _end(name: str, symbol: str, *starts: float) -> EffectParameter:
-    """Return a stop that is looked for from beyond one end of the motion to a fifth of it.
-
-    What gives way over more is a spring: the softest one tried gives by half of that. By hand.
-    """
-    far, deep = starts[0], 0.2 if starts[0] < 0.5 else 0.8
+    """Return a stop that is looked for from beyond one end of the motion to its middle."""
+    far = starts[0]
     return EffectParameter(
-        name, 'm', min(far, deep), max(far, deep), far, starts, 'position',
+        name, 'm', min(far, 0.5), max(far, 0.5), far, starts, 'position',
         symbol=symbol, meaning=f'where the {name} stop begins',
     )  # fmt: skip
 
