@@ -9,7 +9,6 @@ cause outside the catalogue then looks like an effect that is in it.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-import math
 
 import numpy as np
 
@@ -88,16 +87,12 @@ def in_place_of(
         return replace(e, effects=effects, fit=next(squares), check=next(squares))
 
     found: dict[str, tuple[Hypothesis, Hypothesis]] = {}
-    least: dict[str, float] = {}
     nothing = PARAMETERS, np.empty((count, 0)), slopes[1][:, :0]
     for name, fit, check in (nothing, *_functions(fits, e, at)):
         added = np.pad(fit, law), check
-        less = left(*added)
         both = left(*(np.column_stack(x) for x in zip(added, changes, strict=True)))
-        # Of several forms of a coordinate that to which the effect adds least.
-        adds = less.loss - min(both.loss, e.loss)
-        if adds < least.setdefault(name, math.inf):
-            least[name], found[name] = adds, (less, both)
+        if name not in found or both.loss < found[name][1].loss:
+            found[name] = left(*added), both
     basis = np.linalg.qr(np.delete(e.jacobian, columns, axis=1))[0]
     own = np.linalg.norm(changes[0] - basis @ (basis.T @ changes[0]))
     # One that ends where it vanishes is another form of the nominal law.

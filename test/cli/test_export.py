@@ -83,7 +83,7 @@ def test_a_machine_file_from_description_and_bag(identified, tmp_path, capsys) -
     assert machine.number('cycle') == 0.004
     assert machine.text('description') == (identified / 'arm.urdf').read_text()
     model = make_model(machine, moving(machine))
-    assert len(model.parameters) == 18 + 3 * 4
+    assert len(model.parameters) == 1 + 18 + 3 * 4
     # What acts linearly by itself.
     capsys.readouterr()
     words = ['identify', str(identified / 'log'), '--machine', str(out), '--quiet']
