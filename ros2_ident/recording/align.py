@@ -14,7 +14,6 @@ from ros2_ident.recording.grid import (
     find_ticks,
     missing_samples,
     sample_period,
-    SHARED,
     Ticks,
     TOLD_DRIFT,
 )
@@ -168,7 +167,7 @@ class _Layout:
                 off, other = f'{abs(ticks.phase) * 1e3:.3g} ms', next(iter(self.placed))
                 said = f'stamps lie {off} beside those of {other}, near half a cycle'
                 self.warnings.append(f'{role}: {said}: it may be one cycle off')
-            if (doubled := int((~ticks.keep).sum())) > SHARED * ticks.keep.size:
+            if doubled := int((~ticks.keep).sum()):
                 said = f'{doubled} samples share a controller cycle with another and are left out'
                 remarks.setdefault(f'{said}; state a shorter one', []).append(role)
             if abs(ticks.drift) > TOLD_DRIFT:
@@ -317,10 +316,7 @@ class _Layout:
         return out, rate
 
     def measured(self, field: str) -> FloatArray | None:
-        """Return a field (D, K), NaN where no sample is, or None where it was never measured.
-
-        Samples beside their cycle, of a stream that keeps to no grid, count as on a straight line.
-        """
+        """Return a field (D, K), NaN where no sample is, or None where it was never measured."""
         out = np.full((len(self.names), self.cycles), np.nan)
         # an effort of its own topic counts before that of the state
         for role in ('state', 'effort') if field == 'effort' else ('state',):
@@ -329,11 +325,9 @@ class _Layout:
                 continue
             index, inside = self._inside(x)
             for row, column in zip(out, values.T, strict=True):
-                there = ~np.isnan(column)
-                if there.any():
-                    told = np.interp(x.tick, x.instants[there], column[there])
+                if not np.isnan(column).all():
                     row[:] = np.nan
-                    row[index[inside & there]] = told[inside & there]
+                    row[index[inside]] = column[inside]
         return None if np.isnan(out).all() else out
 
     def check_need(self, measured: Mapping[str, FloatArray | None], need: Collection[str]) -> None:
