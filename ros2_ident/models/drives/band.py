@@ -134,24 +134,21 @@ class Band:
         out = np.empty((len(efforts), count[-1]))
         for o, cycles in enumerate(map(np.flatnonzero, there)):
             rows, own = efforts[:, o], out[:, count[o] : count[o + 1]]
-            alike, blocks = self._usual.get(o, (rows[0], None))
-            new = np.array([not _same(row, alike) for row in rows])
-            if blocks is None:
-                blocks = self._passed(alike[None], o)
-                self._usual[o] = alike.copy(), blocks
-            elif new.all() and all(_same(row, rows[0]) for row in rows[1:]):
+            known = self._usual.get(o)
+            if known is None or (
+                not _same(rows[0], known[0]) and all(_same(row, rows[0]) for row in rows[1:])
+            ):
                 # The drive does something else from now on.
-                alike, blocks = rows[0], self._passed(rows[:1], o)
-                self._usual[o] = alike.copy(), blocks
-                new[:] = False
-            own[~new] = self._at(blocks, self.cutoff, cycles)
+                known = self._usual[o] = rows[0].copy(), self._passed(rows[:1], o)
+            new = np.array([not _same(row, known[0]) for row in rows])
+            own[~new] = self._at(known[1], self.cutoff, cycles)
             if new.any():
                 own[new] = self._at(self._passed(rows[new], o), self.cutoff, cycles)
         return out
 
     @functools.cached_property
     def _usual(self) -> dict[int, tuple[Array, Array]]:
-        """Of each output a row (K,) that all candidates had, and the blocks (1, B) of it."""
+        """Of each output a row (K,), if there was one that of all candidates, and its blocks."""
         return {}
 
     def _passed(self, rows: Array, o: int) -> Array:

@@ -427,7 +427,7 @@ class DriveModel(MachineModel):
         for s, o in np.argwhere((periods > 0.0) & finite & efforts):
             cutoff = 1.0 / periods[s, o]
             out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, SMOOTHING)[0]
-        whole = np.isfinite(out).all(axis=(1, 2))
+        whole = np.all(finite, axis=1)
         if self.log.band is None or not whole.any():
             return out[:, there]
         if whole.all():
