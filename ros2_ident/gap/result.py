@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 import math
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -180,11 +181,17 @@ class Value:
     kind: str = 'physical'
 
     @property
+    def end(self) -> Literal['', 'lower', 'upper']:
+        """The bound of its search at which it ended; empty for none."""
+        edge = AT_BOUND * (self.upper_bound - self.lower_bound)
+        if self.value <= self.lower_bound + edge:
+            return 'lower'
+        return 'upper' if self.value >= self.upper_bound - edge else ''
+
+    @property
     def confined(self) -> bool:
         """Whether it ended at a bound of its search, other than at nothing."""
-        edge = AT_BOUND * (self.upper_bound - self.lower_bound)
-        low = self.value <= self.lower_bound + edge and self.lower_bound != 0.0
-        return bool(low or self.value >= self.upper_bound - edge)
+        return self.end == 'upper' or (self.end == 'lower' and self.lower_bound != 0.0)
 
 
 def at_bound(parameter: EffectParameter, value: float) -> bool:

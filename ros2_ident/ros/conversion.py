@@ -27,7 +27,7 @@ from ros2_ident.change.result import Suspect, Visible
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.bootstrap import Interval
 from ros2_ident.gap.diagnose import DiagnoseProgress
-from ros2_ident.gap.result import AT_BOUND, Diagnosis, Ranked, Step, Value
+from ros2_ident.gap.result import Diagnosis, Ranked, Step, Value
 from ros2_ident.identify.outcome import NOT_IDENTIFIABLE, state_of
 from ros2_ident.identify.result import bound_of, Identification, Outcome
 from ros2_ident.identify.settings import IdentifyProgress
@@ -281,15 +281,13 @@ def _also(found: Diagnosis, at: EffectAt) -> Any:
 
 def _of_gap(name: str, value: Value) -> ParameterEstimate:
     low, high = value.lower_bound, value.upper_bound
-    edge = AT_BOUND * (high - low)
-    below, above = value.value <= low + edge, value.value >= high - edge
     unknown = math.isnan(value.low) or math.isnan(value.high)
     # without an interval nothing speaks against it
     loose = not unknown and state_of(value.value, value.low, value.high, low, high) != 'identified'
     bound = bound_of(value.low, value.high, low, high, value.unit)
     notes = [bound or NOT_IDENTIFIABLE] if loose else []
-    if below or above:
-        notes.append(f'at its {"lower" if below else "upper"} bound')
+    if value.end:
+        notes.append(f'at its {value.end} bound')
     if unknown:
         notes.append('no interval is known')
     return _filled(
@@ -297,7 +295,7 @@ def _of_gap(name: str, value: Value) -> ParameterEstimate:
         value,
         name=name,
         genetic_value=math.nan,
-        at_bound=bool(below or above),
+        at_bound=bool(value.end),
         identifiable=not loose,
         kind=_KINDS[value.kind],
         note='; '.join(notes),
