@@ -12,6 +12,7 @@ from typing import Any, TYPE_CHECKING
 from ros2_ident.cli.arguments import topics_of
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_text
+from ros2_ident.machine.units import STATED_FOR
 from ros2_ident.models.registry import KINDS, machine_from_mapping
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
             text = new_file.one_joint_file(kind, args.drives, log, args.travel)
         known['log'] = log
     text = text or new_file.new_machine_file(kind, args.drives, **known)
-    machine_from_mapping(yaml.safe_load(text), '--drives', folder)
+    unit = machine_from_mapping(yaml.safe_load(text), '--drives', folder).effort_unit
     if args.out is None:
         print(text, end='')
         return 0
@@ -61,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
         )
     write_text(path, text)
     command = shlex.join(['ident', 'check', '--machine', str(path)])
-    print(f'written: {path}; change its values, then: {command}')
+    key = STATED_FOR.get(unit)
+    first = f'state its {key}, as efforts are in {unit}, ' if key else ''
+    print(f'written: {path}; {first}change its values, then: {command}')
     if log is not None and kind.joints is not None:
         print(new_file.ways(kind, log, freely))
     return 0

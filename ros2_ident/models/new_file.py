@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A new machine file: a template of every key, or from a description and a log of the machine."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 import itertools
 from itertools import cycle, groupby, islice
@@ -73,16 +73,18 @@ def new_machine_file(
             in common, or the log efforts of several units; or as the kind's `joints`.
     """
     states = None if log is None else log.state
-    known, boxes, slides = dict[str, str](), dict[str, str](), set[str]()
+    known, boxes, slides, root = dict[str, str](), dict[str, str](), set[str](), None
     if description is not None:
         slides = {*joints_in(description, SLIDE)}
         known = {description_key(kind): inline(named)}
         if kind.joints is not None:
             kind.joints(description)
+        root = judged_tree(description)
         boxes = _boxes(kind, description)
-    if states is not None:
-        known['cycle'] = cycle_of(states.stamp)
     names = tuple(drives) or _joints(kind, description, states)
+    if log is not None and states is not None:
+        known['cycle'] = cycle_of(states.stamp)
+        boxes |= _driven(kind, names, root, log)
     units = _effort_units(log, names)
     if len(units) > 1:
         raise ErrorCode.INVALID_GOAL.error(
@@ -319,32 +321,21 @@ _FAR_LESS = 0.25
 def _boxes_of(names: Sequence[str], root: Any, log: Recording) -> _Boxes:
     """Return boxes of gains, rotors and friction by name, one of each joint."""
     stated = _stated_by_joint(root)
-    limits = {
-        joint.get('name', ''): float(limit.get('effort', 0.0))
-        for joint in root.iterfind('joint')
-        for limit in joint.iterfind('limit')
-    } | stated.get('force_limit', {})
     boxes: _Boxes = {}
     effort = any(x is not None and x.effort is not None for x in (log.state, log.effort))
-    for name in names:
-        motion = motion_of(log, name)
-        # a current or a share bounds no torque
-        foreign = log.units.get((name, 'effort')) in STATED_FOR
-        known = None if foreign else motion.effort
-        logged = 0.0 if known is None else float(np.nanmax(np.abs(known)))
-        most = logged or limits.get(name) or max(limits.values(), default=0.0) or 100.0
+    for name, motion, most in _efforts(names, root, log):
+        most = most or 100.0
         data = align(log, [name], motion.period, need=('position',))
         assert data.command_position is not None and data.position is not None
         apart = float(np.nanstd(data.command_position - data.position))
-        speed = max(float(motion.velocity.std()), 1e-3)
+        alone = _alone(motion, most)
         ends = {
             'position_gain': (0.02, 20.0 * most / max(apart, 1e-4), 'N m/rad'),
-            'velocity_gain': (0.0, 5.0 * most / speed, 'N m s/rad'),
-            'drive_inertia': (0.0, most / max(float(motion.acceleration.std()), 1e-3), 'kg m^2'),
-            'coulomb_torque': (0.0, most, 'N m'),
+            'velocity_gain': alone['viscous_torque'],
+            **alone,
         }
-        if effort:
-            ends['viscous_torque'] = (0.0, ends['velocity_gain'][1], 'N m s/rad')
+        if not effort:
+            del ends['viscous_torque']
         for word, key in OWN_WORDS.items():
             # Without an effort two parameters are one.
             low, high, unit = ends[key if key in ends else 'velocity_gain']
@@ -353,6 +344,63 @@ def _boxes_of(names: Sequence[str], root: Any, log: Recording) -> _Boxes:
         for key, box in ends.items():
             boxes.setdefault(key, []).append(box)
     return boxes
+
+
+def _efforts(
+    names: Sequence[str], root: Any, log: Recording
+) -> Iterator[tuple[str, Motion, float]]:
+    """Yield each joint, its motion, and its largest effort by the log or a description, N m.
+
+    It is 0 where neither states it: a current or a share of something bounds no torque.
+    """
+    limits: dict[str, float] = {}
+    if root is not None:
+        limits = {
+            joint.get('name', ''): float(limit.get('effort', 0.0))
+            for joint in root.iterfind('joint')
+            for limit in joint.iterfind('limit')
+        } | _stated_by_joint(root).get('force_limit', {})
+    for name in names:
+        motion = motion_of(log, name)
+        foreign = log.units.get((name, 'effort')) in STATED_FOR
+        known = None if foreign else motion.effort
+        logged = 0.0 if known is None else float(np.nanmax(np.abs(known)))
+        yield name, motion, logged or limits.get(name) or max(limits.values(), default=0.0)
+
+
+def _alone(motion: Motion, most: float) -> dict[str, tuple[float, float, str]]:
+    """Return boxes of what alone would make the largest effort of a joint, N m."""
+    acceleration, speed = (
+        max(float(x.std()), 1e-3) for x in (motion.acceleration, motion.velocity)
+    )
+    return {
+        'drive_inertia': (0.0, most / acceleration, 'kg m^2'),
+        'coulomb_torque': (0.0, most, 'N m'),
+        'viscous_torque': (0.0, 5.0 * most / speed, 'N m s/rad'),
+    }
+
+
+def _driven(kind: Kind, names: Sequence[str], root: Any, log: Recording) -> dict[str, str]:
+    """Return boxes of rotors and friction as YAML, an entry for each joint.
+
+    None where the log or the description does not tell the effort of every joint, or where the
+    kind has other coordinates than its joints.
+    """
+    if kind.joints is None:
+        return {}
+    log, _ = with_positions(log, names)
+    try:
+        found = [_alone(motion, most) for _, motion, most in _efforts(names, root, log) if most]
+    except IdentError:  # too few samples, or a joint that is not in the log
+        return {}
+    if not found or len(found) < len(names):
+        return {}
+    rows = {key: [x[key] for x in found] for key in found[0]}
+    return {
+        key.name: ''.join(f'\n  - [{a:g}, {b:.3g}, {unit}]' for a, b, unit in rows[key.name])
+        for key in kind.keys
+        if key.name in rows
+    }
 
 
 def _stated_by_joint(root: Any) -> dict[str, dict[str, float]]:
@@ -531,6 +579,8 @@ def _lines(key: Key, indent: str, value: str) -> list[str]:
     unit = '' if key.section == 'parameters' else key.unit
     text = '; '.join(filter(None, (unit, key.meaning, key.absent)))
     mark = '' if key.shown else '# '
+    value, *entries = value.split('\n')
     start = f'{indent}{mark}{key.name}: {value}'
     first, *more = textwrap.wrap(text, _WIDTH - _COMMENT - 2)
-    return [f'{start:<{_COMMENT - 1}} # {first}', *(f'{"":<{_COMMENT}}# {rest}' for rest in more)]
+    notes = (f'{"":<{_COMMENT}}# {rest}' for rest in more)
+    return [f'{start:<{_COMMENT - 1}} # {first}', *notes, *entries]

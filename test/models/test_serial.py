@@ -485,6 +485,23 @@ def test_the_mass_of_what_slides_is_sought(joint: str, sought: bool) -> None:
     assert ('link_mass' in made['parameters']) is sought
 
 
+def test_rotors_and_friction_are_bounded_by_the_effort_of_the_log_in_its_unit() -> None:
+    wave = np.sin(0.01 * np.arange(600))[:, None]
+    log = Recording(Stream(('elbow',), 10_000_000 * np.arange(600), wave, wave, 7.0 * wave))
+
+    def ends(log: Recording, text: str = URDF) -> list[float]:
+        made = yaml.safe_load(new_machine_file(KINDS['serial'], (), text, 'arm.urdf', log))
+        sought = ('drive_inertia', 'coulomb_torque', 'viscous_torque')
+        return [made['parameters'][name][0][1] for name in sought]
+
+    # the wave has 1 rad/s and 1 rad/s^2
+    rms = float(np.std(wave))
+    assert ends(log) == pytest.approx([7.0 / rms, 7.0, 35.0 / rms], rel=0.05)
+    # 7 A bound no torque, but the description's limit of 1 N m does
+    amperes = replace(log, units={('elbow', 'effort'): 'A'})
+    assert ends(amperes) == pytest.approx([1.0 / rms, 1.0, 5.0 / rms], rel=0.05)
+
+
 def test_odd_names_of_a_description_stand_in_a_new_file_as_they_are() -> None:
     named = ('arm: 1', "]'#", '<&"> $$', 'null')
     text = URDF

@@ -99,7 +99,7 @@ def test_bounds_of_one_joint_are_asked_for_where_the_map_states_a_current(tmp_pa
     )
 
 
-def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path):
+def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path, capsys):
     time = 0.01 * np.arange(200)
     rows = np.stack([time, np.sin(time), np.cos(time), np.sin(time), np.cos(time)], axis=1)
     log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
@@ -109,6 +109,7 @@ def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path):
     assert main(words) == 0
     machine = load_machine(out)
     assert machine.effort_unit == 'A' and machine.drives == ('a', 'b')
+    assert '; state its torque_constant, as efforts are in A, ch' in capsys.readouterr().out
 
 
 def test_the_file_of_a_carriage_says_that_its_effort_is_a_force(tmp_path, capsys):
