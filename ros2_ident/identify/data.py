@@ -273,7 +273,7 @@ def _aligned(
         if dataset.effort is None:
             raise ErrorCode.MISSING_STREAM.error(
                 f"{where}: no stream holds an effort; record the drives' effort, "
-                'or name the topic that carries it'
+                'or name the topic or column that carries it'
             )
         row = dataset.effort[dataset.names.index(name)]
         there = row[~np.isnan(row)]

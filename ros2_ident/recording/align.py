@@ -181,7 +181,7 @@ class _Layout:
             self.placed[role] = _Placed(kept, tick, instants, ticks, period, counted_from)
         self.warnings += [f'{" and ".join(roles)}: {x}' for x, roles in remarks.items()]
         if 'state' not in self.placed and 'effort' not in self.placed:
-            text = 'neither a state nor an effort stream holds the drives; name their topic'
+            text = 'no state or effort stream holds the drives; name their topic or column'
             raise self.error(text)
 
     def _reduced(self, role: str, stream: Stream) -> Stream | None:
@@ -307,7 +307,7 @@ class _Layout:
         for d, name in enumerate(self.names):
             position, feed = (command.stream.column(x, name) for x in FIELDS[:2])
             if position is None:
-                text = f'command: holds no position of {name}; record it, or leave the topic out'
+                text = f'command: holds no position of {name}; record it, or leave the stream out'
                 raise self.error(text)
             there = np.isfinite(position)
             feed = None if feed is None or np.isnan(feed[there]).any() else feed[there]
@@ -346,7 +346,7 @@ class _Layout:
             if any(field in x.fields for role, x in found if role != 'command'):
                 text = f'every {field} of the drives is NaN; switch the measurement on'
                 raise self.error(text, ErrorCode.BAD_VALUES)
-            raise self.error(f'no stream holds {field}; record it, or name its topic')
+            raise self.error(f'no stream holds {field}; record it, or name its topic or column')
 
     def quality(self, placed: _Placed) -> streams.StreamQuality:
         """Count what of a stream lies on the grid."""

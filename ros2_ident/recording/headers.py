@@ -39,6 +39,7 @@ _WORDS = {
     'time': 'time t stamp timestamp clock zeit sec secs seconds',
     'vague': 'value values state states data controller control trajectory mapper foc rel header '
     'field raw',
+    'treated': 'filtered filt fil gefiltert smoothed compensated compensate',
     'place': 'joint joints j axis motor servo drive id',
 }
 _MEANT = {word: kind for kind, words in _WORDS.items() for word in words.split()}
@@ -84,8 +85,9 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     for row in rows:
         if row.quantity:
             spelled.setdefault(row.key, Counter())[row.joint] += 1
-    out, taken = [], dict[str, str]()
-    for row in rows:
+    found, taken = dict[int, Meaning](), dict[str, str]()
+    # what was made of a quantity stands for it where it is not there itself
+    for n, row in sorted(enumerate(rows), key=lambda x: x[1].treated):
         joint, quantity, why = '', row.quantity, row.why
         if quantity not in ('', 'time'):
             joint = spelled[row.key].most_common(1)[0][0]
@@ -95,7 +97,8 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
             joint, quantity, why = '', '', f'{place} is {taken[place]} already'
         elif quantity:
             taken[place] = row.name
-        out.append(Meaning(row.name, joint, quantity, row.unit, row.scale, why))
+        found[n] = Meaning(row.name, joint, quantity, row.unit, row.scale, why)
+    out = [found[n] for n in range(len(rows))]
     # An effort beside joints that move is none of a joint of which no motion is there.
     moving = {x.joint for x in out if x.quantity in ('position', 'velocity')}
     for n, x in enumerate(out):
@@ -126,6 +129,7 @@ class _Name:
         pieces = re.split(r'([/.])', text)
         parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
+        self.treated = 'treated' in kinds
         role = next((x for x in _ROLES if x in kinds), '')
         # The last part that names a quantity says it; what others name is of the joint's name.
         named = [(n, x) for n, part in enumerate(parts) if (x := part.quantity(role))]

@@ -342,7 +342,7 @@ def _of_stream(role: str, stream: Stream) -> Iterator[Said]:
         for name, share in zip(stream.names, np.isnan(values).mean(axis=0).tolist(), strict=True):
             what, remedy = f'the {field} of {name}', ': it was not measured'
             if role != 'effort' and field == 'effort':
-                remedy = '; name the topic that carries it, or switch its measurement on'
+                remedy = '; name the topic or column that carries it, or switch its measurement on'
             if share == 1.0:
                 yield 'warn', 'nan', f'every value of {what} is NaN{remedy}'
             elif share > _MISSING_WARN:
@@ -421,7 +421,8 @@ def _judged(
         return
     if np.nanmax(effort) - np.nanmin(effort) <= 1e-9 * np.nanmax(np.abs(effort)):
         text = f'the effort is {np.nanmax(effort):g} all the time'
-        yield 'error', 'effort_constant', f'{text}; switch its measurement on, or name its topic'
+        text += '; switch its measurement on, or name another topic or column'
+        yield 'error', 'effort_constant', text
     elif moves:
         yield from _of_effort(motion, effort)
         if gravity and math.isfinite(drive.effort_rest):

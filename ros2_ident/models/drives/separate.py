@@ -236,7 +236,7 @@ class Servo(SeparateDrives):
         if not self.log.closed:
             raise ErrorCode.MISSING_STREAM.error(
                 'a servo is simulated from its set-points, and the recording holds none; record '
-                'the goal positions, or name the topic that carries them'
+                'the goal positions, or name the topic or column that carries them'
             )
 
     # ------------------------------------------------------------------ candidates to rows
