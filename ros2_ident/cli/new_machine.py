@@ -78,12 +78,19 @@ def _log(args: argparse.Namespace) -> 'Recording':
 
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
+    made = Path(args.columns) if args.columns else where
+    if args.column and made.exists():
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{made} says what the columns are, so that --column has no part in it; correct it '
+            'there, or remove that file'
+        )
     if path.suffix.lower() in TABLES and path.is_file() and not (args.columns or where.exists()):
         _draft(path, where, args.column, _bounded_by_effort(args))
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
         raise ErrorCode.MISSING_STREAM.error(
-            f'{args.bag} holds no measured motion; name its topic with --state-topic'
+            f'{args.bag} holds no measured motion; name its topic with --state-topic, or its '
+            'columns in the column map'
         )
     return recording
 
@@ -107,3 +114,6 @@ def _draft(path: Path, where: Path, given: Sequence[str], effort: bool) -> None:
     text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)
     write_text(where, f'# From the names in {printable(path.name)}.\n{text}')
     print(f'written: {where}; correct it where a column is another', file=sys.stderr)
+    if options := header.in_order():
+        said = 'are these in the order of the joints? if so, remove that map and give'
+        print(said, options, file=sys.stderr)

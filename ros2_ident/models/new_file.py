@@ -509,11 +509,14 @@ def _joints(kind: Kind, description: str | None, states: Stream | None) -> tuple
     if not common and ('drive', 'joint') in kind.by_path:
         return logged or ()  # the file says which joint is which
     if not common:
+        perhaps = ''
+        if known and logged and len(logged) == len(known):
+            perhaps = f'; in their order {logged[0]} would be {known[0]}'
         raise ErrorCode.INVALID_GOAL.error(
             f'the log holds {", ".join(logged or ()) or "no joint"} and the description '
             f'{", ".join(known) or "no joint that moves"}; give both of one machine, or name the '
             'joints of the log as the description does: in its column map, of a bag in one of its '
-            'fields (--columns), or where its messages have no names by --joint-names'
+            f'fields (--columns), or where its messages have no names by --joint-names{perhaps}'
         )
     return common
 

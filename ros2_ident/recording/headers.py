@@ -11,7 +11,7 @@ from contextlib import suppress
 import csv
 from dataclasses import dataclass, replace
 import io
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 import math
 from pathlib import Path
 import re
@@ -57,6 +57,7 @@ _UNITS = _KNOWN | {*['1', 'v', 'mv', 'w', 'kw', 'khz', '°c', 'kg', 'bar', 'pa']
 # Lines that are looked at.
 _HEAD = 200
 _HOLDS_WORDS = 'holds words'
+_NAMES_NONE = 'names no position, velocity or effort'
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class Meaning:
     unit: str = ''  # in the header, lower case; empty for none
     scale: float = 1.0  # to the unit that is read; NaN where the header's unit does not say it
     why: str = ''  # it is left out
+    perhaps: str = ''  # JOINT.QUANTITY, were it told by the order of the columns
 
 
 def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
@@ -80,7 +82,7 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     for row in rows:
         partners = [x for x in rows if x.quantity and x.key == row.key and x is not row]
         if row.bare and row.quantity and not row.unit and not partners:
-            row.quantity, row.why = '', 'names no position, velocity or effort'
+            row.quantity, row.why = '', _NAMES_NONE
     spelled: dict[tuple[str, ...], Counter[str]] = {}
     for row in rows:
         if row.quantity:
@@ -100,11 +102,19 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
         found[n] = Meaning(row.name, joint, quantity, row.unit, row.scale, why)
     out = [found[n] for n in range(len(rows))]
     # An effort beside joints that move is none of a joint of which no motion is there.
-    moving = {x.joint for x in out if x.quantity in ('position', 'velocity')}
-    for n, x in enumerate(out):
-        if moving and x.quantity == 'effort' and x.joint not in moving:
-            why = f'no column says how {short(x.joint)} moves'
-            out[n] = replace(x, joint='', quantity='', why=why)
+    moving = dict.fromkeys(x.joint for x in out if x.quantity in ('position', 'velocity'))
+    efforts = {x.joint: n for n, x in enumerate(out) if x.quantity == 'effort'}
+    apart = [n for joint, n in efforts.items() if joint not in moving]
+    bare = [n for n, x in enumerate(out) if x.why == _NAMES_NONE and not moving]
+    names = [*moving] or [out[n].name for n in bare]
+    if apart and len(names) == len(efforts):
+        for n, name in zip(efforts.values(), names, strict=True):
+            out[n] = replace(out[n], perhaps=f'{name}.effort')
+        for n in bare:
+            out[n] = replace(out[n], perhaps=f'{out[n].name}.position')
+    for n in apart if moving else ():
+        why = f'no column says how {short(out[n].joint)} moves'
+        out[n] = replace(out[n], joint='', quantity='', why=why)
     return out
 
 
@@ -150,7 +160,7 @@ class _Name:
         elif not quantity and ('time' in kinds or (not kinds and self.unit in maps.TIME_UNITS)):
             self.quantity = 'time'
         elif not quantity:
-            self.why = 'names no position, velocity or effort'
+            self.why = _NAMES_NONE
         elif role == 'command' and quantity == 'effort':
             self.why = 'a set-point of the effort'
         elif not fits:
@@ -303,6 +313,11 @@ class Header:
                     read += f', times {x.scale:.7g}'
             out.append(f'  {printable(x.name, 40):{wide}}  {read or f"- ({x.why})"}')
         return out
+
+    def in_order(self) -> str:
+        """Return the options by which columns are read in the order of the joints; or nothing."""
+        asked = (('--column', f'{x.name}={x.perhaps}') for x in self.columns if x.perhaps)
+        return shlex.join(chain(*asked))
 
     def assigned(self, given: Sequence[str]) -> 'Header':
         """Return the header with columns read as NAME=JOINT.QUANTITY or as that *SCALE says.

@@ -472,6 +472,9 @@ def test_joints_of_other_names_are_told_how_to_be_called_as_the_description_does
     log = Recording(Stream(('joint_1',), 10_000_000 * np.arange(300), wave))
     with pytest.raises(IdentError, match='name the joints of the log .* in its column map'):
         new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', log)
+    four = Recording(Stream(('a', 'b', 'c', 'd'), log.state.stamp, np.hstack([wave] * 4)))
+    with pytest.raises(IdentError, match='; in their order a would be base$'):
+        new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', four)
     renamed = Recording(Stream(('elbow',), log.state.stamp, wave))
     made = new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', renamed)
     assert yaml.safe_load(made)['drives'] == ['elbow']

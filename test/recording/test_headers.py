@@ -8,9 +8,11 @@ CiA 402 (Elmo, maxon), TwinCAT, SINAMICS and of loggers in public repositories.
 import math
 from pathlib import Path
 import re
+import shlex
 
 import numpy as np
 import pytest
+import yaml
 
 from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
@@ -138,6 +140,38 @@ def test_a_log_with_set_points_gives_a_file_without_a_controller(tmp_path, capsy
     assert 'gain' not in text and 'moving_mass: [0.0, ' in text and ', kg]' in text
     assert main(['check', str(log), '--machine', str(out)]) == 0
     assert 'the machine file states no gains' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('motion', ['{}_pos', '{}'])
+def test_the_order_of_columns_is_asked_for_where_their_names_do_not_pair(tmp_path, capsys, motion):
+    log, out, chart = (tmp_path / x for x in ('log.csv', 'm.yaml', 'log.columns.yaml'))
+    names = [*map(motion.format, ('A1', 'A2')), 'tau_0', 'tau_1']
+    rows(log, ','.join(['time', *names]), '{t},{a},{b},{b},{a}')
+    words = ['new-machine', '--kind', 'serial', '--bag', str(log), '--out', str(out)]
+    main(words)
+    said = capsys.readouterr().err
+    assert 'are these in the order of the joints? if so, remove that map and give --col' in said
+    assert len(yaml.safe_load(chart.read_text())['joints'].get('A1', {})) < 2
+    options = shlex.split(said.partition('that map and give ')[2].splitlines()[0])
+    out.unlink(missing_ok=True)
+    assert main([*words, *options]) == 2
+    assert 'log.columns.yaml says what the columns are, so' in capsys.readouterr().err
+    chart.unlink()
+    assert main([*words, *options]) == 0
+    assert '?' not in capsys.readouterr().err
+    recording = read_bag(log)[0]
+    assert recording.state.names == recording.effort.names == ('A1', 'A2')
+    np.testing.assert_array_equal(recording.effort.effort[:, ::-1], recording.state.position)
+
+
+def test_numbers_from_0_and_from_1_are_asked_for_as_a_whole():
+    found = meanings(['t', 'q_1', 'q_2', 'tau_0', 'tau_1'])
+    assert [x.perhaps for x in found[3:]] == ['joint_1.effort', 'joint_2.effort']
+
+
+def test_columns_of_other_numbers_are_not_paired_by_their_order():
+    assert not any(x.perhaps for x in meanings(['t', 'A1_pos', 'A2_pos', 'tau_0']))
+    assert not any(x.perhaps for x in meanings(['t', 'q_1', 'tau_1', 'tau_2', 'mode']))
 
 
 def test_a_joint_under_gravity_is_found_and_gets_a_kind_that_has_it(tmp_path):
