@@ -10,6 +10,7 @@ import numpy as np
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gates import examine
 from ros2_ident.gates.controller import SET_POINT_LATE
+from ros2_ident.gates.finding import sentences
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.machine.file import MachineFile
 from ros2_ident.machine.machine import Machine
@@ -114,8 +115,9 @@ def _gates(
 ) -> Iterator[Finding]:
     """Say what commands, positions and efforts say of each other, with the line to change."""
     constants = kind_of(machine).constants
-    for gate in examine(machine, data.datasets, drives).gates:
-        if gate.gate in _STREAMS or (gate.gate, gate.level) == ('jitter', 'ok'):
+    gates = examine(machine, data.datasets, drives).gates
+    for gate in gates:
+        if gate.gate in _STREAMS or (gate.gate, gate.level) in (('jitter', 'ok'), ('sign', 'ok')):
             continue
         path = next((key.path for key in constants if key.name == gate.key), ())
         place = f'{file.place(path)}: ' if path else ''
@@ -123,6 +125,8 @@ def _gates(
         level: Level = 'warn' if spared else 'error' if gate.level == 'fail' else gate.level
         found = Finding(level, gate.gate, gate.drive, f'{place}{gate.sentence}')
         yield _with_line(found, file)
+    for text in sentences(x for x in gates if (x.gate, x.level) == ('sign', 'ok')):
+        yield Finding('ok', 'sign', '', text)
 
 
 def _weight(drives: Sequence[DriveSummary], machine: Machine) -> Iterator[Finding]:

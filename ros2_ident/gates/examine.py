@@ -116,11 +116,22 @@ def _of_one(
     report = replace(report, gates=(*report.gates, *_beyond_reach(machine, data)))
     if 'effort' not in compared_of(machine):
         return report
-    report = replace(report, gates=(*report.gates, *check_weight(machine, data)))
+    weight, factors = check_weight(machine, data)
+    gates = (_of_weight(gate, factors.get(gate.drive, math.nan)) for gate in report.gates)
+    report = replace(report, gates=(*filter(None, gates), *weight))
     asked = [found for drive in drives if (found := fit_asked(machine, data, drive, number))]
     asked += report.asked[0] if report.asked else ()
     said = [gate for found in asked for gate in check_asked(found, machine.model_unit)]
     return GateReport((*report.gates, *said), report.laws, (tuple(asked),))
+
+
+def _of_weight(gate: Gate, factor: float) -> Gate | None:
+    """Return a gate; of a sign that only the description's weight shows what that says of it."""
+    if (gate.gate, gate.cause) != ('sign', 'open') or math.isnan(factor):
+        return gate
+    text = f'{gate.drive}: the effort has the sign of what the description asks for'
+    # what is no such effort has a finding of its own
+    return replace(gate, cause='right', sentence=text) if near(factor, scale.ANOTHER) else None
 
 
 def _beyond_reach(machine: Machine, data: Dataset) -> Iterator[Gate]:

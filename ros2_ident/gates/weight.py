@@ -25,6 +25,8 @@ from ros2_ident.recording.quality import standing
 
 # Samples compared at most, for time: below 10 Hz more of them say the same. By hand.
 _MOST = 2000
+# Parts of a log of which one is left out in turn. By hand.
+_PARTS = 10
 # Friction turns over within this share of the top speed. By hand.
 _TURNS = 0.02
 # The best of gears, one spur stage, loses this share of what it transmits (textbooks: 1 to 3 %).
@@ -67,12 +69,22 @@ class _Joint:
 
         A joint without a weight shows it by its inertia, to which a rotor can only add.
         """
-        factor = _factor(self.beside_weight(self.weight), self.beside_weight(self.effort))
-        if math.isfinite(factor) or self.weight.any():
+        sides = self.beside_weight(self.weight), self.beside_weight(self.effort)
+        factor = _factor(*sides)
+        if math.isfinite(factor):
             return factor
+        if self.weight.any():
+            # Of the other sign is an effort which friction gives power, too: a cable is not.
+            return _below_zero(*sides) if self.friction_power() < 0.0 else math.nan
         beside = self.friction, self.free
         factor = _factor(_without(self.inertia, *beside), _without(self.effort, *beside))
         return factor if factor < 1.0 / scale.ANOTHER else math.nan
+
+    def friction_power(self) -> float:
+        """Return the power that friction takes from the drive, in its effort and speed."""
+        parts = self.weight, self.inertia, self.rotor, self.free, self.friction
+        found = np.linalg.lstsq(np.column_stack(parts), self.effort, rcond=1e-9)[0]
+        return float(np.mean(self.friction @ found[-2:] * self.friction[:, -1]))
 
     def lost(self) -> float:
         """Return the larger of friction and rotor, as a share of how the effort varies."""
@@ -82,14 +94,21 @@ class _Joint:
         return max(float(np.std(part)) for part in made) / float(np.std(self.effort))
 
 
-def check_weight(machine: Machine, data: Dataset) -> list[Gate]:
-    """Compare efforts with those of a description of links, if any, along the recorded motion."""
+def check_weight(machine: Machine, data: Dataset) -> tuple[list[Gate], dict[str, float]]:
+    """Compare efforts with those of a description of links, if any, along the recorded motion.
+
+    Returns:
+        The findings, and effort per effort that the description asks for of the joints that show
+        it.
+    """
     try:
         joints = list(_joints(machine, data))
     except IdentError:
-        return []  # said where the model is made
+        return [], {}  # said where the model is made
+    if tilted := _tilted(machine, joints):
+        return tilted, {}
     factors = {x.drive: f for x in joints if math.isfinite(f := x.factor())}
-    return _tilted(machine, joints) or _sized(factors) or _behind_gears(machine, joints)
+    return _sized(factors) or _behind_gears(machine, joints), factors
 
 
 def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
@@ -138,6 +157,22 @@ def _factor(column: Array, row: Array) -> float:
     return factor if told else math.nan
 
 
+def _below_zero(column: Array, row: Array) -> float:
+    """Return a row per column (T,) where that is below 0 for certain, else NaN.
+
+    How far it is known is seen by leaving parts of the log out in turn (jackknife), as what is
+    left of the row is no white noise.
+    """
+    parts = zip(np.array_split(column, _PARTS), np.array_split(row, _PARTS), strict=True)
+    sums = np.array([(x @ x, x @ y, y @ y) for x, y in parts])
+    square, product, size = whole = sums.sum(axis=0)
+    if product**2 < scale.STRAYS * square * size or not square:
+        return math.nan
+    factor, without = float(product / square), whole - sums
+    spread = math.sqrt(_PARTS - 1) * float(np.std(without[:, 1] / without[:, 0]))
+    return factor if factor < -scale.STANDS_OUT * spread else math.nan
+
+
 def _tilted(machine: Machine, joints: list[_Joint]) -> list[Gate]:
     """Say it where gravity of another direction explains the efforts, and the stated none."""
     tilt = kind_of(machine).tilt
@@ -178,8 +213,8 @@ def _sized(factors: dict[str, float]) -> list[Gate]:
     else:
         turned = [name for name, x in off.items() if x < 0.0]
         hangs = ', or write base_roll: 3.14 where the arm hangs' if by_one else ''
-        whose = '' if len(turned) == len(off) else f' of {", ".join(turned)}'
-        steps = [f'negate the effort{whose} or the position in the driver{hangs}'] * bool(turned)
+        whose = '' if len(turned) == len(factors) else f' of {", ".join(turned)}'
+        steps = [f'negate the effort or the position{whose} in the driver{hangs}'] * bool(turned)
         if not near(-factor):
             steps.append(
                 'state effort_unit with torque_constant or rated_torque, gear_factor where it is '

@@ -12,25 +12,36 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from models.test_serial import BOXES, described, moving  # noqa: E402
 
+from ros2_ident.commissioning import check_both  # noqa: E402
 from ros2_ident.gates import examine, Gate  # noqa: E402
+from ros2_ident.models.registry import read_machine_file  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
+from ros2_ident.recording import Recording, Stream  # noqa: E402
 
 KINDS = ('tilt', 'weight', 'behind_gears')
 LOSES = 3.0
 
 
 def found(
-    folder: Path, factors: tuple[float, ...] = (1.0,), loses: float = LOSES, **tilt: float
+    folder: Path,
+    factors: tuple[float, ...] = (1.0,),
+    loses: float | tuple[float, ...] = LOSES,
+    more: float = 0.0,
+    **tilt: float,
 ) -> list[Gate]:
-    """Return what is said of a log of the described arm, its base tilted otherwise."""
+    """Return what is said of a log of the described arm, its base tilted otherwise.
+
+    Its wrist has `more` of an effort that nothing explains.
+    """
     machine = described(folder, **BOXES)
     log = moving(machine, 2000)
     speed = np.gradient(log.position, log.cycle, axis=1)
     change = np.gradient(speed, log.cycle, axis=1)
     effort = arm_of(machine.with_constants(**tilt)).efforts(log.position, speed, change)
-    effort += loses * (np.sign(speed) + speed + 0.1 * change)
+    effort += np.reshape(loses, (-1, 1)) * (np.sign(speed) + speed + 0.1 * change)
     effort *= np.reshape(factors, (-1, 1))
     effort += np.random.default_rng(1).normal(0.0, 0.05, effort.shape)
+    effort[3] += more * np.sin(7.0 * log.cycle * np.arange(effort.shape[1]))
     report = examine(machine, [replace(log, effort=effort)])
     return [gate for kind in KINDS for gate in report.of(kind)]
 
@@ -52,7 +63,7 @@ def found(
             'weight',
             'warn',
             -1.7,
-            'negate the effort or the position in the driver, and state effort_unit',
+            'negate the effort or the position of elbow, wrist in the driver, and state effort_u',
         ),
         (
             {'base_roll': 1.2, 'base_pitch': 0.3},
@@ -72,6 +83,29 @@ def test_what_the_description_contradicts_is_said_with_the_remedy(
     assert (told.gate, told.level) == (gate, level)
     assert told.number == pytest.approx(number, rel=0.05, nan_ok=True)
     assert re.search(said, told.sentence), told.sentence
+
+
+def test_an_effort_of_the_other_sign_is_told_where_weight_explains_a_part_of_it(tmp_path) -> None:
+    (told,) = found(tmp_path, (1.0, 1.0, 1.0, -1.0), more=0.3)
+    assert told.sentence.startswith('wrist: the effort is -1')
+    assert '; negate the effort or the position of wrist' in told.sentence
+    # friction of the right sign: it is something else that pulls against the weight
+    assert not found(tmp_path, (1.0, 1.0, 1.0, -1.0), (LOSES, LOSES, LOSES, -LOSES), more=0.3)
+
+
+def test_a_sign_that_the_weight_tells_is_not_asked_of_the_motion(tmp_path) -> None:
+    machine = described(tmp_path, **BOXES)
+    log = moving(machine, 2000)
+    speed = np.gradient(log.position, log.cycle, axis=1)
+    change = np.gradient(speed, log.cycle, axis=1)
+    effort = arm_of(machine).efforts(log.position, speed, change) + LOSES * np.sign(speed)
+    time = round(1e9 * log.cycle) * np.arange(effort.shape[1])
+    state = Stream(machine.drives, time, log.position.T, None, effort.T)
+    report = check_both([Recording(state)], read_machine_file(tmp_path / 'arm.yaml'))
+    assert [x.sentence for x in report.of('sign')] == [
+        'base: the effort has the sign of what the description asks for (likewise slide, elbow)',
+        'wrist: whether the effort has the sign of the motion does not show in this log',
+    ]
 
 
 def test_what_fits_the_description_is_not_spoken_of(tmp_path) -> None:
