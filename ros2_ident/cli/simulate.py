@@ -2,6 +2,7 @@
 """`ident simulate`: a bag of a machine whose parameters are known."""
 
 import argparse
+from collections.abc import Sequence
 import json
 import re
 import shlex
@@ -27,19 +28,20 @@ def run(args: argparse.Namespace) -> int:
     add_effect_files([name for name in names if name.endswith('.py')])
     from ros2_ident.cli.table import columns
     from ros2_ident.models import load_machine
-    from ros2_ident.models.registry import kind_of
+    from ros2_ident.models.registry import kind_of, planned_model
     from ros2_ident.recording.write import require_room, write_bag
     from ros2_ident.simulate.bag import CLEAN, nuisance_of, read_effect, simulate_bag
     from ros2_ident.simulate.motions import draw_motion
 
     require_room(args.bag)
     machine = load_machine(args.machine)
-    truth = _truth(machine, once(args.set, '--set'))
+    motion = draw_motion(args.motion, machine, args.seconds, args.seed)
+    model = planned_model(machine, motion.position, motion.velocity)
+    truth = _truth(machine, once(args.set, '--set'), model.described)
     effects = [read_effect(text) for text in args.effect]
     nuisance = CLEAN if args.clean else nuisance_of(machine)
     if args.noise is not None:
         nuisance = replace(nuisance, effort_noise=args.noise, effort_step=0.2 * args.noise)
-    motion = draw_motion(args.motion, machine, args.seconds, args.seed)
     bag = simulate_bag(machine, truth, motion, args.seed, nuisance, effects)
     notes = {
         'command': shlex.join(['ident', *args.words]),
@@ -61,19 +63,22 @@ def _unit(units: dict[str, str], name: str) -> str:
     return units.get(tail) or units[tail.rpartition('_')[0]]
 
 
-def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
-    """Return the true parameters by name; per drive where one drive differs."""
+def _truth(
+    machine: 'Machine', given: dict[str, float], described: Sequence[str]
+) -> dict[str, float]:
+    """Return the true parameters by name; per drive where one drive differs.
+
+    What is `described` is so unless it is given, as elbow.link_mass or elbow.link_moment_x.
+    """
     from ros2_ident.models.drives.candidates import SLOTS
     from ros2_ident.models.registry import kind_of
+    from ros2_ident.recording.limits import listed
 
-    described = kind_of(machine).described
-    # As described, unless some of it is set: elbow.link_mass, elbow.link_moment_x.
-    links = tuple(f'{drive}.{name}' for drive in machine.drives for name in described)
-    truth = {name: value for name, value in given.items() if name.startswith(links)}
+    truth = {name: value for name, value in given.items() if name in described}
     left = {name: value for name, value in given.items() if name not in truth}
-    for name, (low, high, _) in machine.bounds.items():
-        if name in described:
-            continue
+    free = [name for name in machine.bounds if name not in kind_of(machine).described]
+    for name in free:
+        low, high, _ = machine.bounds[name]
         value = left.pop(name, low + QUARTER * (high - low))
         slot = SLOTS.get(name)
         own = {d: left.pop(f'{d}.{name}') for d in machine.drives if f'{d}.{name}' in left}
@@ -86,6 +91,6 @@ def _truth(machine: 'Machine', given: dict[str, float]) -> dict[str, float]:
     if left:
         raise ErrorCode.UNKNOWN_PARAMETER.error(
             f'{next(iter(left))!r} cannot be set: no such parameter; '
-            f'choose from {", ".join(machine.bounds)}'
+            f'choose from {listed([*free, *described])}'
         )
     return truth

@@ -217,11 +217,16 @@ class FullModel(Model):
         """Return (S,) how much work candidates (S, N) are; equals are best evaluated together."""
         return np.zeros(len(theta), dtype=np.int64)
 
+    @property
+    def described(self) -> tuple[str, ...]:
+        """Names of what a description holds, as `as_described` takes them."""
+        return ()
+
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return parameters that a description holds, by name, with what is given put in.
 
         Args:
-            given: Values by name, also of what the description holds and no parameter is.
+            given: Values by name, of `described`, which need not be parameters.
         """
         return {}
 

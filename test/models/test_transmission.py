@@ -257,4 +257,14 @@ def test_a_simulated_arm_takes_links_as_set_and_no_effects(tmp_path: Path, capsy
     effect = ['--effect', 'stribeck@wrist:torque=5,velocity=0.5']
     assert main([*words, '--set', 'wrist.link_mass=9', *effect]) == 0
     assert 'wrist.link_mass 9 kg' in ' '.join(capsys.readouterr().out.split())
-    assert main([*words, '--set', 'wrist.weight=9']) == 2
+    # no name that stands for several, and none that nothing has; those that are offered are taken
+    words[1] = str(tmp_path / 'other')
+    for name in ('wrist.weight', 'link_moment', 'wrist.link_moment', 'wrist.link_moment_q'):
+        capsys.readouterr()
+        assert main([*words, '--set', f'{name}=9']) == 2
+        said, _, offered = capsys.readouterr().err.partition('; choose from ')
+        assert said.endswith(f"'{name}' cannot be set: no such parameter")
+        assert name not in offered.split(', ')
+    for number, name in enumerate(offered.split(' and ')[0].split(', ')):
+        words[1] = str(tmp_path / f'bag_{number}')
+        assert main([*words, '--set', f'{name}=0.01']) == 0

@@ -116,6 +116,12 @@ class Mujoco(MachineModel):
                 several.append(Parameter(full, unit, low, high, kind, source, absent))
         return found
 
+    @property
+    def described(self) -> tuple[str, ...]:
+        """Names of parameters and of those of every joint alike, see `FullModel.described`."""
+        names = [name for name in self._parts if name in KIND.described]
+        return (*names, *(p.name for name in names for p in self._parts[name]))
+
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return what the description holds, see `FullModel.as_described`."""
         out = {}

@@ -55,9 +55,14 @@ class Serial(DriveModel):
         """Unknown part of the links."""
         return self.log.inertials
 
+    @property
+    def described(self) -> tuple[str, ...]:
+        """Names of the links' inertials, see `FullModel.described`."""
+        return self.inertials.listed
+
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return the base parameters of the links as described, see `FullModel.as_described`."""
-        return self.inertials.as_described(self.machine, given)
+        return self.inertials.as_described(given)
 
     def decided(self, theta: Array, noise: Array) -> DriveModel:
         """Return the model itself: of an arm every instant counts."""

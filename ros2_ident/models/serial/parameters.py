@@ -51,6 +51,7 @@ class Inertials:
         self._known = arm.inertials
         listed = [name in machine.bounds for name, _ in NAMES]
         self._listed = np.flatnonzero(np.tile(listed, len(machine.drives)))
+        self.listed = tuple(self._name(machine, int(column)) for column in self._listed)
         self._shown = _shown(machine, arm)
         kept, self._grouping, beside = base_columns(
             self._shown[0][:, self._listed], self._shown[1]
@@ -126,15 +127,14 @@ class Inertials:
         left = hand - own @ np.linalg.lstsq(own, hand, rcond=1e-12)[0]
         return bool(np.linalg.norm(left) <= _NEW * np.linalg.norm(terms))
 
-    def as_described(self, machine: Machine, given: Mapping[str, float]) -> dict[str, float]:
+    def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return the base parameters by name where some inertials are others than described.
 
         Args:
-            machine: The machine.
-            given: Inertials by name, `elbow.link_mass`, each as it is.
+            given: Inertials by name of `listed`, `elbow.link_mass`, each as it is.
         """
-        names = [self._name(machine, int(column)) for column in self._listed]
-        known = [given.get(n, v) for n, v in zip(names, self._known[self._listed], strict=True)]
+        stated = zip(self.listed, self._known[self._listed], strict=True)
+        known = [given.get(name, value) for name, value in stated]
         return dict(zip(self.names, (self._grouping @ known).tolist(), strict=True))
 
     def whole(self, values: Mapping[str, Array], hand: Array) -> Array:
