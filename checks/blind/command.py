@@ -153,7 +153,7 @@ def _run(args: argparse.Namespace) -> int:
     root = Path(args.rescore or args.out or f'blind_{args.seed}')
     name = Store(root).about().get('generator', 'reference') if args.rescore else args.generator
     generator = generator_of(name)
-    with Meter(quiet=args.quiet) as meter, interrupts() as cancel:
+    with Meter(quiet=args.quiet) as meter, interrupts(root) as cancel:
         check = BlindCheck(root, args.processes, meter, cancel.is_set, generator)
         try:
             rows = _rows(check, args)

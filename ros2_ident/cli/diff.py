@@ -21,7 +21,7 @@ def run(args: argparse.Namespace) -> int:
     settings = IdentifySettings(threads=args.threads)
     request = jobs.Request(**asked(args), without=args.without, settings=settings)
     request = jobs.knowing(request, args.earlier)
-    with interrupts() as cancel, Meter(quiet=args.quiet) as meter:
+    with interrupts(args.out) as cancel, Meter(quiet=args.quiet) as meter:
         done = jobs.compare(request, args.after, paired=args.pairs, cancel=cancel, on_step=meter)
     for text in sentences(done.result):
         print(text)

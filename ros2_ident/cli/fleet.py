@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
         rows.append(row)
         meter.note(f'{row["name"]} {row["state"]} {_said(row)}')
 
-    with ExitStack() as end, interrupts() as cancel, Meter(quiet=args.quiet) as meter:
+    with ExitStack() as end, interrupts(args.out) as cancel, Meter(quiet=args.quiet) as meter:
         end.callback(_print, rows)
         run_fleet(
             entries,

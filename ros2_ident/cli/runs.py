@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Common parts of commands that run for long: Ctrl-C, the answer at the end, files and page.
 
-Ctrl-C ends a run and keeps what it found; a second one ends the process.
+Ctrl-C ends a run with what it found; a second one ends the process.
 """
 
 import argparse
@@ -25,16 +25,21 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def interrupts() -> Iterator[threading.Event]:
-    """Give an event that SIGINT and SIGTERM set while the block runs."""
+def interrupts(out: object) -> Iterator[threading.Event]:
+    """Give an event that SIGINT and SIGTERM set while the block runs.
+
+    Args:
+        out: Where the run will be written; what is false for nowhere.
+    """
     event = threading.Event()
+    written = ' and written' if out else '; without --out nothing is written'
 
     def stop(number: int, frame: FrameType | None) -> None:
         if event.is_set():
             raise KeyboardInterrupt
         event.set()
         # The signal may have come in the middle of a `print`, which cannot be entered twice.
-        os.write(2, b'stopping; the best so far is kept\n')
+        os.write(2, f'stopping; what is found by now is printed{written}\n'.encode())
 
     if threading.current_thread() is not threading.main_thread():
         yield event
@@ -79,7 +84,7 @@ def carry_out(
         kept = None if out is None else out / checkpoint
         if kept is not None and not args.resume:
             remove_file(kept)
-        with _live_page(args, out, request, logs, identifying) as live, interrupts() as cancel:
+        with _live_page(args, out, request, logs, identifying) as live, interrupts(out) as cancel:
             writing = 0.0 if out is None else WRITING * (time.monotonic() - args.begun)
 
             def tell(progress: Any) -> None:

@@ -9,6 +9,7 @@ from identify_cases import axis_bag, AXIS_FILE, ROOT
 import pytest
 
 from ros2_ident.cli.main import main
+from ros2_ident.cli.runs import interrupts
 from ros2_ident.recording import write_bag
 
 SMALL = ['--population', '64', '--survivors', '4', '--generations', '4']
@@ -90,11 +91,21 @@ def test_a_signal_keeps_the_best_so_far(command, tmp_path):
     _, err = process.communicate(timeout=300)
     assert process.returncode == 1, err
     assert (tmp_path / 'out' / 'report.html').exists()
-    assert 'stopping; the best so far is kept' in err
+    assert 'stopping; what is found by now is printed and written\n' in err
     assert 'cancelled: The run was cancelled' in out
     data = json.loads((tmp_path / 'out' / 'result.json').read_text())
     assert data['outcome'] == 'cancelled'
     assert data['parameters']['emps_axis.moving_mass']['value'] > 0.0
+
+
+@pytest.mark.parametrize(
+    ('out', 'said'), [('out', 'printed and written'), (None, 'printed; without --out nothing is')]
+)
+def test_a_signal_says_whether_what_is_found_is_written(out, said, capfd):
+    with interrupts(out) as cancel:
+        signal.raise_signal(signal.SIGINT)
+        assert cancel.is_set()
+    assert f'stopping; what is found by now is {said}' in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
