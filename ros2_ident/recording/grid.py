@@ -185,6 +185,9 @@ def _regular(time: FloatArray, stride: int, cycle: float, least: float) -> Ticks
         if np.array_equal(again, number):
             break
         number = again
+    # what lies on no grid scatters evenly over a step, by a step over the root of 12
+    if jitter > step / np.sqrt(12.0):
+        return None
     # numbers count from the cycle nearest to the reference
     shift = round(phase / (cycle * (1.0 + drift)))
     phase -= shift * cycle * (1.0 + drift)

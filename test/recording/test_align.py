@@ -105,6 +105,13 @@ def test_drives_that_publish_one_by_one(apart):
         np.testing.assert_array_equal(row[tick], tick - i * late + 0.5 * i)
 
 
+def test_a_log_that_goes_on_at_another_rate_is_not_bent_to_the_first():
+    time = np.append(10e6 * np.arange(3500), 35e9 + 4.2e6 * np.arange(1500)).astype(np.int64)
+    for cycle in (1e-3, 1e-2):
+        ticks = find_ticks(time, 0, cycle)
+        assert np.abs(ticks.tick * cycle - time * 1e-9).max() < 0.51 * cycle
+
+
 def test_errors_name_the_remedy():
     ticks = np.arange(100) * 2
     good = Recording(stream(ticks), source='log')
