@@ -351,8 +351,12 @@ class _Layout:
     def quality(self, placed: _Placed) -> streams.StreamQuality:
         """Count what of a stream lies on the grid."""
         inside = self._inside(placed)[1]
-        stride = placed.ticks.stride
-        missing = missing_samples(placed.stream.stamp[inside])
+        stride, tick = placed.ticks.stride, placed.tick[inside]
+        number, beside = np.divmod(tick - tick[:1], stride or 1)
+        if stride and not beside.any():
+            missing: int | None = int(np.ptp(number)) + 1 - number.size if number.size else 0
+        else:
+            missing = missing_samples(placed.stream.stamp[inside])
         rate = 1.0 / placed.period if placed.period else 0.0
         jitter = placed.ticks.jitter
         return streams.StreamQuality(int(inside.sum()), missing, rate, jitter, stride)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings on the controller's grid: samples where they belong, set-points in between."""
 
+import sys
+
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -110,6 +112,22 @@ def test_a_log_that_goes_on_at_another_rate_is_not_bent_to_the_first():
     for cycle in (1e-3, 1e-2):
         ticks = find_ticks(time, 0, cycle)
         assert np.abs(ticks.tick * cycle - time * 1e-9).max() < 0.51 * cycle
+
+
+def test_samples_on_the_grid_are_numbered_once(monkeypatch):
+    lost = np.delete(np.arange(500), [7, 100, 101]) * 2
+    recording = Recording(stream(lost, fields='pv'), stream(np.arange(500) * 2, fields='e'))
+    calls = []
+
+    def counted(*given):
+        calls.append(given)
+        return find_ticks(*given)
+
+    for module in ('align', 'grid'):
+        monkeypatch.setattr(sys.modules[f'ros2_ident.recording.{module}'], 'find_ticks', counted)
+    found = align(recording, NAMES, CYCLE).streams
+    assert (found['state'].missing, found['effort'].missing) == (3, 0)
+    assert len(calls) == 2
 
 
 def test_errors_name_the_remedy():
