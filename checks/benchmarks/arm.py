@@ -44,7 +44,7 @@ class Case:
 
     def __init__(self, urdf: Path, gains: tuple[float, ...]) -> None:
         text = urdf.read_text(encoding='utf-8')
-        self.names = joints_in(text)[: len(gains)]
+        self.names = joints_in(judged_tree(text))[: len(gains)]
         self.gains = np.array(gains, dtype=float)
         joints = len(gains)
         time = CYCLE * np.arange(CYCLES)

@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=0)
     args = parser.parse_args()
     root = judged_tree(args.urdf.read_text(encoding='utf-8'))
-    names = joints_in(args.urdf.read_text(encoding='utf-8'))
+    names = joints_in(root)
     rng = np.random.default_rng(args.seed)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding='unicode'))
     spec.compiler.balanceinertia = True

@@ -100,7 +100,13 @@ def judged_tree(
     Raises:
         IdentError: BAD_MACHINE_FILE with the first thing that is wrong.
     """
-    root = _tree(text, named)
+    return judged(_tree(text, named), named, shapes)
+
+
+def judged(
+    root: ET.Element, named: object = 'geometry.description', shapes: bool = True
+) -> ET.Element:
+    """Return the root that it is given, if nothing is wrong in it, else as `judged_tree`."""
     problem = None
     if not shapes and root.tag != 'robot':
         problem = next(_of_shapes(root), None)
@@ -239,17 +245,13 @@ def own_physics(root: ET.Element, joints: Collection[str]) -> str:
     return ''
 
 
-def joints_in(text: str, types: Collection[str] = (*_TURN, *SLIDE)) -> tuple[str, ...]:
+def joints_in(root: ET.Element, types: Collection[str] = (*_TURN, *SLIDE)) -> tuple[str, ...]:
     """Return the joints of a description that turn about or slide along one axis.
 
     Args:
-        text: URDF or MJCF.
+        root: Of a URDF or an MJCF, see `judged_tree`.
         types: Of joints, as either calls them.
-
-    Raises:
-        IdentError: As `judged_tree`.
     """
-    root = judged_tree(text)
     found = root.iterfind('joint' if root.tag == 'robot' else './/worldbody//joint')
     return tuple(
         joint.get('name', '') for joint in found

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import functools
 import pkgutil
 from typing import Any, Literal
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -184,10 +185,10 @@ class Kind:
         alike: Whether its drives are of one make and logged alike, with one noise.
         follows: Whether controllers follow a set-point; where not, a logged one is left out.
         read: Reads a machine's description as its model does; None where it has none.
-        joints: Returns the joints of a description, which its key that names a file holds; None
-            where it has no such key.
-        extent: Returns the mass [kg] that a description moves, and how far it reaches [m]; None
-            where it has no such key.
+        joints: Returns the joints of a description by its root, see `judged_tree`; None where it
+            has no key that names the file of one.
+        extent: Returns the mass [kg] that such a one moves, and how far it reaches [m]; None where
+            it has no such key.
         space: Returns where it moves by default: its drives, or the tool that they carry.
         set_points: Returns set-points (D, K) of its drives and their derivatives by the way (M, K)
             of the tool that they carry and its derivatives; None where they carry none.
@@ -220,8 +221,8 @@ class Kind:
     alike: bool = False
     follows: Callable[[Machine], bool] = lambda machine: True
     read: Callable[[Machine], Any] | None = None
-    joints: Callable[[str], tuple[str, ...]] | None = None
-    extent: Callable[[str], tuple[float, float]] | None = None
+    joints: Callable[[Element], tuple[str, ...]] | None = None
+    extent: Callable[[Element], tuple[float, float]] | None = None
     space: Callable[[Machine], Space] | None = None
     set_points: Callable[[Array, Array, Machine], tuple[Array, Array]] | None = None
     described: tuple[str, ...] = ()

@@ -8,6 +8,7 @@ from itertools import cycle, groupby, islice
 import re
 import textwrap
 from typing import Any, cast
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import yaml
@@ -75,13 +76,13 @@ def new_machine_file(
     states = None if log is None else log.state
     known, boxes, slides, root = dict[str, str](), dict[str, str](), set[str](), None
     if description is not None:
-        slides = {*joints_in(description, SLIDE)}
+        root = judged_tree(description)
+        slides = {*joints_in(root, SLIDE)}
         known = {description_key(kind): inline(named)}
         if kind.joints is not None:
-            kind.joints(description)
-        root = judged_tree(description)
-        boxes = _boxes(kind, description)
-    names = tuple(drives) or _joints(kind, description, states)
+            kind.joints(root)
+        boxes = _boxes(kind, root)
+    names = tuple(drives) or _joints(kind, root, states)
     if log is not None and states is not None:
         known['cycle'] = cycle_of(states.stamp)
         boxes |= _driven(kind, names, root, log)
@@ -236,9 +237,9 @@ def followed_file(
     assert log.state is not None and log.command is not None
     kind = arm_kind(False)
     try:
-        names = tuple(drives) or _joints(kind, description, log.state)
+        names = tuple(drives) or _joints(kind, root, log.state)
         if root.tag != 'robot':
-            cast(Any, kind.extent)(description)
+            cast(Any, kind.extent)(root)
             if own_physics(root, names):
                 return None
     except IdentError:
@@ -459,13 +460,12 @@ def ways(kind: Kind, log: Recording, freely: bool) -> str:
     return 'this log allows neither way: log an effort, or the set-points'
 
 
-def _boxes(kind: Kind, description: str) -> dict[str, str]:
+def _boxes(kind: Kind, root: ET.Element) -> dict[str, str]:
     """Return boxes that hold what a description says.
 
     How far links can be from it is bounded by all of it at its reach. Of an MJCF what its joints
     and actuators state lies in the box, with room above.
     """
-    root = judged_tree(description)
     if root.tag != 'robot':
         keys = {key.name: key for key in kind.keys if key.section == 'parameters'}
         most = {name: max(x.values()) for name, x in _stated_by_joint(root).items()}
@@ -475,7 +475,7 @@ def _boxes(kind: Kind, description: str) -> dict[str, str]:
             if value > high / _ROOM:
                 out[name] = f'[{low:g}, {_ROOM * value:.3g}, {keys[name].unit}]'
         return out
-    mass, reach = kind.extent(description) if kind.extent else (0.0, 0.0)
+    mass, reach = kind.extent(root) if kind.extent else (0.0, 0.0)
     if not mass * reach > 0.0:
         return {}
     links = (mass, 'kg'), (mass * reach, 'kg m'), (mass * reach**2, 'kg m^2')
@@ -499,12 +499,12 @@ def description_key(kind: Kind) -> str:
     return key.name
 
 
-def _joints(kind: Kind, description: str | None, states: Stream | None) -> tuple[str, ...]:
+def _joints(kind: Kind, root: ET.Element | None, states: Stream | None) -> tuple[str, ...]:
     """Return the joints that description and log have in common; none where neither is given."""
     logged = None if states is None else states.names
-    if description is None or kind.joints is None:
+    if root is None or kind.joints is None:
         return logged or ()
-    known = kind.joints(description)
+    known = kind.joints(root)
     common = tuple(name for name in known if logged is None or name in logged)
     if not common and ('drive', 'joint') in kind.by_path:
         return logged or ()  # the file says which joint is which

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 import re
 import sys
+import xml.etree.ElementTree as ET
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -486,6 +487,13 @@ def test_the_mass_of_what_slides_is_sought(joint: str, sought: bool) -> None:
     log = Recording(Stream((joint,), 10_000_000 * np.arange(300), wave))
     made = yaml.safe_load(new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', log))
     assert ('link_mass' in made['parameters']) is sought
+
+
+def test_a_new_file_reads_the_description_once(monkeypatch) -> None:
+    read, calls = ET.fromstring, []
+    monkeypatch.setattr(ET, 'fromstring', lambda text: calls.append(text) or read(text))
+    assert yaml.safe_load(new_machine_file(KINDS['serial'], (), URDF))['drives']
+    assert len(calls) == 1
 
 
 def test_rotors_and_friction_are_bounded_by_the_effort_of_the_log_in_its_unit() -> None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.machine.description import joints_in, judged_tree
+from ros2_ident.machine.description import joints_in, judged, judged_tree
 from ros2_ident.machine.machine import Machine
 
 # Candidates rolled out at a time: enough that the call costs nothing, few enough for the memory.
@@ -61,26 +61,31 @@ def loaded() -> Any:
     return mujoco
 
 
-def joints_of(text: str) -> tuple[str, ...]:
+def joints_of(root: ET.Element) -> tuple[str, ...]:
     """Return the joints of an MJCF that turn about or slide along one axis.
+
+    Its shapes are left out.
 
     Raises:
         IdentError: BAD_MACHINE_FILE for a URDF, or as `judged_tree`.
     """
-    _mjcf(text)
-    return joints_in(text)
+    return joints_in(_of_mjcf(judged(root, shapes=False)))
 
 
 def _mjcf(text: str) -> str:
     """Return an MJCF without the files of its shapes, as this package writes it."""
-    root = judged_tree(text, shapes=False)
+    return ET.tostring(_of_mjcf(judged_tree(text, shapes=False)), encoding='unicode')
+
+
+def _of_mjcf(root: ET.Element) -> ET.Element:
+    """Return the root that it is given, of an MJCF."""
     if root.tag == 'robot':
         raise ErrorCode.BAD_MACHINE_FILE.error(
             'geometry.description is a URDF, and MuJoCo simulates an MJCF here; let `ident '
             'new-machine --description URDF --bag LOG` write the machine file of an arm, or give '
             'an MJCF'
         )
-    return ET.tostring(root, encoding='unicode')
+    return root
 
 
 def tried(text: str) -> None:

@@ -252,7 +252,7 @@ def arm_of(machine: Machine) -> Arm:
     text = machine.described(None).text('description')
     bodies: tuple[Body, ...] = ()
     if text:
-        whole = _whole(pin, text, machine.drives)
+        whole = _whole(pin, judged_tree(text), machine.drives)
         bodies = tuple(_body(pin, whole, name) for name in machine.drives)
         model = _reduced(pin, whole, machine.drives)
     else:
@@ -280,7 +280,7 @@ def base_tilt(fall: Array) -> dict[str, float]:
     return {'base_roll': 0.0 if steep else math.atan2(-y, -z), 'base_pitch': math.asin(x)}
 
 
-def extent_of(text: str) -> tuple[float, float]:
+def extent_of(root: ET.Element) -> tuple[float, float]:
     """Return the mass [kg] of all that moves in a URDF or an MJCF, and how far it reaches [m].
 
     The reach is from the axis of the first joint to the furthest centre of mass, stretched out.
@@ -288,7 +288,7 @@ def extent_of(text: str) -> tuple[float, float]:
     Raises:
         IdentError: As `arm_of`.
     """
-    model = _whole(_pinocchio(), text, ())
+    model = _whole(_pinocchio(), root, ())
     way, most, joints = np.zeros(model.njoints), 0.0, range(1, model.njoints)
     for j in joints:
         parent = int(model.parents[j])
@@ -298,9 +298,8 @@ def extent_of(text: str) -> tuple[float, float]:
     return sum(model.inertias[j].mass for j in joints), most
 
 
-def _whole(pin: Any, text: str, drives: Sequence[str]) -> Any:
+def _whole(pin: Any, root: ET.Element, drives: Sequence[str]) -> Any:
     """Return the model of a URDF or an MJCF, all of its joints moving."""
-    root = judged_tree(text)
     text = ET.tostring(root, encoding='unicode')  # read by this package's parser alone
     try:
         whole = pin.buildModelFromXML(text) if root.tag == 'robot' else _from_mjcf(pin, root)
@@ -370,13 +369,14 @@ def _from_mjcf(pin: Any, root: ET.Element) -> Any:
             )
     # The first body loses its place where it is fixed, and bodies beside it are lost.
     base = ET.Element('body', name='ident base')
-    for world in root.findall('worldbody'):
+    whole = ET.Element(root.tag, root.attrib)
+    whole.extend(x for x in root if x.tag != 'worldbody')
+    for world in root.iterfind('worldbody'):
         base.extend(x for x in world if x.tag in ('body', 'frame'))
-        root.remove(world)
-    ET.SubElement(root, 'worldbody').append(base)
+    ET.SubElement(whole, 'worldbody').append(base)
     number = os.memfd_create('description')
     try:
-        os.write(number, ET.tostring(root))
+        os.write(number, ET.tostring(whole))
         return pin.buildModelFromMJCF(f'/proc/self/fd/{number}')
     finally:
         os.close(number)
