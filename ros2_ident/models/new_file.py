@@ -463,10 +463,10 @@ def ways(kind: Kind, log: Recording, freely: bool) -> str:
 def _boxes(kind: Kind, root: ET.Element) -> dict[str, str]:
     """Return boxes that hold what a description says.
 
-    How far links can be from it is bounded by all of it at its reach. Of an MJCF what its joints
-    and actuators state lies in the box, with room above.
+    How far links can be from it is bounded by all of it at its reach. Of a kind that takes an
+    MJCF alone what its joints and actuators state lies in the box, with room above.
     """
-    if root.tag != 'robot':
+    if kind.extent is None:
         keys = {key.name: key for key in kind.keys if key.section == 'parameters'}
         most = {name: max(x.values()) for name, x in _stated_by_joint(root).items()}
         out = {}
@@ -475,7 +475,7 @@ def _boxes(kind: Kind, root: ET.Element) -> dict[str, str]:
             if value > high / _ROOM:
                 out[name] = f'[{low:g}, {_ROOM * value:.3g}, {keys[name].unit}]'
         return out
-    mass, reach = kind.extent(root) if kind.extent else (0.0, 0.0)
+    mass, reach = kind.extent(root)
     if not mass * reach > 0.0:
         return {}
     links = (mass, 'kg'), (mass * reach, 'kg m'), (mass * reach**2, 'kg m^2')

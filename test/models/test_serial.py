@@ -496,6 +496,15 @@ def test_a_new_file_reads_the_description_once(monkeypatch) -> None:
     assert len(calls) == 1
 
 
+def test_a_new_file_of_an_mjcf_bounds_its_links() -> None:
+    text = (
+        '<mujoco><worldbody><body name="b"><joint name="j" armature="1"/>'
+        '<inertial mass="3" pos="0.5 0 0" diaginertia="1 1 1"/></body></worldbody></mujoco>'
+    )
+    made = yaml.safe_load(new_machine_file(KINDS['serial'], (), text))['parameters']
+    assert made['link_moment'] == [-1.5, 1.5, 'kg m']
+
+
 def test_rotors_and_friction_are_bounded_by_the_effort_of_the_log_in_its_unit() -> None:
     wave = np.sin(0.01 * np.arange(600))[:, None]
     log = Recording(Stream(('elbow',), 10_000_000 * np.arange(600), wave, wave, 7.0 * wave))
