@@ -86,25 +86,30 @@ def new_machine_file(
     if log is not None and states is not None:
         known['cycle'] = cycle_of(states.stamp)
         boxes |= _driven(kind, names, root, log)
-    units = _effort_units(log, names)
-    if len(units) > 1:
-        raise ErrorCode.INVALID_GOAL.error(
-            f'the log states efforts in {" and ".join(units)}; a machine file has one unit: in '
-            'the column map, give them a `scale` to one of these in place of the unit'
-        )
-    if units:
-        known['effort_unit'] = units[0]
-        constant = STATED_FOR.get(units[0])
-        known |= {key.name: literal(key) for key in kind.keys if key.name == constant}
+    known |= _effort_unit(kind, log, names)
     # What slides asks its mass of its drive, what turns the moment alone.
     shown = kind.described[:1] if kind.extent and slides.intersection(names) else ()
     return machine_template(kind, names, known, boxes, shown)
 
 
-def _effort_units(log: Recording | None, names: Sequence[str]) -> list[str]:
-    """Return the units in which a log states the efforts of joints, each once."""
+def _effort_unit(kind: Kind, log: Recording | None, names: Sequence[str]) -> dict[str, str]:
+    """Return what a file says of the unit in which a log states efforts, where it states one.
+
+    Raises:
+        IdentError: INVALID_GOAL where it states several.
+    """
     found = [] if log is None else [log.units.get((name, 'effort'), '') for name in names]
-    return list(dict.fromkeys(filter(None, found)))
+    units = list(dict.fromkeys(filter(None, found)))
+    if len(units) > 1:
+        raise ErrorCode.INVALID_GOAL.error(
+            f'the log states efforts in {" and ".join(units)}; a machine file has one unit: in '
+            'the column map, give them a `scale` to one of these in place of the unit'
+        )
+    if not units:
+        return {}
+    constant = STATED_FOR.get(units[0])
+    own = {key.name: literal(key) for key in kind.keys if key.name == constant}
+    return {'effort_unit': units[0], **own}
 
 
 def one_joint_file(
@@ -247,6 +252,14 @@ def followed_file(
             raise
         return None
     boxes = _boxes_of(names, root, log)
+    unit = _effort_unit(kind, log, names)
+    if unit.get('effort_unit') in STATED_FOR:
+        # no gain in N m is found by them
+        log = replace(log, state=replace(log.state, effort=None), effort=None)
+    head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
+    head += ''.join(f'{key}: {value}\n' for key, value in unit.items())
+    head += f'geometry: {{description: {inline(named)}}}\n'
+    assert log.command is not None
     period = sample_period(log.command.stamp)
     data = align(log, names, period, need=('position',))
     stated = f'  cycle: {short_number(period)}      # s, how long a set-point holds\n'
@@ -256,12 +269,12 @@ def followed_file(
     found: dict[str, float] = {}
     for compensation, more in itertools.product(_COMPENSATIONS, _MORE):
         every = {**boxes, **{name: [_FURTHER[name]] * len(names) for name in more}}
-        text = _followed(names, named, stated, compensation, every)
+        text = _followed(head, stated, compensation, every)
         gains, left = _model_by(text, description, data).regressed()
         for name, several in every.items():
             told = zip(several, gains[name].tolist(), strict=True)
             every[name] = [(low, max(high, _ROOM * x), unit) for (low, high, unit), x in told]
-        text = _followed(names, named, stated, compensation, every)
+        text = _followed(head, stated, compensation, every)
         ahead = gains['velocity_feedforward'] * gains['velocity_gain']
         # Within a cycle a stiff drive has taken up its set-point, as if a part were fed forward.
         if 'velocity_feedforward' in more and (ahead < period * gains['position_gain']).all():
@@ -414,9 +427,7 @@ def _stated_by_joint(root: Any) -> dict[str, dict[str, float]]:
     return found
 
 
-def _followed(
-    names: Sequence[str], named: str, stated: str, compensation: str, boxes: _Boxes
-) -> str:
+def _followed(head: str, stated: str, compensation: str, boxes: _Boxes) -> str:
     """Return the text of `followed_file`."""
     lines = [f'  {key}:' for key in boxes]
     for n, several in enumerate(boxes.values()):
@@ -427,8 +438,7 @@ def _followed(
         lines.append(f'  # Without an effort in the log, {one}.')
     added = '' if compensation == 'none' else f'  compensation: {compensation}\n'
     return (
-        f'machine: {arm_kind(False).name}\ndrives: {inline([*names])}\n'
-        f'geometry: {{description: {inline(named)}}}\n'
+        f'{head}'
         'controller:      # torque position_gain (set-point - position) - velocity_gain velocity\n'
         f'{stated}{added}'
         '  # What is known of the gains, torque_limit, set_point_delay belongs here, a value for\n'

@@ -522,6 +522,33 @@ def test_rotors_and_friction_are_bounded_by_the_effort_of_the_log_in_its_unit() 
     assert ends(amperes) == pytest.approx([1.0 / rms, 1.0, 5.0 / rms], rel=0.05)
 
 
+def test_gains_in_n_m_are_not_sought_by_currents() -> None:
+    wave = np.sin(0.01 * np.arange(600))[:, None] * np.ones(4)
+    stamp = 10_000_000 * np.arange(600)
+    names = ('base', 'slide', 'elbow', 'wrist')
+    units = {(name, 'effort'): 'A' for name in names}
+    files = []
+    for current in (wave, -300.0 * wave):
+        state = Stream(names, stamp, wave, None, current)
+        log = Recording(state, command=Stream(names, stamp, 1.1 * wave), units=units)
+        files.append(followed_file((), URDF, 'arm.urdf', log))
+    assert files[0] == files[1]
+    made = yaml.safe_load(files[0])
+    assert (made['effort_unit'], made['torque_constant']) == ('A', 0.5)
+
+
+def test_a_product_with_a_gain_that_is_none_is_none() -> None:
+    time = 0.01 * np.arange(600)[:, None]
+    place, late = (np.sin(t) + 0.3 * np.sin(3.1 * t) for t in (time, time - 0.03))
+    stamp = 10_000_000 * np.arange(600)
+    # an effort that pushes along with the motion: there is no gain of the velocity
+    effort = 500.0 * np.gradient(place, axis=0)
+    state = Stream(('elbow',), stamp, place, None, effort)
+    log = Recording(state, command=Stream(('elbow',), stamp, late))
+    made = yaml.safe_load(followed_file((), URDF, 'arm.urdf', log))['parameters']
+    assert made['velocity_feedforward'] == [[0.0, 1.5, '1']]
+
+
 def test_odd_names_of_a_description_stand_in_a_new_file_as_they_are() -> None:
     named = ('arm: 1', "]'#", '<&"> $$', 'null')
     text = URDF

@@ -80,10 +80,11 @@ def by_regression(seen: Signals, known: Mapping[str, Array]) -> tuple[dict[str, 
             gains = _fill(found, d, names, columns, values)
             _fill(found, d, JOINT, needs[:, moves], (rest + gains @ held - asked)[moves])
         left[d] = _missed(columns, values)
-    late = found['set_point_delay'] / np.maximum(found['position_gain'], 1e-300)
-    ahead = found['velocity_feedforward'] / np.maximum(found['velocity_gain'], 1e-300)
-    for name, value in (('set_point_delay', late), ('velocity_feedforward', ahead)):
-        found[name] = np.where(np.isnan(known[name]), value, known[name])
+    products = ('set_point_delay', 'position_gain'), ('velocity_feedforward', 'velocity_gain')
+    for name, gain in products:
+        # of a gain that is none it is not known
+        own = np.divide(found[name], found[gain], out=np.zeros(len(left)), where=found[gain] > 0.0)
+        found[name] = np.where(np.isnan(known[name]), own, known[name])
     return found, left
 
 
