@@ -173,14 +173,14 @@ class Whitening:
             self.volume += 0.5 * rest * math.log(model.innovation)
             if rest and order:
                 taps = np.concatenate(([1.0], -model.coefficients)) / np.sqrt(model.innovation)
-                self._coloured.append((slice(run.start, run.stop), taps, order))
+                self._coloured.append((slice(run.start, run.stop), taps[::-1], order))
 
     def __call__(self, rows: Array) -> Array:
-        """Return (..., R) rows whitened."""
+        """Return (R,) or (S, R) rows whitened."""
         out: Array = rows * self.scale
-        for where, taps, order in self._coloured if out.size else ():
-            whitened = np.apply_along_axis(np.convolve, -1, rows[..., where], taps)
-            out[..., where][..., order:] = whitened[..., order:-order]
+        for row, white in zip(np.atleast_2d(rows), np.atleast_2d(out), strict=True):
+            for where, taps, order in self._coloured:
+                white[where][order:] = np.correlate(row[where], taps, 'valid')
         return out
 
 
