@@ -651,10 +651,8 @@ def _explained(
         now.weighed.kept[i - now.sides.nominal]
         for x in named for i in now.sides.places_of(x.column.at, x.column.suspect.name)
     ])  # fmt: skip
-    whole = Marginal.of(now.weighed, now.rows, now.logs, now.nominal)
-    for fold in np.unique(now.logs.fold):
-        part = whole.on(now.logs.fold == fold)
-        some += part.loss(before) - part.loss(after)
+    whole = Marginal.of(now.weighed, now.rows, now.logs, now.nominal, folded=True)
+    some += whole.loss(before) - whole.loss(after)
     return some / (some + max(0.0, now.weighed.unseen())) if some > 0.0 else math.nan
 
 

@@ -151,11 +151,14 @@ class Marginal:
     pairs: tuple[tuple[npt.NDArray[np.int64], Array], ...]
 
     @classmethod
-    def of(cls, weighed: Changes, rows: Rows, logs: Logs, jacobian: Array) -> 'Marginal':
+    def of(
+        cls, weighed: Changes, rows: Rows, logs: Logs, jacobian: Array, *, folded: bool = False
+    ) -> 'Marginal':
         """Return it for the noise and the missing part that were found.
 
         Args:
             jacobian: (R, N) derivative by what each pair has of its own; (R, 0) for nothing.
+            folded: Whether each part that is left out has it of its own, too.
         """
         whiten = Whitening(rows.runs, weighed.noise)
         alone = [np.zeros((weighed.alone.shape[1], len(jacobian))) for _ in logs.rows]
@@ -164,15 +167,11 @@ class Marginal:
         pair = np.concatenate([np.full(x.stop - x.start, p)
                                for x, p in zip(logs.rows, logs.pair, strict=True)])  # fmt: skip
         columns = whiten(np.concatenate([jacobian.T, *alone, weighed.common.T]))
+        if folded:
+            pair = pair * (1 + logs.fold.max()) + logs.fold
         rows_of = [np.flatnonzero(pair == p) for p in np.unique(pair)]
         pairs = tuple((x, columns[:, x] @ columns[:, x].T) for x in rows_of)
         return cls(whiten, columns, weighed.sizes, weighed.limit, weighed.scale, pairs)
-
-    def on(self, here: npt.NDArray[np.bool_]) -> 'Marginal':
-        """Return it on some of the rows (R,)."""
-        rows_of = [x[here[x]] for x, _ in self.pairs]
-        pairs = tuple((x, self.columns[:, x] @ self.columns[:, x].T) for x in rows_of)
-        return replace(self, pairs=pairs)
 
     def sized(self, residual: Array | None = None) -> 'Marginal':
         """Return it with the sizes that a residual (R,) makes most probable; with none where None.
@@ -198,7 +197,7 @@ class Marginal:
         return found
 
     def loss(self, residual: Array) -> float:
-        """Return minus twice the logarithm of the likelihood of a residual (R,) on its rows.
+        """Return minus twice the logarithm of the likelihood of a residual (R,).
 
         But for what the noise alone decides.
         """
