@@ -25,11 +25,13 @@ from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make_model  # noqa: E402
+from ros2_ident.models.drives.band import Band  # noqa: E402
 from ros2_ident.models.new_file import followed_file, new_machine_file  # noqa: E402
 from ros2_ident.models.registry import kind_of, KINDS, travel_of  # noqa: E402
 from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 from ros2_ident.models.serial.log import ArmLog  # noqa: E402
 from ros2_ident.recording import Dataset, Recording, Stream  # noqa: E402
+from ros2_ident.recording.motion import low_pass  # noqa: E402
 
 TABLE = {
     'dh_a': [0.0, 0.1, 0.4, 0.05],
@@ -395,6 +397,33 @@ def test_friction_at_a_joint_grows_with_what_the_links_ask(tmp_path: Path) -> No
     # The kernels' tanh ends 2e-8 below 1.
     np.testing.assert_allclose(more[2], expected, rtol=0, atol=3e-8 * np.abs(expected).max())
     np.testing.assert_array_equal(more[[0, 1, 3]], 0.0)
+
+
+def test_efforts_that_come_again_are_filtered_once(tmp_path: Path, monkeypatch) -> None:
+    machine = described(tmp_path, coulomb_torque=[0.0, 4.0, 'N m'])
+    smoothed = [EffectAt('effort_smoothing', 'all')]
+    model = make_model(machine, moving(machine), effects=smoothed)
+    points = np.repeat(middle(model)[None], 4, axis=0)
+    # The first differs from all others, as that of a Jacobian does.
+    points[[0, 3], [2, 1]] = 1.0, 3.0
+    alone = [model.simulate(x)[0] for x in points]
+    rows: dict[str, list[int]] = {'smoothed': [], 'passed': []}
+
+    def counted(values: np.ndarray, *how: float) -> np.ndarray:
+        rows['smoothed'].append(len(values))
+        return low_pass(values, *how)
+
+    def passing(band: Band, values: np.ndarray, output: int) -> np.ndarray:
+        rows['passed'].append(len(values))
+        return passed(band, values, output)
+
+    passed = Band._passed
+    monkeypatch.setattr(Band, '_passed', passing)
+    monkeypatch.setattr('ros2_ident.models.drives.model.low_pass', counted)
+    np.testing.assert_array_equal(model.simulate(points), alone)
+    assert rows['smoothed'] == [len(JOINTS) + 2]
+    # Two joints do otherwise than at last.
+    assert rows['passed'] == [1, 1]
 
 
 # ---------------------------------------------------------------------- mistakes

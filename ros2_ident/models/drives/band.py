@@ -8,6 +8,7 @@ measured: no motion tells its friction. Put there before the low-pass, it keeps 
 of rest out of the rows beside it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import functools
 import math
@@ -134,21 +135,25 @@ class Band:
         out = np.empty((len(efforts), count[-1]))
         for o, cycles in enumerate(map(np.flatnonzero, there)):
             rows, own = efforts[:, o], out[:, count[o] : count[o + 1]]
-            known = self._usual.get(o)
-            if known is None or (
-                not _same(rows[0], known[0]) and all(_same(row, rows[0]) for row in rows[1:])
-            ):
+            usual = self._usual.get(o)
+            before = [] if usual is None else [usual[0]]
+            first = firsts([*before, *rows])[len(before) :] - len(before)
+            known = first < 0
+            if usual is not None and known.any():
+                own[known] = self._at(usual[1], self.cutoff, cycles)
+            if not known.all():
+                new, place = np.unique(first[~known], return_inverse=True)
+                made = self._passed(rows[new], o)
+                own[~known] = self._at(made, self.cutoff, cycles)[place]
+            if not known.any():
                 # The drive does something else from now on.
-                known = self._usual[o] = rows[0].copy(), self._passed(rows[:1], o)
-            new = np.array([not _same(row, known[0]) for row in rows])
-            own[~new] = self._at(known[1], self.cutoff, cycles)
-            if new.any():
-                own[new] = self._at(self._passed(rows[new], o), self.cutoff, cycles)
+                most = int(np.bincount(place).argmax())
+                self._usual[o] = rows[new[most]].copy(), made[[most]]
         return out
 
     @functools.cached_property
     def _usual(self) -> dict[int, tuple[Array, Array]]:
-        """Of each output a row (K,), if there was one that of all candidates, and its blocks."""
+        """Of each output a row (K,) that came last for most candidates, and its blocks (1, B)."""
         return {}
 
     def _passed(self, rows: Array, o: int) -> Array:
@@ -177,6 +182,14 @@ class Band:
         return out
 
 
-def _same(one: Array, other: Array) -> bool:
-    """Return whether rows (K,) are the same: of most that are not, a few cycles say so."""
-    return np.array_equal(one[::_FEW], other[::_FEW]) and np.array_equal(one, other)
+def firsts(rows: Sequence[Array]) -> Whole:
+    """Return (S,) which of rows (K,) is the first that is the same as each.
+
+    Where others agree with it in the few cycles looked at first, they count as new.
+    """
+    seen: dict[bytes, int] = {}
+    found = np.arange(len(rows))
+    for i, row in enumerate(rows):
+        first = seen.setdefault(row[::_FEW].tobytes(), i)
+        found[i] = first if np.array_equal(row, rows[first]) else i
+    return found

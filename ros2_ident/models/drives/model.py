@@ -21,6 +21,7 @@ from ros2_ident.kernel import rows
 from ros2_ident.kernel.group import Group, PART, Task
 from ros2_ident.machine.keys import NEUTRAL
 from ros2_ident.machine.machine import Machine, Parameter
+from ros2_ident.models.drives.band import firsts
 from ros2_ident.models.drives.candidates import Candidates, SLOTS
 from ros2_ident.models.drives.log import DriveLog
 from ros2_ident.models.drives.outputs import chosen_outputs, logged_of, MachineModel, Outputs
@@ -424,9 +425,14 @@ class DriveModel(MachineModel):
         periods = smoothing[:, list(self.signals.sources)]
         efforts = [output.quantity == 'effort' for output in self.outputs]
         finite = np.isfinite(out).all(axis=2)
-        for s, o in np.argwhere((periods > 0.0) & finite & efforts):
-            cutoff = 1.0 / periods[s, o]
-            out[s, o] = low_pass(out[s, o : o + 1], self.cycle, cutoff, SMOOTHING)[0]
+        smooth, each = (periods > 0.0) & finite & efforts, out.reshape(-1, out.shape[2])
+        for period in np.unique(periods[smooth]):
+            at = np.flatnonzero(smooth & (periods == period))
+            # Most candidates differ on one drive only.
+            first = at[firsts([each[i] for i in at])]
+            new, again = at[first == at], first != at
+            each[new] = low_pass(each[new], self.cycle, 1.0 / period, SMOOTHING)
+            each[at[again]] = each[first[again]]
         whole = np.all(finite, axis=1)
         if self.log.band is None or not whole.any():
             return out[:, there]
