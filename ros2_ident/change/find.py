@@ -2,32 +2,34 @@
 """Which change tells the logs after from those before."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
-from itertools import chain, islice
+from itertools import islice
 import math
-from typing import Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import scipy
 
 from ros2_ident.arrays import Array, NORMAL
+from ros2_ident.change.columns import (
+    Column,
+    columns_of,
+    Homed,
+    of_friction,
+    SETTLED,
+    shifted,
+    travels_of,
+)
 from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
-from ros2_ident.effects import get_effect, Hook
-from ros2_ident.errors import IdentError
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
 from ros2_ident.gates import GateReport
-from ros2_ident.identify.hidden import Missing, missing_beside, residuals_at, Rows
+from ros2_ident.identify.hidden import missing_beside, residuals_at, Rows
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
-from ros2_ident.machine.units import LEVER, per_metre
-from ros2_ident.models import EffectAt, FullModel
-from ros2_ident.models.drives.candidates import FRICTION
-from ros2_ident.models.registry import scales_of, stated_numbers, STATED_WITHIN
+from ros2_ident.models.registry import scales_of, STATED_WITHIN
 from ros2_ident.recording import Dataset
 from ros2_ident.search.changes import (
     Changes,
@@ -37,70 +39,22 @@ from ros2_ident.search.changes import (
     weigh_changes,
 )
 from ros2_ident.search.evidence import price_of
-from ros2_ident.search.jacobian import Box, COARSE_STEP, diverged, Residuals
+from ros2_ident.search.jacobian import Box, diverged, Residuals
 from ros2_ident.search.least_squares import descent, Point
 
 # Suspects of a round that are fitted, at most. By hand.
 _FITS = 4
-# Steps of a fit that begins where straight lines lead, and their relative gain that is none.
-_STEPS, _SETTLED = 6, 1e-5
+# Steps of a fit that begins where straight lines lead, at most. By hand.
+_STEPS = 6
 # Times that a fit and the sizes of what the model lacks are found in turn.
 _TURNS = 2
 # Logarithm of the odds from which on a change is named: 95 of 100 are right then.
 _SURE = math.log(0.95 / 0.05)
-# Friction and offsets of two logs differ by less than this share, in size and form, in 95 of 100
-# cases, without any cause but a few kelvin. By hand: in an hour of warming up viscous friction
-# falls by ten times as much (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control
-# 134(5)).
-BY_ITSELF = 0.02
-# Hooks of effects that are forms of friction.
-_FORMS = Hook.SIGN, Hook.FRICTION
 # Each quarter of a log is predicted from the other three.
 _PARTS = 4
 # Motions whose strokes or speeds differ by this factor are others: what the model lacks does not
 # cancel then. By hand.
 _OTHER = 1.25
-# By how much the zero of a drive differs from log to log, one standard deviation: a degree of a
-# joint, as its marks are aligned by eye; of a slide what a pulley makes of that. By hand.
-_HOMED = math.radians(1.0) * LEVER
-
-
-@dataclass(frozen=True)
-class _Column:
-    """Suspect with its columns among all that may have changed.
-
-    Attributes:
-        suspect: What it is.
-        names: What each of its columns is a multiple of.
-        units: Their units.
-        scales: Each number for a coefficient of 1.
-        columns: Its numbers among all changes.
-        value: Value before; NaN of an effect.
-        numbers: How many numbers it takes, shapes among them.
-        at: An effect at its place.
-        begin: (P,) its parameters where the coefficients are 0.
-        moved: (k, P) how they move with each.
-        own: Of what kind it is where each log has its own, so that it is no suspect.
-        usual: Standard deviation from log to log; inf where it is not known.
-    """
-
-    suspect: Suspect
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    scales: Array
-    columns: Sequence[int] = ()
-    value: float = math.nan
-    numbers: int = 1
-    at: EffectAt | None = None
-    begin: Array = field(default_factory=lambda: np.empty(0))
-    moved: Array = field(default_factory=lambda: np.empty((0, 0)))
-    own: Literal['', 'timing', 'zero'] = ''
-    usual: float = 0.0
-
-    @property
-    def place(self) -> str:
-        """Its drive; empty for the machine."""
-        return self.suspect.where.replace('all', '') or self.suspect.name.rpartition('.')[0]
 
 
 @dataclass(frozen=True)
@@ -115,7 +69,7 @@ class _Best:
 class _Fit:
     """Fit with a suspect beside all else: its evidence, and what explains as much."""
 
-    column: _Column
+    column: Column
     evidence: float
     sides: Sides
     theta: Array
@@ -130,17 +84,17 @@ class _Round:
     theta: Array
     rows: Rows
     logs: Logs
-    columns: list[_Column]
+    columns: list[Column]
     weighed: Changes
     marginal: Marginal
     nominal: Array
 
     @property
-    def suspects(self) -> list[_Column]:
+    def suspects(self) -> list[Column]:
         """Those that may be named."""
         return [c for c in self.columns if not c.own]
 
-    def evidence(self, column: _Column) -> float:
+    def evidence(self, column: Column) -> float:
         """Return the evidence of a suspect to first order."""
         return evidence_of(self.weighed.of(column.columns)[2], len(column.columns))
 
@@ -174,7 +128,7 @@ def find_change(
         threads: That simulate; one for each processor where None.
     """
     looked = partial(
-        _round, log=log, zeros=tuple(_shifted(problem)), paired=paired, without=without,
+        _round, log=log, zeros=tuple(shifted(problem)), paired=paired, without=without,
         stopped=stopped, threads=threads,
     )  # fmt: skip
     found: list[_Fit] = []
@@ -226,53 +180,11 @@ def find_change(
     )
 
 
-# ---------------------------------------------------------------------- columns
-
-
-@dataclass(frozen=True)
-class _Homed:
-    """Models of logs in which the encoder of a drive has another zero, by `by`; of none first."""
-
-    models: tuple[FullModel, ...]
-    drive: str = ''
-    by: float = 0.0
-    unit: str = ''
-
-
-def _shifted(problem: Problem) -> Iterator[_Homed]:
-    """Yield the models, and those of logs with another zero, drive by drive."""
-    yield _Homed(problem.models)
-    setup = problem.setup
-    if setup is None:
-        return
-    machine = setup.machine
-    for name, unit in zip(machine.drives, _travels(problem, machine), strict=True):
-        by = _HOMED * per_metre(unit)
-        datasets = tuple(_moved(x, name, by) for x in setup.data.datasets)
-        with suppress(IdentError):
-            moved = replace(setup, data=replace(setup.data, datasets=datasets))
-            yield _Homed(moved.problem().models, name, by, unit)
-
-
-def _travels(problem: Problem, machine: Machine) -> Sequence[str]:
-    """Return (D,) units of the drives' positions: an arm may have joints of both kinds."""
-    usual: Sequence[str] = (machine.travel_unit,) * len(machine.drives)
-    return getattr(problem.models[0], 'travels', usual)
-
-
-def _moved(data: Dataset, drive: str, by: float) -> Dataset:
-    """Return a recording in which a drive is elsewhere, and its set-points with it."""
-    there = np.zeros((len(data.names), 1))
-    there[data.names.index(drive)] = by
-    rows = {key: getattr(data, key) for key in ('position', 'command_position')}
-    return replace(data, **{key: x + there for key, x in rows.items() if x is not None})
-
-
 def _round(
     sides: Sides,
     theta: Array,
     log: npt.NDArray[np.int64],
-    zeros: Sequence[_Homed],
+    zeros: Sequence[Homed],
     paired: bool,
     without: Sequence[str],
     stopped: Callable[[], bool],
@@ -285,151 +197,16 @@ def _round(
         if at not in taken and at.effect not in without
     ]  # fmt: skip
     seen = missing_beside(sides, theta, candidates, stopped, threads)
-    rows, residual, jacobian = seen.rows, seen.residual, seen.slopes
-    nominal = jacobian[:, : sides.nominal]
-    columns: list[_Column] = []
-    # Of each change its column: of those that both sides have, or of others behind them.
-    changed: list[int] = []
-    others: list[Array] = []
-    beside = sides.nominal + seen.columns.shape[1]
-    for c, places in chain(_parameters(sides, theta), _effects(first, seen, sides.nominal)):
-        columns.append(replace(c, columns=_appended(changed, places)))
-    for c, own in chain(
-        _constants(sides, theta, rows, residual), _zeros(sides, theta, rows, zeros)
-    ):
-        at = [beside + i for i in _appended(others, own)]
-        columns.append(replace(c, columns=_appended(changed, at)))
-    at = [beside + i for i in _appended(others, list(jacobian[:, sides.nominal :].T))]
-    kept = _appended(changed, at)
-    every = [*nominal.T, *seen.columns.T, *others]
-    usual, alone = np.zeros(len(changed)), np.zeros(len(changed), dtype=bool)
-    for c in columns:
-        usual[[*c.columns]] = c.usual
-    friction = _friction(sides, theta, nominal)
-    laws = [(c.at, c.columns) for c in columns if c.at]
-    for one, _ in sides.effects:
-        laws.append((one, tuple(kept[i - sides.nominal] for i in sides.places_of(one, ''))))
-    for one, places in laws:
-        if get_effect(one.effect).hook in _FORMS:
-            usual[[*places]] = [friction(one.where, every[changed[i]]) for i in places]
-            alone[[*places]] = True
-    side = np.concatenate([np.full(kept.start, True), sides.later[sides.nominal :]])
-    logs = _logs(sides, rows, log, paired)
+    rows, nominal = seen.rows, seen.slopes[:, : sides.nominal]
+    found, logs = columns_of(sides, theta, seen, zeros), _logs(sides, rows, log, paired)
     weighed = weigh_changes(
-        residual, nominal, seen.columns, np.reshape(others, (-1, residual.size)).T,
-        np.array(changed), rows.runs, rows.blocks, logs,
-        most=seen.most, usual=usual, alone=alone, side=side, kept=kept, known=seen.known,
+        seen.residual, nominal, seen.columns, found.others, found.changed, rows.runs, rows.blocks,
+        logs, most=seen.most, usual=found.usual, alone=found.alone, side=found.side,
+        kept=found.kept, known=seen.known,
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
     marginal = Marginal.of(weighed, rows, logs, apart)
-    return _Round(sides, theta, rows, logs, columns, weighed, marginal, nominal)
-
-
-_Entry = TypeVar('_Entry')
-
-
-def _appended(entries: list[_Entry], more: Sequence[_Entry]) -> range:
-    """Append entries; return where they are."""
-    entries += more
-    return range(len(entries) - len(more), len(entries))
-
-
-_Places = Iterator[tuple[_Column, Sequence[int]]]
-_Columns = Iterator[tuple[_Column, list[Array]]]
-
-
-def _parameters(sides: Sides, theta: Array) -> _Places:
-    """Yield the parameters, and which column is the derivative by each."""
-    width = sides.high - sides.low
-    for i, p in enumerate(sides.parameters[: sides.nominal]):
-        known = 0.0 if p.absent is None else BY_ITSELF / NORMAL * abs(theta[i]) / width[i]
-        own = {'own': 'timing', 'usual': math.inf} if p.unit == 's' else {'usual': known}
-        c = _Column(Suspect('parameter', p.name), (p.name,), (p.unit,), width[i : i + 1],
-                    value=float(theta[i]), **own)  # fmt: skip
-        yield c, [i]
-
-
-def _constants(sides: Sides, theta: Array, rows: Rows, residual: Array) -> _Columns:
-    """Yield stated numbers of the machine file, and (R,) the derivative by their logarithm."""
-    machine = sides.bare[-1].machine
-    for name, (value, unit) in (stated_numbers(machine) if machine else {}).items():
-        with suppress(IdentError):
-            moved = sides.stating(name, value * math.exp(COARSE_STEP), both=True)
-            slope = (residuals_at(moved, rows)(theta[None])[0] - residual) / COARSE_STEP
-            if np.isfinite(slope).all():
-                c = Suspect('constant', name)
-                yield _Column(c, (name,), (unit,), np.array([value]), value=value), [slope]
-
-
-def _zeros(sides: Sides, theta: Array, rows: Rows, zeros: Sequence[_Homed]) -> _Columns:
-    """Yield the zeros of all drives, and (R,) what the usual difference of each does.
-
-    Numbers are as the machine file states them: what changed of them is of second order.
-    """
-    plain, *moved = (residuals_at(sides.on(x.models), rows)(theta[None])[0] for x in zeros)
-    least = _SETTLED * float(np.sqrt(np.mean(plain**2)))
-    seen = [
-        (x, residual - plain) for x, residual in zip(zeros[1:], moved, strict=True)
-        if least < np.sqrt(np.mean((residual - plain) ** 2)) < math.inf
-    ]  # fmt: skip
-    if seen:
-        c = _Column(
-            Suspect('constant', 'zero'), tuple(x.drive for x, _ in seen),
-            tuple(x.unit for x, _ in seen), np.array([-x.by for x, _ in seen]),
-            own='zero', usual=1.0,
-        )  # fmt: skip
-        yield c, [column for _, column in seen]
-
-
-def _effects(first: FullModel, seen: Missing, nominal: int) -> _Places:
-    """Yield effects, one for each of their shapes, and which columns are of each of their sizes.
-
-    Args:
-        nominal: Number of the columns before those of `seen`.
-    """
-    end = nominal + seen.columns.shape[1] - sum(len(one.changes) for one in seen.alternatives)
-    for one in seen.alternatives:
-        begin, end = end, end + len(one.changes)
-        wide = first.extended((*first.effects, one.at))
-        own = wide.scaled(one.at)
-        units = [p.unit for p in wide.parameters[-len(own) :]]
-        neutral = np.array([p.neutral for p in own])
-        sized = np.array([p.role == 'size' for p in own])
-        for group in np.unique(one.group):
-            at = np.flatnonzero(one.group == group)
-            moved = one.points[at] - neutral
-            which = [int(np.argmax(np.abs(np.where(sized, m, 0.0)))) for m in moved]
-            start = np.where(sized, neutral, one.points[at[0]])
-            late = any(own[w].target.endswith('_delay') for w in which)
-            c = _Column(
-                Suspect('effect', one.at.effect, one.at.where),
-                tuple(own[w].name for w in which),
-                tuple(units[w] for w in which),
-                np.array([m[w] for m, w in zip(moved, which, strict=True)]),
-                numbers=len(own), at=one.at, begin=start, moved=one.points[at] - start,
-                own='timing' if late else '', usual=math.inf if late else 0.0,
-            )  # fmt: skip
-            yield c, (begin + at).tolist()
-
-
-def _friction(sides: Sides, theta: Array, slopes: Array) -> Callable[[str, Array], float]:
-    """Return by how much a form (R,) of a drive's friction differs from log to log.
-
-    One standard deviation: as much force as the usual difference of all its friction.
-    """
-    width, whole = sides.high - sides.low, dict[str, Array]()
-    for i, p in enumerate(sides.parameters[: sides.nominal]):
-        place, _, name = p.name.rpartition('.')
-        if name in FRICTION:
-            whole[place] = whole.get(place, 0.0) + slopes[:, i] * theta[i] / width[i]
-
-    def usual(place: str, form: Array) -> float:
-        there = form != 0.0
-        own = sum((x for at, x in whole.items() if not at or place in (at, 'all', '')), 0.0 * form)
-        square = float(form @ form)
-        return BY_ITSELF / NORMAL * math.sqrt(own[there] @ own[there] / square) if square else 0.0
-
-    return usual
+    return _Round(sides, theta, rows, logs, found.each, weighed, marginal, nominal)
 
 
 def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) -> Logs:
@@ -474,7 +251,7 @@ def _step(
         base: The best fit with what was found.
     """
     told = {id(c): now.evidence(c) for c in now.suspects}
-    ordered: list[_Column] = []
+    ordered: list[Column] = []
     for c in sorted(now.suspects, key=lambda c: -told[id(c)]):
         # Of one effect the shape that explains most.
         key = c.suspect.name, c.suspect.where
@@ -537,14 +314,14 @@ def _descended(
 ) -> Array:
     """Return the best parameters (N,) with what the model may lack as it is."""
     point = Point.at(lambda theta: marginal(evaluate(theta)), box, box.inside(start))
-    for better in islice(descent(point, _SETTLED, prior=True), _STEPS):
+    for better in islice(descent(point, SETTLED, prior=True), _STEPS):
         point = better
         if stopped():
             break
     return point.theta
 
 
-def _with(now: _Round, c: _Column, base: _Best, least: float, stopped: Callable[[], bool]) -> _Fit:
+def _with(now: _Round, c: Column, base: _Best, least: float, stopped: Callable[[], bool]) -> _Fit:
     """Return the fit of a suspect beside the parameters, and its evidence.
 
     Args:
@@ -577,7 +354,7 @@ def _with(now: _Round, c: _Column, base: _Best, least: float, stopped: Callable[
     return _Fit(replace(c, suspect=suspect), told[best], sides, found.theta)
 
 
-def _begun(now: _Round, c: _Column) -> Iterator[tuple[Suspect, Sides, Array]]:
+def _begun(now: _Round, c: Column) -> Iterator[tuple[Suspect, Sides, Array]]:
     """Yield how a suspect may be there, the sides with it, and (P,) its numbers to begin with."""
     estimate, suspect = now.weighed.of(c.columns)[0], c.suspect
     if c.at is not None:
@@ -592,7 +369,7 @@ def _begun(now: _Round, c: _Column) -> Iterator[tuple[Suspect, Sides, Array]]:
         yield suspect, now.sides.also(name=suspect.name), estimate * c.scales
 
 
-def _restated(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sides, _Best]:
+def _restated(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Sides, _Best]:
     """Return the sides with the most probable stated number after, and their fit.
 
     Its logarithm is a parameter more.
@@ -622,7 +399,7 @@ def _restated(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sid
 def _named(now: _Round, x: _Fit, price: float) -> bool:
     """Return whether a change is more than friction differs by from log to log by itself."""
     c, sides = x.column, now.sides
-    if c.at is None or get_effect(c.at.effect).hook not in _FORMS:
+    if c.at is None or not of_friction(c.at):
         return True
     share, sizes = (now.theta / (sides.high - sides.low))[sides.nominal :], []
     for i in sides.places_of(c.at, ''):
@@ -681,7 +458,7 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
         yield Change(s, tuple(sizes), x.evidence, x.ties)
 
 
-def _less(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sides, _Best]:
+def _less(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Sides, _Best]:
     """Return the sides without a change, and their best fit."""
     sides = now.sides.less(c.at, c.suspect.name)
     start = sides.start(now.sides, now.theta, np.empty(0))
@@ -690,7 +467,7 @@ def _less(now: _Round, c: _Column, stopped: Callable[[], bool]) -> tuple[Sides, 
 
 def _still(
     now: _Round,
-    c: _Column,
+    c: Column,
     price: float,
     base: Callable[[], _Best],
     stopped: Callable[[], bool],
@@ -705,10 +482,10 @@ def _still(
     return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price
 
 
-def _same(now: _Round, c: _Column) -> _Column | None:
+def _same(now: _Round, c: Column) -> Column | None:
     """Return a suspect of another round; of an effect that has the same shape."""
 
-    def key(x: _Column) -> tuple[object, ...]:
+    def key(x: Column) -> tuple[object, ...]:
         return x.suspect.kind, x.suspect.name, x.suspect.where, x.begin.tobytes()
 
     return next((x for x in now.columns if key(x) == key(c)), None)
@@ -788,7 +565,7 @@ def apart(
             values = (gate.number, math.nan) if early else (math.nan, gate.number)
             yield Apart('check', gate.sentence, *values, gate.unit)
     scales = [scales_of(machine, x) for x in sides]
-    units = _travels(problem, machine)
+    units = travels_of(problem, machine)
     for d in map(machine.drives.index, drives or machine.drives):
         for name, unit in (('stroke', ''), ('speed', '/s')):
             one, other = (float(getattr(x, name)[d]) for x in scales)

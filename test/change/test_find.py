@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ros2_ident import jobs
-from ros2_ident.change.find import _shifted
+from ros2_ident.change.columns import shifted
 from ros2_ident.change.result import Change, Comparison, Size, Suspect
 from ros2_ident.change.sides import Sides
 from ros2_ident.cli.main import main
@@ -151,7 +151,7 @@ def test_zeros_of_turning_and_sliding_joints_have_their_own_units(tmp_path):
     words = ['simulate', f'{tmp_path}/log', '--machine', f'{tmp_path}/arm.yaml']
     assert main([*words, '--seconds', '2']) == 0
     request = jobs.Request(load_machine(tmp_path / 'arm.yaml'), bags=(f'{tmp_path}/log',))
-    none, turn, slide = _shifted(request.problem(jobs.read(request).fit))
+    none, turn, slide = shifted(request.problem(jobs.read(request).fit))
     assert not none.drive and (turn.unit, slide.unit) == ('rad', 'm')
     # A degree, and what a lever of 50 mm makes of it.
     assert turn.by == pytest.approx(math.radians(1.0))
