@@ -50,6 +50,7 @@ class Selector(Fitter):
         self.floor = floor
         self.rules = rules or Rules()
         self.shown: tuple[EffectAt, ...] = ()
+        self.like_noise: Hypothesis | None = None
         self.steps = steps
         self._seen: dict[frozenset[EffectAt], tuple[Hypothesis, Floor]] = {}
 
@@ -189,15 +190,20 @@ class Selector(Fitter):
         ties, base = list[Tie](), round_.base
         while (best := self.rules.best(round_)) and self.rules.is_material(base, best):
             new = best.effects[len(base.effects) :]
-            tied = [tie for at in new if (tie := self.tie(base, best, at))]
+            like = [NOISE] * self.noise_hides(base, best)
+            tied = [tie for at in new if (tie := self.tie(base, best, at, like))]
             if not tied or self.stopped():
                 break
+            if len(new) == 1 and NOISE in tied[0].like:
+                self.like_noise = self.like_noise or best
             ties += tied
             round_ = replace(round_, fitted=tuple(e for e in round_.fitted if e is not best))
         return round_, ties
 
-    def tie(self, base: Hypothesis, e: Hypothesis, at: EffectAt) -> Tie | None:
-        """Return what does along this motion what an effect does; None for nothing.
+    def tie(
+        self, base: Hypothesis, e: Hypothesis, at: EffectAt, like: Sequence[str] = ()
+    ) -> Tie | None:
+        """Return what does along this motion what an effect does; None for nothing but `like`.
 
         It has to count beside other values of the parameters, and to have a share of its own.
         Where functions of a coordinate that its law does not read close as much, but for what
@@ -205,7 +211,7 @@ class Selector(Fitter):
         """
         own, others = in_place_of(self.fits, e, at)
         counts = self.rules.is_material(others.pop(PARAMETERS)[0], e)
-        like = [] if counts and own >= self.rules.own else [PARAMETERS]
+        like = [*like, *([] if counts and own >= self.rules.own else [PARAMETERS])]
         like += [
             name
             for name, (less, both) in others.items()
@@ -213,6 +219,19 @@ class Selector(Fitter):
         ]
         like += [NOISE] * noise_does(self.fits, e, at)
         return Tie(at.effect, at.where, e.closes(base), tuple(like)) if like else None
+
+    def noise_hides(self, base: Hypothesis, e: Hypothesis) -> bool:
+        """Return whether a step does not count beside an effect in whose place noise does as much.
+
+        That effect stands for noise of the recorded motion, which no column tells of.
+        """
+        if self.like_noise is None or (noise := self.like_noise.effects[-1]) in e.effects:
+            return False
+        own = self.like_noise.theta[self.like_noise.columns(len(self.like_noise.effects) - 1)]
+        less, more = (
+            self.refit((*x.effects, noise), np.concatenate([x.theta, own])) for x in (base, e)
+        )
+        return not self.rules.is_material(less, more)
 
     def restless(self) -> dict[str, float]:
         """Return the floors of drives that are too large and slow for noise.
