@@ -14,6 +14,7 @@ from ros2_ident.recording.grid import (
     find_ticks,
     missing_samples,
     sample_period,
+    SHARED,
     Ticks,
     TOLD_DRIFT,
 )
@@ -167,7 +168,7 @@ class _Layout:
                 off, other = f'{abs(ticks.phase) * 1e3:.3g} ms', next(iter(self.placed))
                 said = f'stamps lie {off} beside those of {other}, near half a cycle'
                 self.warnings.append(f'{role}: {said}: it may be one cycle off')
-            if doubled := int((~ticks.keep).sum()):
+            if (doubled := int((~ticks.keep).sum())) > SHARED * ticks.keep.size:
                 said = f'{doubled} samples share a controller cycle with another and are left out'
                 remarks.setdefault(f'{said}; state a shorter one', []).append(role)
             if abs(ticks.drift) > TOLD_DRIFT:
@@ -316,7 +317,10 @@ class _Layout:
         return out, rate
 
     def measured(self, field: str) -> FloatArray | None:
-        """Return a field (D, K), NaN where no sample is, or None where it was never measured."""
+        """Return a field (D, K), NaN where no sample is, or None where it was never measured.
+
+        Samples beside their cycle, of a stream that keeps to no grid, count as on a straight line.
+        """
         out = np.full((len(self.names), self.cycles), np.nan)
         # an effort of its own topic counts before that of the state
         for role in ('state', 'effort') if field == 'effort' else ('state',):
@@ -325,9 +329,11 @@ class _Layout:
                 continue
             index, inside = self._inside(x)
             for row, column in zip(out, values.T, strict=True):
-                if not np.isnan(column).all():
+                there = ~np.isnan(column)
+                if there.any():
+                    told = np.interp(x.tick, x.instants[there], column[there])
                     row[:] = np.nan
-                    row[index[inside]] = column[inside]
+                    row[index[inside & there]] = told[inside & there]
         return None if np.isnan(out).all() else out
 
     def check_need(self, measured: Mapping[str, FloatArray | None], need: Collection[str]) -> None:

@@ -297,6 +297,31 @@ def test_samples_that_keep_to_no_grid_go_to_the_nearest_cycle():
     assert (np.diff(coarse.tick[coarse.keep]) > 0).all()
 
 
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**31), cycle=st.floats(0.0101, 0.0109))
+def test_steps_of_two_lengths_are_no_grid_of_their_mean(seed, cycle):
+    # A loop at 2 ms that logs at every fifth turn or every sixth.
+    time = np.cumsum(np.random.default_rng(seed).choice([0.010, 0.012], 3000))
+    stamp = START + np.round(time * 1e9).astype(np.int64)
+    assert find_ticks(stamp, START, cycle).stride == 0
+    assert find_ticks(stamp, START, 0.002).stride in (5, 6)
+
+
+def test_samples_beside_their_cycle_count_as_on_a_straight_line():
+    time = np.cumsum(np.random.default_rng(1).choice([0.010, 0.012], 3000))
+    stamp = START + np.round(time * 1e9).astype(np.int64)
+    position = np.stack([0.3 * time, 1.0 - time], axis=1)
+    position[1500] = np.nan
+    data = align(Recording(Stream(NAMES, stamp, position, effort=position)), NAMES, 0.0105)
+    there = np.isfinite(data.position[0])
+    seconds = (data.start - START) * 1e-9 + np.arange(data.cycles) * data.cycle
+    assert 0.9 < there.mean() < 1.0
+    np.testing.assert_allclose(
+        data.position[:, there], [0.3 * seconds[there], 1.0 - seconds[there]]
+    )
+    np.testing.assert_array_equal(data.effort, data.position)
+
+
 def test_a_cycle_that_is_none():
     for cycle in (0.0, -1.0, float('nan'), float('inf'), 1e300, 1e-320):
         with pytest.raises(IdentError, match='give a positive time in the machine file'):
