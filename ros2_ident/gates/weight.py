@@ -17,6 +17,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.gates import scale
 from ros2_ident.gates.finding import Gate, Level, likewise
 from ros2_ident.gates.scale import figure, near
+from ros2_ident.machine.units import STATED_FOR
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset, smooth_motion
@@ -108,7 +109,8 @@ def check_weight(machine: Machine, data: Dataset) -> tuple[list[Gate], dict[str,
     if tilted := _tilted(machine, joints):
         return tilted, {}
     factors = {x.drive: f for x in joints if math.isfinite(f := x.factor())}
-    return _sized(factors) or _behind_gears(machine, joints), factors
+    constant = STATED_FOR.get(machine.effort_unit, '')
+    return _sized(factors, constant) or _behind_gears(machine, joints), factors
 
 
 def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
@@ -195,8 +197,13 @@ def _tilted(machine: Machine, joints: list[_Joint]) -> list[Gate]:
     return [Gate('tilt', '', 'fail', math.nan, 'rad', text, True, next(iter(keys)))]
 
 
-def _sized(factors: dict[str, float]) -> list[Gate]:
-    """Say it where efforts are another's size than a description asks for."""
+def _sized(factors: dict[str, float], constant: str) -> list[Gate]:
+    """Say it where efforts are another's size than a description asks for.
+
+    Args:
+        constant: Key of the machine file by which efforts are torques; empty where they are logged
+            as such.
+    """
     off = {drive: factor for drive, factor in factors.items() if not near(factor, scale.ANOTHER)}
     if not off:
         return []
@@ -208,7 +215,7 @@ def _sized(factors: dict[str, float]) -> list[Gate]:
         f'{"all joints" if by_one else drive}: the effort is {figure(factor)} times what the '
         f'description asks for{rest}; '
     )
-    if abs(factor) < _NOTHING:
+    if abs(factor) < _NOTHING and not constant:
         text += 'log the whole torque, not one with gravity compensated, or set free_fall to 0'
     else:
         turned = [name for name, x in off.items() if x < 0.0]
@@ -216,9 +223,10 @@ def _sized(factors: dict[str, float]) -> list[Gate]:
         whose = '' if len(turned) == len(factors) else f' of {", ".join(turned)}'
         steps = [f'negate the effort or the position{whose} in the driver{hangs}'] * bool(turned)
         if not near(-factor):
+            unit = 'state effort_unit with torque_constant or rated_torque'
             steps.append(
-                'state effort_unit with torque_constant or rated_torque, gear_factor where it is '
-                "the motor's, or correct the masses of the description"
+                f'{f"correct {constant}" if constant else unit}, gear_factor where it is the '
+                "motor's, or correct the masses of the description"
             )
         text += ', and '.join(steps)
     level: Level = 'fail' if by_one else 'warn'

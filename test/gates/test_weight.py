@@ -27,6 +27,7 @@ def found(
     factors: tuple[float, ...] = (1.0,),
     loses: float | tuple[float, ...] = LOSES,
     more: float = 0.0,
+    unit: str = 'N m',
     **tilt: float,
 ) -> list[Gate]:
     """Return what is said of a log of the described arm, its base tilted otherwise.
@@ -42,6 +43,7 @@ def found(
     effort *= np.reshape(factors, (-1, 1))
     effort += np.random.default_rng(1).normal(0.0, 0.05, effort.shape)
     effort[3] += more * np.sin(7.0 * log.cycle * np.arange(effort.shape[1]))
+    machine = replace(machine, effort_unit=unit)
     report = examine(machine, [replace(log, effort=effort)])
     return [gate for kind in KINDS for gate in report.of(kind)]
 
@@ -55,6 +57,13 @@ def found(
             'fail',
             0.126,
             'all joints: .* 0.13 times .*effort_unit',
+        ),
+        (
+            {'factors': (0.01,), 'unit': 'A'},
+            'weight',
+            'warn',
+            0.01,
+            'asks for .*; correct torque_constant, gear_factor',
         ),
         ({'factors': (1.0, 1.0, 8.0, 1.0)}, 'weight', 'warn', 8.0, 'elbow: the effort is 8 times'),
         ({'factors': (1.0, 1.0, -1.0, 1.0)}, 'weight', 'warn', -1.0, 'elbow: .* negate'),
