@@ -67,10 +67,15 @@ class Meaning:
     name: str  # of the column
     joint: str = ''  # empty for the time
     quantity: str = ''  # `time`, a quantity of a joint, or empty where it is left out
-    unit: str = ''  # in the header, lower case; empty for none
+    unit: str = ''  # as the header writes it; empty for none
     scale: float = 1.0  # to the unit that is read; NaN where the header's unit does not say it
     why: str = ''  # it is left out
     perhaps: str = ''  # JOINT.QUANTITY, were it told by the order of the columns
+
+    @property
+    def plain(self) -> str:
+        """Its unit, as column maps have it."""
+        return maps.plain_unit(self.unit)
 
 
 def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
@@ -99,7 +104,7 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
             joint, quantity, why = '', '', f'{place} is {taken[place]} already'
         elif quantity:
             taken[place] = row.name
-        found[n] = Meaning(row.name, joint, quantity, row.unit, row.scale, why)
+        found[n] = Meaning(row.name, joint, quantity, row.written, row.scale, why)
     out = [found[n] for n in range(len(rows))]
     # An effort beside joints that move is none of a joint of which no motion is there.
     moving = dict.fromkeys(x.joint for x in out if x.quantity in ('position', 'velocity'))
@@ -135,7 +140,7 @@ class _Name:
 
     def _read(self, text: str, unit: str, derived: bool) -> bool:
         """Take a name without its unit apart; return whether the unit is one of its quantity."""
-        self.unit = maps.plain_unit(unit)
+        self.written, self.unit = unit, maps.plain_unit(unit)
         pieces = re.split(r'([/.])', text)
         parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
@@ -288,11 +293,11 @@ class Header:
         time: dict[str, object] = {}
         for cell, x in zip(self.cells, self.columns, strict=True):
             if x.quantity == 'time':
-                time = {'column': cell, 'unit': maps.TIME_UNITS.get(x.unit, 's')}
+                time = {'column': cell, 'unit': maps.TIME_UNITS.get(x.plain, 's')}
             elif x.quantity:
                 by: dict[str, object] = {'scale': x.scale}
-                if x.scale == maps.units_of(x.quantity).get(x.unit):
-                    by = {'unit': x.unit}
+                if x.scale == maps.units_of(x.quantity).get(x.plain):
+                    by = {'unit': x.plain}
                 entry = cell if by == {'scale': 1.0} else {'column': cell, **by}
                 joints.setdefault(x.joint, {})[x.quantity] = entry
         layout = {'delimiter': self.delimiter, 'decimal': self.decimal, 'skip': self.skip}
@@ -305,7 +310,7 @@ class Header:
         for x in self.columns:
             read = f'{x.joint}.{x.quantity}'.lstrip('.')
             if x.quantity not in ('', 'time'):
-                per = '/s' * (x.quantity.endswith('velocity') and x.unit not in maps.SPEEDS)
+                per = '/s' * (x.quantity.endswith('velocity') and x.plain not in maps.SPEEDS)
                 read += f', in {x.unit}{per}' if x.unit else ', as it stands'
                 if x.unit and math.isnan(x.scale):
                     read += ': its scale has to be stated'
@@ -356,8 +361,8 @@ class Header:
             IdentError: INVALID_GOAL with the option that states it.
         """
         for x in self.columns:
-            asked = effort and x.quantity == 'effort' and x.scale == maps.EFFORT.get(x.unit)
-            asked = asked and maps.si_unit('effort', x.unit) in ('A', 'percent')
+            asked = effort and x.quantity == 'effort' and x.scale == maps.EFFORT.get(x.plain)
+            asked = asked and maps.si_unit('effort', x.plain) in ('A', 'percent')
             if x.quantity and (math.isnan(x.scale) or asked):
                 per = 'N m or N' if asked else 'N m, N, A or percent'
                 per = per if x.quantity == 'effort' else 'rad or m'
