@@ -268,8 +268,8 @@ def check_streams(data: Dataset) -> list[Gate]:
         text = f'{name}: stamps scatter by {1e3 * stream.jitter:.2g} ms about the grid'
         if loose and not stream.stride:
             text = (
-                f'{name}: the samples keep to no multiple of the controller cycle and '
-                'lie up to half a cycle off; state a cycle that divides their period'
+                f'{name}: the samples keep to no multiple of the controller cycle, and straight '
+                'lines between them count; state a cycle that divides their period'
             )
         elif loose:
             text += '; a shorter delay cannot be seen: stamp samples where they are taken'
