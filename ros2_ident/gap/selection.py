@@ -194,7 +194,8 @@ class Selector(Fitter):
             tied = [tie for at in new if (tie := self.tie(base, best, at, like))]
             if not tied or self.stopped():
                 break
-            if len(new) == 1 and NOISE in tied[0].like:
+            # What follows a set-point is simulated without the recorded motion's noise.
+            if self.split.fit.models[0].thinned and len(new) == 1 and NOISE in tied[0].like:
                 self.like_noise = self.like_noise or best
             ties += tied
             round_ = replace(round_, fitted=tuple(e for e in round_.fitted if e is not best))
