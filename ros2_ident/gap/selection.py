@@ -36,6 +36,8 @@ class Selector(Fitter):
 
     Attributes:
         shown: Effects that stay since the controllers' log shows them.
+        like_noise: Fit that ends with the effect in whose place noise of the recorded motion does
+            as much; None where there is none.
     """
 
     def __init__(
