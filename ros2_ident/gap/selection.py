@@ -192,8 +192,8 @@ class Selector(Fitter):
         ties, base = list[Tie](), round_.base
         while (best := self.rules.best(round_)) and self.rules.is_material(base, best):
             new = best.effects[len(base.effects) :]
-            like = [NOISE] * self.noise_hides(base, best)
-            tied = [tie for at in new if (tie := self.tie(base, best, at, like))]
+            hidden = self.noise_hides(base, best)
+            tied = [tie for at in new if (tie := self.tie(base, best, at, hidden))]
             if not tied or self.stopped():
                 break
             # What follows a set-point is simulated without the recorded motion's noise.
@@ -203,24 +203,28 @@ class Selector(Fitter):
             round_ = replace(round_, fitted=tuple(e for e in round_.fitted if e is not best))
         return round_, ties
 
-    def tie(
-        self, base: Hypothesis, e: Hypothesis, at: EffectAt, like: Sequence[str] = ()
-    ) -> Tie | None:
-        """Return what does along this motion what an effect does; None for nothing but `like`.
+    def tie(self, base: Hypothesis, e: Hypothesis, at: EffectAt, hidden: bool) -> Tie | None:
+        """Return what does along this motion what an effect does; None for nothing.
 
         It has to count beside other values of the parameters, and to have a share of its own.
         Where functions of a coordinate that its law does not read close as much, but for what
         forms of a law differ by, the motion does not tell on which a force depends.
+
+        Args:
+            base: The fit before.
+            e: The fit that holds it.
+            at: The effect.
+            hidden: Whether noise of the motion hides it, see `noise_hides`.
         """
         own, others = in_place_of(self.fits, e, at)
         counts = self.rules.is_material(others.pop(PARAMETERS)[0], e)
-        like = [*like, *([] if counts and own >= self.rules.own else [PARAMETERS])]
+        like = [] if counts and own >= self.rules.own else [PARAMETERS]
         like += [
             name
             for name, (less, both) in others.items()
             if max(e.closes(base), both.closes(base)) - less.closes(base) < self.rules.alike
         ]
-        like += [NOISE] * noise_does(self.fits, e, at)
+        like += [NOISE] * (hidden or noise_does(self.fits, e, at))
         return Tie(at.effect, at.where, e.closes(base), tuple(like)) if like else None
 
     def noise_hides(self, base: Hypothesis, e: Hypothesis) -> bool:
@@ -230,7 +234,7 @@ class Selector(Fitter):
         """
         if self.like_noise is None or (noise := self.like_noise.effects[-1]) in e.effects:
             return False
-        own = self.like_noise.theta[self.like_noise.columns(len(self.like_noise.effects) - 1)]
+        own = self.like_noise.theta[self.like_noise.columns(-1)]
         less, more = (
             self.refit((*x.effects, noise), np.concatenate([x.theta, own])) for x in (base, e)
         )

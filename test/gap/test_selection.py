@@ -30,7 +30,7 @@ def selector():
     case = SimpleNamespace(fit=part, check=part, drives=DRIVES)
     found = Selector(case, floor_of(1.0, 1.0), RULES)
     found.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
-    found.tie = lambda base, e, at, like: None
+    found.tie = lambda base, e, at, hidden: None
     return found
 
 
