@@ -224,9 +224,10 @@ def _sized(factors: dict[str, float], constant: str) -> list[Gate]:
         steps = [f'negate the effort or the position{whose} in the driver{hangs}'] * bool(turned)
         if not near(-factor):
             unit = 'state effort_unit with torque_constant or rated_torque'
+            first = f'correct {constant}' if constant else unit
             steps.append(
-                f'{f"correct {constant}" if constant else unit}, gear_factor where it is the '
-                "motor's, or correct the masses of the description"
+                f"{first}, gear_factor where it is the motor's, or correct the masses of the "
+                'description'
             )
         text += ', and '.join(steps)
     level: Level = 'fail' if by_one else 'warn'

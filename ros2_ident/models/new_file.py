@@ -251,7 +251,7 @@ def followed_file(
         if root.tag == 'robot':
             raise
         return None
-    boxes = _boxes_of(names, root, log)
+    boxes, period = _boxes_of(names, root, log), sample_period(log.command.stamp)
     unit = _effort_unit(kind, log, names)
     if unit.get('effort_unit') in STATED_FOR:
         # no gain in N m is found by them
@@ -259,8 +259,6 @@ def followed_file(
     head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
     head += ''.join(f'{key}: {value}\n' for key, value in unit.items())
     head += f'geometry: {{description: {inline(named)}}}\n'
-    assert log.command is not None
-    period = sample_period(log.command.stamp)
     data = align(log, names, period, need=('position',))
     stated = f'  cycle: {short_number(period)}      # s, how long a set-point holds\n'
     limits = _stated_by_joint(root).get('force_limit', {})

@@ -104,7 +104,7 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
             joint, quantity, why = '', '', f'{place} is {taken[place]} already'
         elif quantity:
             taken[place] = row.name
-        found[n] = Meaning(row.name, joint, quantity, row.written, row.scale, why)
+        found[n] = Meaning(row.name, joint, quantity, row.unit, row.scale, why)
     out = [found[n] for n in range(len(rows))]
     # An effort beside joints that move is none of a joint of which no motion is there.
     moving = dict.fromkeys(x.joint for x in out if x.quantity in ('position', 'velocity'))
@@ -140,7 +140,7 @@ class _Name:
 
     def _read(self, text: str, unit: str, derived: bool) -> bool:
         """Take a name without its unit apart; return whether the unit is one of its quantity."""
-        self.written, self.unit = unit, maps.plain_unit(unit)
+        self.unit, plain = unit, maps.plain_unit(unit)
         pieces = re.split(r'([/.])', text)
         parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
@@ -162,7 +162,7 @@ class _Name:
         self.quantity, self.why, self.scale = '', '', 1.0
         if 'other' in kinds:
             self.why = 'no position, velocity or effort of a drive'
-        elif not quantity and ('time' in kinds or (not kinds and self.unit in maps.TIME_UNITS)):
+        elif not quantity and ('time' in kinds or (not kinds and plain in maps.TIME_UNITS)):
             self.quantity = 'time'
         elif not quantity:
             self.why = _NAMES_NONE
@@ -171,7 +171,7 @@ class _Name:
         elif not fits:
             self.why = f'no {quantity} is in {unit}'
         else:
-            self.scale = maps.units_of(quantity).get(self.unit, 1.0)
+            self.scale = maps.units_of(quantity).get(plain, 1.0)
             self.quantity = f'command_{quantity}' if role == 'command' else quantity
         self.key = tuple(word for _, key in rests for word in key)
         self.joint, last = '', -2

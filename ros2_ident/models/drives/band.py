@@ -27,7 +27,7 @@ Whole = npt.NDArray[np.intp]
 _KEPT = 4.0
 # What is filtered are means, of at least so many blocks in a period.
 _FINE = 20.0
-# Of so many cycles one is looked at first where rows are compared.
+# Of so many cycles one is looked at first where rows are compared. By hand.
 _FEW = 499
 # Of what a row is made of at least this share is motion.
 _LEAST = 0.5

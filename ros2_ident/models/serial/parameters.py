@@ -43,6 +43,7 @@ class Inertials:
         parameters: Base parameters and payload by the names of the machine file's boxes.
         names: (B,) the base parameters.
         middles: (B,) what the file makes of them.
+        listed: Inertials that the file gives a box, by their full names.
         rotors: Boxes of those `drive_inertia` that stand for links as well, by their full names.
         carries: Whether a payload is looked for.
     """
