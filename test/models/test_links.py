@@ -9,10 +9,14 @@ from scipy.optimize import minimize
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from arm_cases import JOINTS, LINKS  # noqa: E402
+
 from models.test_serial import BOXES, described, middle, moving  # noqa: E402
 from ros2_ident.models import EffectAt, machine_from_mapping, make_model  # noqa: E402
+from ros2_ident.models.serial.arm import arm_of  # noqa: E402
 from ros2_ident.models.serial.cone import nearest, pseudo_inertia  # noqa: E402
 from ros2_ident.models.serial.links import effort_of, links_of  # noqa: E402
+from ros2_ident.models.serial.parameters import Inertials  # noqa: E402
 from ros2_ident.recording import Dataset  # noqa: E402
 
 VERTICAL = """<robot name="r"><link name="base"/><link name="arm"><inertial><mass value="1"/>
@@ -149,3 +153,19 @@ def test_it_is_the_minimum() -> None:
         assert cost(found + step) >= best
     better = minimize(cost, found, method='Nelder-Mead', options={'maxiter': 500})
     assert better.fun >= best - 1e-9
+
+
+def test_rotors_stand_for_the_links_that_are_given(tmp_path):
+    place, speed, acceleration = np.random.default_rng(4).uniform(-1.0, 1.0, (3, len(JOINTS), 20))
+    given = {'elbow.link_mass': 4.0, 'elbow.link_moment_x': 0.7, 'drive_inertia': 2.0}
+    efforts = []
+    for name, rotor in (('stated', {}), ('sought', {'drive_inertia': [0.0, 9.0, 'kg m^2']})):
+        machine = described(tmp_path / name, **LINKS, **rotor)
+        arm = arm_of(machine)
+        inertials = Inertials(machine, arm)
+        told = inertials.as_described(given)
+        change = [told[x] for x in inertials.names] - inertials.middles
+        terms = inertials.terms(arm.terms(place, speed, acceleration), hand=False)
+        own = [told.get(f'{joint}.drive_inertia', 2.0) for joint in JOINTS]
+        efforts.append(terms @ np.append(change, 1.0) + np.transpose(acceleration.T * own))
+    np.testing.assert_allclose(*efforts, atol=1e-9)

@@ -44,6 +44,7 @@ class Inertials:
         names: (B,) the base parameters.
         middles: (B,) what the file makes of them.
         listed: Inertials that the file gives a box, by their full names.
+        inertias: (E,) names of the rotors that are sought.
         rotors: Boxes of those `drive_inertia` that stand for links as well, by their full names.
         carries: Whether a payload is looked for.
     """
@@ -54,10 +55,12 @@ class Inertials:
         self._listed = np.flatnonzero(np.tile(listed, len(machine.drives)))
         self.listed = tuple(self._name(machine, int(column)) for column in self._listed)
         self._shown = _shown(machine, arm)
-        kept, self._grouping, beside = base_columns(
+        kept, self._grouping, self._beside = base_columns(
             self._shown[0][:, self._listed], self._shown[1]
         )
-        self.rotors = dict(_rotors(machine, arm, np.asarray(beside.any(axis=1))))
+        sought = 'drive_inertia' in machine.bounds
+        self.inertias = [f'{drive}.drive_inertia' for drive in machine.drives if sought]
+        self.rotors = dict(_rotors(machine, arm, np.asarray(self._beside.any(axis=1))))
         self._base = self._listed[kept]
         self.middles = self._grouping @ self._known[self._listed]
         self.names = [self._name(machine, column) for column in self._base]
@@ -131,12 +134,20 @@ class Inertials:
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return the base parameters by name where some inertials are others than described.
 
+        And rotors that stand for these links as well.
+
         Args:
-            given: Inertials by name of `listed`, `elbow.link_mass`, each as it is.
+            given: Inertials by name of `listed`, `elbow.link_mass`, each as it is, and rotors.
         """
-        stated = zip(self.listed, self._known[self._listed], strict=True)
-        known = [given.get(name, value) for name, value in stated]
-        return dict(zip(self.names, (self._grouping @ known).tolist(), strict=True))
+        stated = self._known[self._listed]
+        known = np.array([given.get(x, y) for x, y in zip(self.listed, stated, strict=True)])
+        found = dict(zip(self.names, (self._grouping @ known).tolist(), strict=True))
+        shares = (self._beside @ (known - stated)).tolist()
+        for name, more in zip(self.inertias, shares, strict=True):
+            if more:
+                own = given.get(name, given.get('drive_inertia', 0.0))
+                found[name] = own + more
+        return found
 
     def whole(self, values: Mapping[str, Array], hand: Array) -> Array:
         """Return (S, 10 D) inertials of candidates; arguments as of `coefficients`.
