@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.change.result import Suspect
-from ros2_ident.change.sides import Sides
+from ros2_ident.change.sides import Move, Sides
 from ros2_ident.effects import get_effect, Hook
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.hidden import Missing, residuals_at, Rows
@@ -53,6 +53,7 @@ class Column:
         value: Value before; NaN of an effect.
         numbers: How many numbers it takes, shapes among them.
         at: An effect at its place.
+        move: A change of parameters.
         begin: (P,) its parameters where the coefficients are 0.
         moved: (k, P) how they move with each.
         own: Of what kind it is where each log has its own, so that it is no suspect.
@@ -67,6 +68,7 @@ class Column:
     value: float = math.nan
     numbers: int = 1
     at: EffectAt | None = None
+    move: Move | None = None
     begin: Array = field(default_factory=lambda: np.empty(0))
     moved: Array = field(default_factory=lambda: np.empty((0, 0)))
     own: Literal['', 'timing', 'zero'] = ''
@@ -75,7 +77,9 @@ class Column:
     @property
     def place(self) -> str:
         """Its drive; empty for the machine."""
-        return self.suspect.where.replace('all', '') or self.suspect.name.rpartition('.')[0]
+        s = self.suspect
+        named = s.name if s.kind == 'load' else s.name.rpartition('.')[0]
+        return s.where.replace('all', '') or named
 
 
 @dataclass(frozen=True)
@@ -159,7 +163,9 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
     for c, places in chain(_parameters(sides, theta), effects):
         columns.append(replace(c, columns=_appended(changed, places)))
     for c, own in chain(
-        _constants(sides, theta, rows, residual), _zeros(sides, theta, rows, zeros)
+        _constants(sides, theta, rows, residual),
+        _loads(sides, nominal),
+        _zeros(sides, theta, rows, zeros),
     ):
         at = [beside + i for i in _appended(others, own)]
         columns.append(replace(c, columns=_appended(changed, at)))
@@ -207,8 +213,22 @@ def _parameters(sides: Sides, theta: Array) -> _Places:
         known = 0.0 if p.absent is None else BY_ITSELF / NORMAL * abs(theta[i]) / width[i]
         own = {'own': 'timing', 'usual': math.inf} if p.unit == 's' else {'usual': known}
         c = Column(Suspect('parameter', p.name), (p.name,), (p.unit,), width[i : i + 1],
-                   value=float(theta[i]), **own)  # fmt: skip
+                   value=float(theta[i]), move=Move.single(p), **own)  # fmt: skip
         yield c, [i]
+
+
+def _loads(sides: Sides, slopes: Array) -> _Own:
+    """Yield bodies at links, and (R,) the derivative by each of their inertials."""
+    for joint, (own, of, by) in sides.bare[0].bodies().items():
+        move = Move(joint, tuple(f'{joint}.{name}' for name in own), tuple(own.values()), of, by)
+        there = sides.less(None, joint).also(move)
+        at = there.places_of(None, joint)
+        scales = (there.high - there.low)[at]
+        parts = [sides.names.index(name) for name in of]
+        columns = slopes[:, parts] @ (by / (sides.high - sides.low)[parts, None] * scales)
+        c = Column(Suspect('load', joint), move.numbers, move.units, scales, numbers=len(own),
+                   move=move)  # fmt: skip
+        yield c, list(columns.T)
 
 
 def _constants(sides: Sides, theta: Array, rows: Rows, residual: Array) -> _Own:

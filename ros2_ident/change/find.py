@@ -273,10 +273,8 @@ def _step(
         return None
     alike = [f for f in fits if f.evidence > _nearly(top)]
     # Gains and other stated numbers come first: efforts follow from how a machine is driven.
-    kinds = 'constant', 'parameter', 'effect'
-    one = min(
-        alike, key=lambda f: (kinds.index(f.column.suspect.kind), f.column.numbers, -f.evidence)
-    )
+    order = {'constant': 0, 'parameter': 1, 'effect': 2, 'load': 2}
+    one = min(alike, key=lambda f: (order[f.column.suspect.kind], f.column.numbers, -f.evidence))
     return replace(one, ties=tuple(f.column.suspect for f in alike if f is not one))
 
 
@@ -365,8 +363,8 @@ def _begun(now: _Round, c: Column) -> Iterator[tuple[Suspect, Sides, Array]]:
             if not np.array_equal(own, c.begin):
                 there = replace(suspect, side='after' if later else 'before')
                 yield there, now.sides.also((c.at, later)), own
-    elif suspect.kind == 'parameter':
-        yield suspect, now.sides.also(name=suspect.name), estimate * c.scales
+    elif c.move:
+        yield suspect, now.sides.also(c.move), estimate * c.scales
 
 
 def _restated(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Sides, _Best]:
@@ -447,7 +445,7 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
         sizes = [
             Size(sides.parameters[i].name.removesuffix(AFTER), value, value - half[i],
                  value + half[i], sides.parameters[i].unit,
-                 math.nan if c.at else float(theta[sides.names.index(s.name)]))
+                 float(theta[sides.names.index(s.name)]) if s.kind == 'parameter' else math.nan)
             for i in sides.places_of(c.at, s.name) for value in [float(now.theta[i])]
         ]  # fmt: skip
         here = _same(now, c)
@@ -494,8 +492,9 @@ def _same(now: _Round, c: Column) -> Column | None:
 def _visible(now: _Round, price: float) -> Iterator[Visible]:
     """Yield the smallest change of each suspect that shows."""
     errors, smallest = shown_from(price), dict[tuple[str, str], Visible]()
+    moved = {name for m in now.sides.moved for name in (m.name, *m.of)}
     for c in now.suspects:
-        if c.suspect.name in now.sides.moved:
+        if c.suspect.name in moved:
             continue
         covariance = now.weighed.of(c.columns)[1]
         freedom = min(float(now.weighed.freedom[[*c.columns]].min()), 1e9)

@@ -6,7 +6,7 @@ from typing import Literal
 
 from ros2_ident.gap.rules import Rules
 
-Kind = Literal['parameter', 'constant', 'effect']
+Kind = Literal['parameter', 'constant', 'effect', 'load']
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Suspect:
 
     Attributes:
         kind: What it is.
-        name: Parameter or constant; of an effect its id.
+        name: Parameter or constant; of an effect its id, of a load the joint of its link.
         where: Place of an effect, else empty.
         side: Side on which an effect is there, `after` or `before`.
     """

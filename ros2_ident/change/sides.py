@@ -12,6 +12,7 @@ import scipy
 from ros2_ident.arrays import Array
 from ros2_ident.identify.hidden import Rows
 from ros2_ident.identify.layout import Layout
+from ros2_ident.machine.machine import Parameter
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.registry import STATED_WITHIN
 from ros2_ident.search.changes import Changes, Logs
@@ -23,6 +24,30 @@ from ros2_ident.search.noise import Whitening
 AFTER = ' after'
 
 
+@dataclass(frozen=True, eq=False)
+class Move:
+    """Change of parameters that all logs have.
+
+    Attributes:
+        name: What changes: a parameter, or a link with a body at it.
+        numbers: (k,) names of its numbers; of a parameter its own.
+        units: (k,) their units.
+        of: (E,) the parameters that are others after.
+        by: (E, k) by how much with each number.
+    """
+
+    name: str
+    numbers: tuple[str, ...]
+    units: tuple[str, ...]
+    of: tuple[str, ...]
+    by: Array
+
+    @classmethod
+    def single(cls, p: Parameter) -> 'Move':
+        """Return the change of one parameter."""
+        return cls(p.name, (p.name,), (p.unit,), (p.name,), np.ones((1, 1)))
+
+
 class Sides(Layout):
     """Models before and after, their changes as parameters that come last.
 
@@ -30,7 +55,7 @@ class Sides(Layout):
         models: Nominal models, those before first.
         after: (M,) whether a model is of the side after.
         effects: Effects, each with whether it is on the side after.
-        moved: Parameters that are another number after.
+        moved: Changes of parameters.
 
     Attributes:
         nominal: Number of parameters that are no change.
@@ -45,7 +70,7 @@ class Sides(Layout):
         models: Sequence[FullModel],
         after: npt.NDArray[np.bool_],
         effects: Sequence[tuple[EffectAt, bool]] = (),
-        moved: Sequence[str] = (),
+        moved: Sequence[Move] = (),
     ) -> None:
         on = {side: tuple(at for at, s in effects if s == side) for side in (False, True)}
         pairs = zip(models, after, strict=True)
@@ -53,7 +78,6 @@ class Sides(Layout):
         self.bare, self.after, self.effects = tuple(models), after, tuple(effects)
         self.nominal, self.moved = len(models[0].parameters), tuple(moved)
         self._fitted = len(self.parameters)
-        self._at = [self.names.index(name) for name in moved]
         # A change may lead out of the box of what was known before, but does not turn a sign.
         most = np.maximum(np.abs(self.low), np.abs(self.high))
         width = np.maximum(self.high - self.low, (STATED_WITHIN - 1.0) * most)
@@ -64,24 +88,33 @@ class Sides(Layout):
         )
         first = [m.parameters for m, s in zip(self.models, after, strict=True) if not s]
         early = {p.name for own in first for p in own[self.nominal :]}
-        width = width[self._at]
-        self.later = np.array([p.name not in early for p in self.parameters] + [True] * len(moved))
-        self.parameters += tuple(
-            replace(self.parameters[i], name=f'{name}{AFTER}', low=-float(w), high=float(w))
-            for i, name, w in zip(self._at, moved, width, strict=True)
-        )
+        late, parts = [], [np.empty((self._fitted, 0))]
+        for m in moved:
+            at = [self.names.index(name) for name in m.of]
+            parts.append(np.zeros((self._fitted, len(m.numbers))))
+            parts[-1][at] = m.by
+            # No number of it takes a parameter further than its own change might.
+            ends = np.min(width[at, None] / np.maximum(np.abs(m.by), 1e-300), axis=0)
+            for name, unit, end in zip(m.numbers, m.units, ends.tolist(), strict=True):
+                p = replace(self.parameters[at[0]], name=f'{name}{AFTER}', unit=unit)
+                late.append(replace(p, low=-end, high=end))
+        self._by = np.concatenate(parts, axis=1)
+        self.later = np.array([p.name not in early for p in self.parameters] + [True] * len(late))
+        self.parameters += tuple(late)
         self.names = tuple(p.name for p in self.parameters)
-        self.low = np.concatenate([self.low, -width])
-        self.high = np.concatenate([self.high, width])
+        self.low = np.array([p.low for p in self.parameters])
+        self.high = np.array([p.high for p in self.parameters])
 
     def own(self, number: int, theta: Array) -> Array:
         """Return (S, N') the parameters of one model among candidates (S, N)."""
         theta = np.atleast_2d(theta)
         fitted = theta[:, : self._fitted]
-        if self._at and self.after[number]:
+        if self.moved and self.after[number]:
+            there = self._by.any(axis=1)
+            low, high = (x[there] for x in self._ends)
             fitted = fitted.copy()
-            fitted[:, self._at] += theta[:, self._fitted :]
-            fitted = np.clip(fitted, *self._ends)
+            more = theta[:, self._fitted :] @ self._by[there].T
+            fitted[:, there] = np.clip(fitted[:, there] + more, low, high)
         return super().own(number, fitted)
 
     def inside(self, theta: Array) -> Array:
@@ -89,25 +122,31 @@ class Sides(Layout):
 
         Beyond it nothing changes, and a derivative would say that nothing is known.
         """
-        theta, own = theta.copy(), theta[self._at]
-        ends = [x[self._at] - own for x in self._ends]
-        theta[self._fitted :] = np.clip(theta[self._fitted :], *ends)
+        theta, end = theta.copy(), self._fitted
+        for m in self.moved:
+            end += len(m.numbers)
+            if len(m.of) == 1:
+                i = self.names.index(m.of[0])
+                low, high = (float(x[i] - theta[i]) for x in self._ends)
+                theta[end - 1] = np.clip(theta[end - 1], low, high)
         return theta
 
-    def also(self, effect: tuple[EffectAt, bool] | None = None, name: str = '') -> 'Sides':
-        """Return the sides with one change more: an effect on one side, or a parameter."""
-        effects = self.effects if effect is None else (*self.effects, effect)
-        return Sides(self.bare, self.after, effects, (*self.moved, name) if name else self.moved)
+    def also(self, change: tuple[EffectAt, bool] | Move) -> 'Sides':
+        """Return the sides with one change more: an effect on one side, or of parameters."""
+        if isinstance(change, Move):
+            return Sides(self.bare, self.after, self.effects, (*self.moved, change))
+        return Sides(self.bare, self.after, (*self.effects, change), self.moved)
 
     def less(self, at: EffectAt | None, name: str) -> 'Sides':
-        """Return the sides without a change: an effect, or a parameter."""
+        """Return the sides without a change: an effect, or of parameters."""
         effects = [x for x in self.effects if x[0] != at]
-        return Sides(self.bare, self.after, effects, [x for x in self.moved if x != name])
+        return Sides(self.bare, self.after, effects, [x for x in self.moved if x.name != name])
 
     def places_of(self, at: EffectAt | None, name: str) -> list[int]:
-        """Return where the numbers of a change are: an effect's, or a parameter's."""
+        """Return where the numbers of a change are: an effect's, or of parameters."""
         if at is None:
-            return [i for i, own in enumerate(self.names) if own == f'{name}{AFTER}']
+            own = [x for m in self.moved if m.name == name for x in m.numbers]
+            return [self.names.index(f'{x}{AFTER}') for x in own]
         return [i for i, own in enumerate(self.names) if own.startswith(at.prefix)]
 
     def on(self, models: Sequence[FullModel]) -> 'Sides':

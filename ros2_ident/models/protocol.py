@@ -230,6 +230,15 @@ class FullModel(Model):
         """
         return {}
 
+    def bodies(self) -> Mapping[str, tuple[Mapping[str, str], tuple[str, ...], Array]]:
+        """Return what a body that is fixed to a link adds to the parameters, by the link's joint.
+
+        Returns:
+            Units of the k inertials of the body that show, by name, names (E,) of parameters, and
+            by how much (E, k) each is more.
+        """
+        return {}
+
     def suggested(self) -> Array | None:
         """Return (N,) parameters that the log suggests without a search; None for none."""
         return None

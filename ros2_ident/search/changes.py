@@ -88,7 +88,7 @@ class Changes:
         """Return estimate (k,) and covariance (k, k) of some changes, and their gain.
 
         The gain is twice the fall of the logarithm of the likelihood, less what it has by the
-        scatter of few logs; 0 where the columns have no information of their own.
+        scatter of few logs; 0 where none of the columns has information of its own.
 
         Args:
             columns: The changes.
@@ -97,7 +97,8 @@ class Changes:
         information, score = self.alike if alike else (self.information, self.score)
         at, kept = list(columns), list(self.kept)
         own, told = information[np.ix_(at, at)], score[at]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
+        each = np.diag(own)
+        scale = 1.0 / np.sqrt(np.maximum(each, max(_ROUNDED**2 * float(each.max()), 1e-300)))
         if kept:
             beside = information[np.ix_(kept, [*at])], score[kept]
             across = np.linalg.solve(
@@ -106,10 +107,13 @@ class Changes:
             own = own - beside[0].T @ across[:, :-1]
             told = told - beside[0].T @ across[:, -1]
         values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
-        if not values[0] > _ROUNDED:
+        shown = values > _ROUNDED
+        if not shown.any():
             return np.zeros(len(at)), np.full((len(at), len(at)), np.inf), 0.0
+        # What does not show of several stays, and is not known.
+        values = np.maximum(values, _ROUNDED)
         covariance = np.outer(scale, scale) * ((vectors / values) @ vectors.T)
-        found = covariance @ told
+        found = scale * ((vectors * (shown / values)) @ (vectors.T @ (scale * told)))
         gain = max(0.0, float(found @ told))
         if alike:
             return -found, covariance, gain

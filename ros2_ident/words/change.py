@@ -79,15 +79,20 @@ def title_of(s: Suspect) -> str:
     """Return a suspect's name."""
     if s.kind == 'effect':
         return title_at(s.name, [s.where])
+    if s.kind == 'load':
+        return f'load on the link of {s.name}'
     return s.name if s.kind == 'parameter' else f'{s.name} of the machine file'
 
 
 def _change(change: Change) -> str:
     s = change.suspect
-    if s.kind == 'effect':
-        numbers = ', '.join(
-            f'{x.name} {quantity(x.value, x.unit)} {_ends(x)}' for x in change.sizes
-        )
+    if s.kind in ('effect', 'load'):
+        sizes: Sequence[Size] = change.sizes
+        if s.kind == 'load':
+            # What is not nothing for certain; the file has all, and what the body's inertia is.
+            sure = [x for x in sizes if x.low * x.high > 0.0]
+            sizes = [x for x in sure if 'inertia' not in x.name] or sure or sizes
+        numbers = ', '.join(f'{x.name} {quantity(x.value, x.unit)} {_ends(x)}' for x in sizes)
         return f'{title_of(s)} is there {s.side} only, with {numbers}'
     (x,) = change.sizes
     share = f' ({100.0 * x.value / abs(x.before):+.3g} %)' if x.before else ''

@@ -13,7 +13,7 @@ import pytest
 from ros2_ident import jobs
 from ros2_ident.change.columns import shifted
 from ros2_ident.change.result import Change, Comparison, Size, Suspect
-from ros2_ident.change.sides import Sides
+from ros2_ident.change.sides import Move, Sides
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify import hidden
@@ -132,7 +132,10 @@ def test_a_change_may_be_larger_than_the_box(made, tmp_path):
 def test_a_change_that_ends_at_nothing_has_a_derivative(made):
     request = jobs.Request(load_machine(AXIS), bags=(f'{made}/one', f'{made}/worn'))
     problem = request.problem(jobs.read(request).fit)
-    sides = Sides(problem.models, np.array([False, True]), moved=['emps_axis.viscous_friction'])
+    friction = next(
+        p for p in problem.models[0].parameters if p.name == 'emps_axis.viscous_friction'
+    )
+    sides = Sides(problem.models, np.array([False, True]), moved=[Move.single(friction)])
     at = sides.names.index('emps_axis.viscous_friction')
     theta = np.append(sides.low[:4] + 0.3 * (sides.high - sides.low)[:4], -300.0)
     found = sides.inside(theta)
@@ -209,19 +212,35 @@ def test_names_that_explain_little_of_the_logs_left_out_are_not_believed():
 
 
 @pytest.mark.slow
-def test_a_load_in_the_hand_is_one_change_of_an_arm(tmp_path):
+@pytest.mark.parametrize(
+    ('more', 'suspect', 'true'),
+    [
+        (
+            ['--effect', 'hand_load@all:mass=1,moment_x=0.05,moment_y=0,moment_z=0.1'],
+            ('effect', 'hand_load'),
+            {'mass': 1.0, 'moment_x': 0.05, 'moment_y': 0.0, 'moment_z': 0.1},
+        ),
+        (
+            [f'--set=elbow.link_{x}' for x in ('mass=4', 'moment_x=0.7', 'moment_z=0.23')],
+            ('load', 'elbow'),
+            {'mass': 1.0, 'moment_x': 0.1, 'moment_y': 0.0, 'moment_z': 0.2},
+        ),
+    ],
+)
+def test_a_load_is_one_change_of_an_arm(more, suspect, true, tmp_path):
     boxes = {'link_mass': [-9.0, 9.0, 'kg'], 'link_moment': [-9.0, 9.0, 'kg m']}
     machine = described(tmp_path, **boxes, drive_inertia=[0.0, 9.0, 'kg m^2'])
-    load = 'hand_load@all:mass=1,moment_x=0.05,moment_y=0,moment_z=0.1'
-    for name, more in (('empty', ['--seed', '1']), ('loaded', ['--seed', '2', '--effect', load])):
-        words = ['simulate', f'{tmp_path}/{name}', '--machine', f'{tmp_path}/arm.yaml']
-        assert main([*words, '--motion', 'multisine', '--seconds', '3', *more]) == 0
+    for name, words in (('empty', ['--seed', '1']), ('loaded', ['--seed', '2', *more])):
+        own = ['simulate', f'{tmp_path}/{name}', '--machine', f'{tmp_path}/arm.yaml', *words]
+        assert main([*own, '--motion', 'multisine', '--seconds', '3']) == 0
     request = jobs.Request(machine, bags=(str(tmp_path / 'empty'),))
     found = jobs.compare(request, [str(tmp_path / 'loaded')]).result
     (change,) = found.changes
-    assert (change.suspect.name, change.suspect.side) == ('hand_load', 'after')
-    for size, true in zip(change.sizes, (1.0, 0.05, 0.0, 0.1), strict=True):
-        assert size.low <= true <= size.high and size.high - size.low < 0.03
+    assert (change.suspect.kind, change.suspect.name) == suspect and change.suspect.side == 'after'
+    sizes = {x.name.rpartition('.')[2].removeprefix('load_'): x for x in change.sizes}
+    for name, value in true.items():
+        size = sizes[name]
+        assert size.low <= value <= size.high and size.high - size.low < 0.03
     assert found.explained > 0.95
     units = {a.text.rpartition(' ')[2]: a.unit for a in found.apart if 'stroke' in a.text}
     assert units.pop('slide') == 'm' and {*units.values()} <= {'rad'}

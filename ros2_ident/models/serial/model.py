@@ -21,7 +21,7 @@ from ros2_ident.models.serial import kernel, kernel_free
 from ros2_ident.models.serial.arm import Arm, INERTIALS
 from ros2_ident.models.serial.law import by_regression, GAINS, JOINT, Signals
 from ros2_ident.models.serial.log import ArmLog
-from ros2_ident.models.serial.parameters import hand_load, Inertials, turned
+from ros2_ident.models.serial.parameters import hand_load, INERTIAL, Inertials, turned, UNITS
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, fill_gaps, low_pass, smooth_motion
 
 # Longest step [s]: with 2 ms links alone are 4e-7 rad off on the arms of
@@ -63,6 +63,19 @@ class Serial(DriveModel):
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return the base parameters of the links as described, see `FullModel.as_described`."""
         return self.inertials.as_described(given)
+
+    def bodies(self) -> Mapping[str, tuple[Mapping[str, str], tuple[str, ...], Array]]:
+        """Return what a body at a link adds, see `FullModel.bodies`; the last has `hand_load`."""
+        drives = self.machine.drives
+        names = np.array([*self.inertials.inertias, *self.inertials.names])
+        free, found = {p.name for p in self.parameters}, {}
+        for drive, (own, by) in zip(drives[:-1], self.inertials.links, strict=False):
+            there = by.any(axis=1)
+            of = tuple(names[there].tolist())
+            if own.size > 1 and free.issuperset(of):
+                body = {f'load_{INERTIAL[n]}': UNITS[n] for n in own.tolist()}
+                found[drive] = body, of, by[there]
+        return found
 
     def decided(self, theta: Array, noise: Array) -> DriveModel:
         """Return the model itself: of an arm every instant counts."""

@@ -19,6 +19,8 @@ NAMES = (
     *(('link_moment', f'_{axis}') for axis in 'xyz'),
     *(('link_inertia', f'_{axes}') for axes in ('xx', 'xy', 'yy', 'xz', 'yz', 'zz')),
 )
+INERTIAL = tuple(f'{name.removeprefix("link_")}{axes}' for name, axes in NAMES)
+UNITS = 'kg', *('kg m',) * 3, *('kg m^2',) * 6
 PAYLOAD = ('payload_mass', 'payload_x', 'payload_y', 'payload_z')
 _SOURCE = 'Gautier and Khalil, IEEE T-RA 6(3), 1990'
 BALANCE = ('balance_force', 'balance_rate')
@@ -130,6 +132,27 @@ class Inertials:
         hand = terms[:, -INERTIALS:][:, :4]
         left = hand - own @ np.linalg.lstsq(own, hand, rcond=1e-12)[0]
         return bool(np.linalg.norm(left) <= _NEW * np.linalg.norm(terms))
+
+    @functools.cached_property
+    def links(self) -> list[tuple[npt.NDArray[np.int64], Array]]:
+        """Shares of a body at each link in rotors and base parameters.
+
+        Returns:
+            For each drive which k of ten inertials a motion may tell from one another and these
+            parameters make up, and (E + B, k) by how much each is more.
+        """
+        terms, rotors = self._shown
+        own = np.concatenate([rotors, terms[:, self._base]], axis=1)
+        scale = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+        by = np.linalg.lstsq(own / scale, terms, rcond=1e-12)[0] / scale[:, None]
+        by[np.abs(by) < 1e-9] = 0.0
+        missed = np.linalg.norm(own @ by - terms, axis=0) > _NEW * np.linalg.norm(terms)
+        found = []
+        for first in range(0, terms.shape[1], INERTIALS):
+            kept, _, _ = base_columns(terms[:, first : first + INERTIALS], terms[:, :0])
+            kept = kept[~missed[first + kept]]
+            found.append((kept, by[:, first + kept]))
+        return found
 
     def as_described(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return the base parameters by name where some inertials are others than described.
