@@ -1,21 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of arrays: the same recordings to the bit as from a CSV file of the same numbers."""
 
-from functools import cache
 import json
 
-from identify_cases import axis, axis_bag
-from message_makers import foxglove_log
 import numpy as np
 import pytest
 from reader_cases import equal
 import scipy.io
 
 from ros2_ident.errors import ErrorCode, IdentError
-from ros2_ident.identify.run import identify, IdentifySettings, read_data
 from ros2_ident.recording import read_bag, Topics
 from ros2_ident.recording.matlab import arrays_of
-from ros2_ident.search import GeneticSettings
 
 h5py = pytest.importorskip('h5py', reason='h5py is not installed; `make setup` brings it')
 pyarrow = pytest.importorskip('pyarrow', reason='pyarrow is not installed; `make setup` brings it')
@@ -23,9 +18,6 @@ from pyarrow import parquet  # noqa: E402
 
 ROWS = 400
 JOINTS = 'a, b'
-FEW = IdentifySettings(
-    genetic=GeneticSettings(initial_population=8, survivors=2, children=4, generations=1)
-)
 
 
 def samples():
@@ -132,73 +124,6 @@ def test_a_file_of_arrays_is_read_as_a_csv_file_is(tmp_path, suffix):
     (read,) = read_bag(path)
     assert equal([read], [expected])
     assert read.warnings == () and len(read.sha256) == 64
-
-
-@cache
-def fitted(path):
-    """Return what an identification finds in a log of the axis."""
-    data = read_data(path, axis())
-    return {
-        x.name: (x.value, x.low, x.high) for x in identify(axis(), data, settings=FEW).parameters
-    }
-
-
-@cache
-def axis_values():
-    """Return a simulated log of the axis as columns at the stamps of its positions."""
-    streams = axis_bag(1.0).streams
-    state, effort, command = (streams[x] for x in ('/joint_states', '/effort', '/joint_command'))
-    stamp = (state.stamp - state.stamp[0]) * 1e-9
-    rows = [
-        np.searchsorted(x.stamp, state.stamp).clip(max=x.stamp.size - 1) for x in (effort, command)
-    ]
-    return {
-        'time': np.round(stamp, 9),
-        'q': state.position,
-        'tau': effort.effort[rows[0]],
-        'goal': command.position[rows[1]],
-    }
-
-
-AXIS_MAP = """time: {column: %stime, unit: s}
-joints:
-  emps_axis: {position: %sq, effort: %stau, command_position: %sgoal}
-"""
-
-
-@pytest.fixture(scope='module')
-def from_csv(tmp_path_factory):
-    path = tmp_path_factory.mktemp('axis') / 'log.csv'
-    columns = {name: x.ravel().tolist() for name, x in axis_values().items()}
-    rows = [','.join(map(repr, row)) for row in zip(*columns.values(), strict=True)]
-    path.write_text('\n'.join([','.join(columns), *rows]) + '\n')
-    path.with_suffix('.columns.yaml').write_text(AXIS_MAP.replace('%s', ''))
-    return fitted(path)
-
-
-@pytest.mark.parametrize(
-    'suffix', ['.npz', '.mat', '.7.3.mat', '.hdf5', '.parquet', '.jsonl', 'protobuf', 'json']
-)
-def test_parameters_are_those_of_a_csv_file_to_the_bit(tmp_path, suffix, from_csv):
-    values = axis_values()
-    if suffix in FORMATS:
-        path = tmp_path / f'log{suffix}'
-        text = FORMATS[suffix](path, values)
-        prefix = text.split('column: ')[1].split('time')[0]
-        path.with_name(f'{path.stem}.columns.yaml').write_text(AXIS_MAP.replace('%s', prefix))
-    else:
-        stamp = np.round(1e9 * values['time']).astype(np.int64).tolist()
-        rows = []
-        for when, q, tau, goal in zip(
-            stamp, *(values[x].ravel().tolist() for x in ('q', 'tau', 'goal')), strict=True
-        ):
-            rows += [
-                ('/joint_states', when, [{'name': 'emps_axis', 'position': q}]),
-                ('/effort', when, [{'name': 'emps_axis', 'effort': tau}]),
-                ('/joint_command', when, [{'name': 'emps_axis', 'position': goal}]),
-            ]
-        path = foxglove_log(tmp_path / 'log.mcap', suffix, rows)
-    assert len(from_csv) == 4 and fitted(path) == from_csv
 
 
 @pytest.mark.parametrize('packed', [False, True])

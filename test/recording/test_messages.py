@@ -1,28 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots' own messages: read by their definition and the map of their type, without an option."""
 
-from dataclasses import replace
 import json
 from pathlib import Path
 import sqlite3
-import sys
 
-from identify_cases import QUICK, ROOT
 from message_makers import foxglove_log, Messages, write_mcap
 import numpy as np
 import pytest
 
-from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
-from ros2_ident.identify.run import identify, read_data
-from ros2_ident.models import load_machine
-from ros2_ident.recording import check, maps, read_bag, render, Topics, write_bag
+from ros2_ident.recording import check, maps, read_bag, render, Topics
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.content import messages_of
 from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, roles_of
 from ros2_ident.recording.streams import FIELDS
 
-PENDULUM = ROOT / 'config/double_pendulum.yaml'
 MAPS = Path(maps.__file__).with_name('maps')
 START = 1_700_000_000_000_000_000
 STEP = 2_000_000
@@ -378,6 +371,9 @@ def test_names_come_from_the_command_line_or_the_machine(maker, tmp_path):
     )
     (read,) = read_bag(path, drives=names[:3])  # of another machine
     assert read.state.names == tuple(SEVEN)
+    many = maker.write(tmp_path / 'many', sent(maker, 'unitree_hg'))  # motors that are not there
+    (read,) = read_bag(many, drives=('shoulder', 'elbow'))
+    assert read.state.names == read.command.names == ('shoulder', 'elbow')
     with pytest.raises(IdentError, match='arrays have to be empty or as long as the names'):
         read_bag(path, Topics(names=names[:3]))
 
@@ -558,56 +554,3 @@ def test_a_message_that_is_none_is_left_out(tmp_path, form):
     (read,) = read_bag(write_foxglove(tmp_path / 'log.mcap', form, ('/joint_states', 50)))
     assert read.state.stamp.size == SAMPLES - 1
     assert any('1 of 100 messages are no valid' in x for x in read.warnings)
-
-
-# ---------------------------------------------------------------------- identified
-
-DRIVES = {
-    **{x: CASES[x][0] for x in ('unitree_go', 'franka_ros2', 'franka_ros1', 'lbr', 'ur')},
-    **dict.fromkeys(('pid_controller', 'interface_values', 'protobuf', 'json'), ['a', 'b']),
-    'unitree_hg': ['shoulder', 'elbow'],  # in the order of the machine file
-}
-
-
-@pytest.fixture(scope='module')
-def pendulum(tmp_path_factory):
-    """A double pendulum with noise on its effort, and what is identified from its JointStates."""
-    path = tmp_path_factory.mktemp('pendulum') / 'log'
-    assert not main(['simulate', str(path), '--machine', str(PENDULUM), '--seconds', '8',
-                     '--clean', '--seed', '3'])  # fmt: skip
-    (log,) = read_bag(path)
-    noise = np.random.default_rng(0).normal(size=log.effort.effort.shape) * 0.02
-    values = [
-        log.state.position,
-        log.state.velocity,
-        log.effort.effort + noise,
-        log.state.position,
-    ]
-    assert len({len(x) for x in values}) == 1
-    machine = load_machine(PENDULUM)
-    log = replace(log, effort=replace(log.effort, effort=values[2]), command=None)
-    found = identify(machine, read_data(write_bag(path.with_name('noisy'), log), machine),
-                     settings=QUICK)  # fmt: skip
-    return machine, values, found
-
-
-@pytest.mark.parametrize('case', DRIVES)
-def test_parameters_are_those_of_joint_states(pendulum, tmp_path, monkeypatch, case):
-    machine, values, expected = pendulum
-    here = sys.modules[__name__]
-    monkeypatch.setattr(here, 'SAMPLES', len(values[0]))
-    monkeypatch.setattr(
-        here, 'truth', lambda n: [np.pad(x, ((0, 0), (0, max(0, n - 2)))) for x in values]
-    )
-    if case in ('protobuf', 'json'):
-        path = write_foxglove(tmp_path / 'log.mcap', case)
-    else:
-        maker = Messages(version=1 if case == 'franka_ros1' else 2)
-        path = maker.write(tmp_path / 'log.bag', sent(maker, case))
-    report = check([*read_bag(path, drives=machine.drives)])
-    assert report.level != 'error'
-    drives = tuple(DRIVES[case][:2])
-    named = replace(machine, drives=drives)
-    found = identify(named, read_data(path, named, topics=Topics(command='none')), settings=QUICK)
-    for mine, other in zip(found.parameters, expected.parameters, strict=True):
-        assert mine.low <= other.value <= mine.high, mine.name
