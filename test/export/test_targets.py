@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was identified, in files that pinocchio, MuJoCo, Isaac Lab and ros2_control read."""
 
+from collections.abc import Callable
 from dataclasses import replace
 import importlib.util
 import json
@@ -8,7 +9,7 @@ import math
 from pathlib import Path
 import re
 import sys
-from types import SimpleNamespace
+from types import ModuleType
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -132,6 +133,13 @@ def into_urdf(folder: Path, found: Content) -> tuple[Path, tuple[str, ...]]:
     return write(folder, ('urdf',), found, (folder / 'arm.urdf').read_text())['urdf']
 
 
+def module_at(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location('loaded', path)
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
 def sliding(found: Content) -> np.ndarray:
     """Return (D, K) where friction has turned over altogether."""
     return np.abs(found.model.motion[1]) > 20.0 * found.machine.number('coulomb_regularisation')
@@ -178,9 +186,7 @@ def test_pinocchio_gets_friction_and_rotors_by_a_module(tmp_path: Path) -> None:
     found = content(described(tmp_path, **BOXES, **ROTOR))
     files = write(tmp_path / 'out', ('pinocchio',), found, (tmp_path / 'arm.urdf').read_text())
     assert list(files) == ['urdf', 'pinocchio'] and files['pinocchio'][1] == ()
-    spec = importlib.util.spec_from_file_location('loaded', files['pinocchio'][0])
-    loaded = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(loaded)
+    loaded = module_at(files['pinocchio'][0])
     model = loaded.load()
     rows = [model.joints[model.getJointId(name)].idx_v for name in JOINTS]
     np.testing.assert_allclose(model.armature[rows], [j.armature for j in found.joints])
@@ -223,9 +229,7 @@ def test_a_law_asks_what_it_does_in_our_own_model(effect: str, tmp_path: Path) -
     # Written down, it is the same, and pinocchio's module has it.
     files = write(tmp_path / 'out', ('pinocchio',), found, (tmp_path / 'arm.urdf').read_text())
     assert files['pinocchio'][1] == ()
-    spec = importlib.util.spec_from_file_location('loaded', files['pinocchio'][0])
-    loaded = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(loaded)
+    loaded = module_at(files['pinocchio'][0])
     told = loaded.asked('elbow', place, speed, np.sign(speed))
     np.testing.assert_allclose(told, found.laws['elbow'][0].effort(place, speed), atol=1e-12)
     model = loaded.load()
@@ -403,100 +407,77 @@ def test_friction_and_limits_in_an_mjcf_hold(tmp_path: Path, mujoco) -> None:
     assert abs(data.qpos[wrist.qposadr[0]]) < 1e-4
 
 
-def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco) -> None:
-    from models.test_servo import machine, set_points, TRUTH
+class Servo:
+    """A servo with a load on its arm, identified, and the same arm in MuJoCo."""
 
-    from ros2_ident.recording import Dataset
+    def __init__(self, effects: tuple[EffectAt, ...] = (), **values: float) -> None:
+        from models.test_servo import machine, set_points, TRUTH
 
-    one = machine()
-    position, velocity = set_points()
-    seen = np.full_like(position, np.nan)
-    seen[:, :12] = position[0, 0]
-    seen[:, 12::2] = 0.0
-    data = Dataset(one.drives, 1e-3, 0, position, velocity, seen, None, None)
-    problem = problem_of(one, Data((data,), labels=('log',)))
-    values = {f'joint.{name}': TRUTH[name] for name in one.bounds}
-    found = content_of(problem, known(problem, values), 0.3)
-    drive = SimpleNamespace(**{name: one.number(name) for name in ('load_mass', 'arm_mass')})
-    arm = f"""<mujoco><option timestep="1e-4" gravity="0 0 -9.81"/><worldbody>
-      <body euler="0 {np.degrees(0.03)} 0"><joint name="joint" axis="0 1 0"/>
-      <inertial pos="0 0 {-0.1 * (drive.load_mass + 0.5 * drive.arm_mass) / 0.51}" mass="0.51"
-        diaginertia="1 1 1"/></body></worldbody></mujoco>"""
-    path, words = write(tmp_path, ('mjcf',), found, arm)['mjcf']
-    model = mujoco.MjModel.from_xml_string(path.read_text())
-    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # The arm's inertia about the joint is the load's; then MuJoCo follows the same set-points.
-    length, mass = 0.1, drive.load_mass + 0.5 * drive.arm_mass
-    inertia = 4e-4 + (drive.load_mass + drive.arm_mass / 3.0) * length**2
-    model.body_inertia[1] = inertia - 0.51 * (mass * length / 0.51) ** 2
-    sim = mujoco.MjData(model)
-    mujoco.mj_setConst(model, sim)
-    sim.qpos[0] = position[0, 0]
-    out = []
-    for command in position[0]:
-        out.append(sim.qpos[0])
-        sim.ctrl[0] = command
-        mujoco.mj_step(model, sim, 10)
-    ours = found.model.simulate(found.theta)[0, 0]
-    assert np.sqrt(np.mean((np.array(out) - ours) ** 2)) < 0.01 * np.ptp(ours)
-    assert words == ()
+        from ros2_ident.recording import Dataset
 
+        one = machine()
+        self.goals, velocity = set_points()
+        seen = np.full_like(self.goals, np.nan)
+        seen[:, :12] = self.goals[0, 0]
+        seen[:, 12::2] = 0.0
+        data = Dataset(one.drives, 1e-3, 0, self.goals, velocity, seen, None, None)
+        problem = problem_of(one, Data((data,), labels=('log',)), effects=effects)
+        values = {f'joint.{name}': x for name, x in values.items()}
+        values |= {f'joint.{name}': TRUTH[name] for name in one.bounds}
+        self.found = content_of(problem, known(problem, values), 0.3)
+        self.ours = self.found.model.simulate(self.found.theta)[0, 0]
+        load, arm = one.number('load_mass'), one.number('arm_mass')
+        moment = 0.1 * (load + 0.5 * arm)
+        # The arm's inertia about the joint is the load's.
+        self.inertia = 4e-4 + (load + arm / 3.0) * 0.1**2 - 0.51 * (moment / 0.51) ** 2
+        self.mjcf = f"""<mujoco><option timestep="1e-4" gravity="0 0 -9.81"/><worldbody>
+          <body euler="0 {np.degrees(0.03)} 0"><joint name="joint" axis="0 1 0"/>
+          <inertial pos="0 0 {-moment / 0.51}" mass="0.51" diaginertia="1 1 1"/></body>
+          </worldbody></mujoco>"""
 
-def test_effects_act_in_mujoco_as_in_our_own_simulation(tmp_path: Path, mujoco) -> None:
-    from models.test_servo import machine, set_points, TRUTH
-
-    from ros2_ident.recording import Dataset
-
-    one = machine()
-    position, velocity = set_points()
-    seen = np.full_like(position, np.nan)
-    seen[:, :12] = position[0, 0]
-    seen[:, 12::2] = 0.0
-    data = Dataset(one.drives, 1e-3, 0, position, velocity, seen, None, None)
-    kinds = 'command_delay', 'stribeck', 'torque_ripple', 'asymmetric_friction'
-    there = [EffectAt(kind, 'joint') for kind in kinds]
-    problem = problem_of(one, Data((data,), labels=('log',)), effects=there)
-    values = {f'joint.{name}': TRUTH[name] for name in one.bounds}
-    values |= {
-        'joint.command_delay.delay': 0.0253,
-        'joint.stribeck.torque': 0.05, 'joint.stribeck.velocity': 0.4,
-        'joint.torque_ripple.sine': 0.06, 'joint.torque_ripple.cosine': -0.03,
-        'joint.torque_ripple.order': 7.0,
-        'joint.asymmetric_friction.coulomb': 0.01, 'joint.asymmetric_friction.viscous': 0.002,
-    }  # fmt: skip
-    found = content_of(problem, known(problem, values), 0.3)
-    drive = SimpleNamespace(**{name: one.number(name) for name in ('load_mass', 'arm_mass')})
-    length, mass = 0.1, drive.load_mass + 0.5 * drive.arm_mass
-    arm = f"""<mujoco><option timestep="1e-4" gravity="0 0 -9.81"/><worldbody>
-      <body euler="0 {np.degrees(0.03)} 0"><joint name="joint" axis="0 1 0"/>
-      <inertial pos="0 0 {-length * mass / 0.51}" mass="0.51"
-        diaginertia="1 1 1"/></body></worldbody></mujoco>"""
-    files = write(tmp_path, ('mjcf_effects',), found, arm)
-    spec = importlib.util.spec_from_file_location('loaded', files['mjcf_effects'][0])
-    loaded = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(loaded)
-    ours = found.model.simulate(found.theta)[0, 0]
-
-    def run(effects: bool, late: bool) -> float:
-        """Return how far off MuJoCo is, as a share of the way."""
-        model = loaded.load() if effects else mujoco.MjModel.from_xml_path(str(files['mjcf'][0]))
-        model.actuator_delay[:] *= late
-        inertia = 4e-4 + (drive.load_mass + drive.arm_mass / 3.0) * length**2
-        model.body_inertia[1] = inertia - 0.51 * (mass * length / 0.51) ** 2
+    def apart(self, mujoco, model, act: Callable | None = None) -> float:
+        """Return how far off MuJoCo is under the same set-points, as a share of the way."""
+        model.body_inertia[1] = self.inertia
         sim = mujoco.MjData(model)
         mujoco.mj_setConst(model, sim)
-        sim.qpos[0] = position[0, 0]
-        mujoco.set_mjcb_passive(loaded.act if effects else None)
+        sim.qpos[0] = self.goals[0, 0]
+        mujoco.set_mjcb_passive(act)
         out = []
-        for command in position[0]:
+        for command in self.goals[0]:
             out.append(sim.qpos[0])
             sim.ctrl[0] = command
             mujoco.mj_step(model, sim, 10)
         mujoco.set_mjcb_passive(None)
-        return float(np.sqrt(np.mean((np.array(out) - ours) ** 2)) / np.ptp(ours))
+        return float(np.sqrt(np.mean((np.array(out) - self.ours) ** 2)) / np.ptp(self.ours))
 
-    model = loaded.load()
-    assert model.actuator_history[0, 0] * 1e-4 >= 0.0253
+
+def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco) -> None:
+    servo = Servo()
+    path, words = write(tmp_path, ('mjcf',), servo.found, servo.mjcf)['mjcf']
+    model = mujoco.MjModel.from_xml_string(path.read_text())
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert servo.apart(mujoco, model) < 0.01
+    assert words == ()
+
+
+def test_effects_act_in_mujoco_as_in_our_own_simulation(tmp_path: Path, mujoco) -> None:
+    values = {
+        'command_delay.delay': 0.0253,
+        'stribeck.torque': 0.05, 'stribeck.velocity': 0.4,
+        'torque_ripple.sine': 0.06, 'torque_ripple.cosine': -0.03, 'torque_ripple.order': 7.0,
+        'asymmetric_friction.coulomb': 0.01, 'asymmetric_friction.viscous': 0.002,
+    }  # fmt: skip
+    kinds = dict.fromkeys(name.partition('.')[0] for name in values)
+    servo = Servo(tuple(EffectAt(kind, 'joint') for kind in kinds), **values)
+    files = write(tmp_path, ('mjcf_effects',), servo.found, servo.mjcf)
+    loaded = module_at(files['mjcf_effects'][0])
+
+    def run(effects: bool, late: bool) -> float:
+        model = loaded.load() if effects else mujoco.MjModel.from_xml_path(str(files['mjcf'][0]))
+        model.actuator_delay[:] *= late
+        return servo.apart(mujoco, model, loaded.act if effects else None)
+
+    assert loaded.load().actuator_history[0, 0] * 1e-4 >= 0.0253
     assert run(True, True) < 0.005
     assert run(False, True) > 0.02 and run(True, False) > 0.05
     assert files['mjcf_effects'][1] == ()
