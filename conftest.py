@@ -6,11 +6,13 @@ marked `slow`; one that it does not list and that takes long is told. With CI=tr
 may be skipped: what a test needs is there, or the machine that runs it is not set up.
 """
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 import importlib
 import os
 from pathlib import Path
+from typing import Any
 
+from browser_cases import chromium
 from docs_cases import fill_clone
 from hypothesis import HealthCheck, settings
 from numba import config
@@ -136,3 +138,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that looks like a clone, for the commands of the documentation."""
     return fill_clone(tmp_path_factory.mktemp('clone'))
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Any]:
+    """A browser whose log begins with the first test of a file."""
+    with chromium() as driver:
+        yield driver

@@ -6,6 +6,7 @@ import contextlib
 import itertools
 import os
 from pathlib import Path
+import signal
 import subprocess
 import threading
 import time
@@ -318,6 +319,25 @@ def identifier(
     for pair in remaps:
         arguments += ['-r', pair]
     return program('identifier', *arguments, domain=domain)
+
+
+@contextlib.contextmanager
+def served(output: Path, *more: str) -> Iterator[Any]:
+    """Run an identifier that several tests share and leave as they found it; yield a listener.
+
+    Lines that are put into its `logged` have to be in what the program writes.
+    """
+    domain = new_domain()
+    with identifier(domain, output, 'progress_rate:=50.0', *more) as process:
+        made = Listener(domain)
+        made.domain, made.output, made.logged = domain, output, []
+        yield made
+        made.close()
+        process.send_signal(signal.SIGTERM)
+        code, text = ended(process)
+        assert code == 0 and 'Traceback' not in text, text
+        for level, words in made.logged:
+            assert [x for x in text.splitlines() if f'[{level}]' in x and words in x], words
 
 
 def ended(process: subprocess.Popen[str], seconds: float = PATIENCE) -> tuple[int, str]:

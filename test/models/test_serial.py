@@ -497,24 +497,25 @@ def test_a_giant_is_refused_where_it_is_read_and_where_it_is_heard(tmp_path, abo
     assert 'arm.yaml:3: ' in error.message and 'arm.urdf has ' in error.message
 
 
+STAMP = 10_000_000 * np.arange(600)
+WAVE = np.sin(0.01 * np.arange(600))[:, None]
+
+
+def made_by(log: Recording) -> dict:
+    return yaml.safe_load(new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', log))
+
+
 def test_joints_of_other_names_are_told_how_to_be_called_as_the_description_does() -> None:
-    wave = np.sin(0.01 * np.arange(300))[:, None]
-    log = Recording(Stream(('joint_1',), 10_000_000 * np.arange(300), wave))
     with pytest.raises(IdentError, match='name the joints of the log .* in its column map'):
-        new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', log)
-    four = Recording(Stream(('a', 'b', 'c', 'd'), log.state.stamp, np.hstack([wave] * 4)))
+        made_by(Recording(Stream(('joint_1',), STAMP, WAVE)))
     with pytest.raises(IdentError, match='; in their order a would be base$'):
-        new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', four)
-    renamed = Recording(Stream(('elbow',), log.state.stamp, wave))
-    made = new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', renamed)
-    assert yaml.safe_load(made)['drives'] == ['elbow']
+        made_by(Recording(Stream(tuple('abcd'), STAMP, WAVE * np.ones(4))))
+    assert made_by(Recording(Stream(('elbow',), STAMP, WAVE)))['drives'] == ['elbow']
 
 
 @pytest.mark.parametrize(('joint', 'sought'), [('slide', True), ('elbow', False)])
 def test_the_mass_of_what_slides_is_sought(joint: str, sought: bool) -> None:
-    wave = np.sin(0.01 * np.arange(300))[:, None]
-    log = Recording(Stream((joint,), 10_000_000 * np.arange(300), wave))
-    made = yaml.safe_load(new_machine_file(KINDS['serial'], (), URDF, 'arm.urdf', log))
+    made = made_by(Recording(Stream((joint,), STAMP, WAVE)))
     assert ('link_mass' in made['parameters']) is sought
 
 
@@ -535,16 +536,14 @@ def test_a_new_file_of_an_mjcf_bounds_its_links() -> None:
 
 
 def test_rotors_and_friction_are_bounded_by_the_effort_of_the_log_in_its_unit() -> None:
-    wave = np.sin(0.01 * np.arange(600))[:, None]
-    log = Recording(Stream(('elbow',), 10_000_000 * np.arange(600), wave, wave, 7.0 * wave))
+    log = Recording(Stream(('elbow',), STAMP, WAVE, WAVE, 7.0 * WAVE))
 
-    def ends(log: Recording, text: str = URDF) -> list[float]:
-        made = yaml.safe_load(new_machine_file(KINDS['serial'], (), text, 'arm.urdf', log))
+    def ends(log: Recording) -> list[float]:
         sought = ('drive_inertia', 'coulomb_torque', 'viscous_torque')
-        return [made['parameters'][name][0][1] for name in sought]
+        return [made_by(log)['parameters'][name][0][1] for name in sought]
 
     # the wave has 1 rad/s and 1 rad/s^2
-    rms = float(np.std(wave))
+    rms = float(np.std(WAVE))
     assert ends(log) == pytest.approx([7.0 / rms, 7.0, 35.0 / rms], rel=0.05)
     # 7 A bound no torque, but the description's limit of 1 N m does
     amperes = replace(log, units={('elbow', 'effort'): 'A'})
@@ -552,14 +551,12 @@ def test_rotors_and_friction_are_bounded_by_the_effort_of_the_log_in_its_unit() 
 
 
 def test_gains_in_n_m_are_not_sought_by_currents() -> None:
-    wave = np.sin(0.01 * np.arange(600))[:, None] * np.ones(4)
-    stamp = 10_000_000 * np.arange(600)
-    names = ('base', 'slide', 'elbow', 'wrist')
-    units = {(name, 'effort'): 'A' for name in names}
+    wave = WAVE * np.ones(4)
+    units = {(name, 'effort'): 'A' for name in JOINTS}
     files = []
     for current in (wave, -300.0 * wave):
-        state = Stream(names, stamp, wave, None, current)
-        log = Recording(state, command=Stream(names, stamp, 1.1 * wave), units=units)
+        state = Stream(JOINTS, STAMP, wave, None, current)
+        log = Recording(state, command=Stream(JOINTS, STAMP, 1.1 * wave), units=units)
         files.append(followed_file((), URDF, 'arm.urdf', log))
     assert files[0] == files[1]
     made = yaml.safe_load(files[0])
@@ -569,11 +566,10 @@ def test_gains_in_n_m_are_not_sought_by_currents() -> None:
 def test_a_product_with_a_gain_that_is_none_is_none() -> None:
     time = 0.01 * np.arange(600)[:, None]
     place, late = (np.sin(t) + 0.3 * np.sin(3.1 * t) for t in (time, time - 0.03))
-    stamp = 10_000_000 * np.arange(600)
     # an effort that pushes along with the motion: there is no gain of the velocity
     effort = 500.0 * np.gradient(place, axis=0)
-    state = Stream(('elbow',), stamp, place, None, effort)
-    log = Recording(state, command=Stream(('elbow',), stamp, late))
+    state = Stream(('elbow',), STAMP, place, None, effort)
+    log = Recording(state, command=Stream(('elbow',), STAMP, late))
     made = yaml.safe_load(followed_file((), URDF, 'arm.urdf', log))['parameters']
     assert made['velocity_feedforward'] == [[0.0, 1.5, '1']]
 
@@ -581,14 +577,13 @@ def test_a_product_with_a_gain_that_is_none_is_none() -> None:
 def test_odd_names_of_a_description_stand_in_a_new_file_as_they_are() -> None:
     named = ('arm: 1', "]'#", '<&"> $$', 'null')
     text = URDF
-    for old, new in zip(('base', 'slide', 'elbow', 'wrist'), named, strict=True):
+    for old, new in zip(JOINTS, named, strict=True):
         text = text.replace(f'<joint name="{old}"', f'<joint name={quoteattr(new)}')
     made = yaml.safe_load(new_machine_file(KINDS['serial'], (), text, 'a: #.urdf'))
     assert (tuple(made['drives']), made['geometry']['description']) == (named, 'a: #.urdf')
-    wave = np.sin(0.01 * np.arange(300))[:, None] * np.ones(4)
-    stamp = 10_000_000 * np.arange(300)
+    wave = WAVE * np.ones(4)
     log = Recording(
-        Stream(named, stamp, wave, wave, wave), command=Stream(named, stamp, 1.1 * wave)
+        Stream(named, STAMP, wave, wave, wave), command=Stream(named, STAMP, 1.1 * wave)
     )
     made = yaml.safe_load(followed_file((), text, 'a: #.urdf', log))
     assert (tuple(made['drives']), made['geometry']['description']) == (named, 'a: #.urdf')

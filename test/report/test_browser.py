@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from browser_cases import AXE, chromium, JUDGE, until
+from browser_cases import AXE, JUDGE, until
 import pytest
 from report_cases import long_signals, write_diagnosed, write_identified
 
@@ -41,12 +41,6 @@ return [...document.querySelectorAll('main *')].filter((one) => !one.closest('sv
     || /auto|scroll/.test(getComputedStyle(one).overflow)
     || one.parentNode.tagName === 'DETAILS' && !one.checkVisibility())).map((one) => one.outerHTML)
 """
-
-
-@pytest.fixture(scope='module')
-def browser() -> Iterator[Any]:
-    with chromium() as driver:
-        yield driver
 
 
 @pytest.fixture(scope='module')

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Page of a run in progress: its content, and its end."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from browser_cases import AXE, chromium, JUDGE, until
+from browser_cases import AXE, JUDGE, until
 from identify_cases import axis, AXIS_FILE, ROOT
 import pytest
 from report_cases import write_identified
@@ -108,12 +107,6 @@ def test_a_live_page_needs_a_place(
     monkeypatch.chdir(tmp_path)
     assert main(['diagnose', str(BAG), '--machine', str(AXIS_FILE), '--live', *more]) == 2
     assert 'give --out, and leave out --no-report' in capsys.readouterr().err
-
-
-@pytest.fixture(scope='module')
-def browser() -> Iterator[Any]:
-    with chromium() as driver:
-        yield driver
 
 
 def test_the_browser_follows_a_run_and_then_shows_the_report(

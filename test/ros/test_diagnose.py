@@ -5,12 +5,11 @@ from collections.abc import Iterator
 import json
 import math
 from pathlib import Path
-import signal
 from typing import Any
 
 from identify_cases import axis_bag
 import pytest
-from ros_helpers import bag_goal, ended, identifier, Listener, new_domain, program, ROOT
+from ros_helpers import bag_goal, ended, Listener, program, ROOT, served
 
 pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
 
@@ -48,25 +47,9 @@ def frictionless(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='module')
 def shared(tmp_path_factory: pytest.TempPathFactory, frictionless: Path) -> Iterator[Any]:
     """A node that has nothing to identify by itself, and its listener."""
-    domain = new_domain()
-    output = tmp_path_factory.mktemp('results')
-    with identifier(
-        domain,
-        output,
-        f'machine_file:={frictionless}',
-        'drives:=[emps_axis]',
-        'progress_rate:=50.0',
-        'auto_start:=false',
-    ) as process:
-        made = Listener(domain)
-        made.domain, made.output, made.logged = domain, output, []
+    words = f'machine_file:={frictionless}', 'drives:=[emps_axis]', 'auto_start:=false'
+    with served(tmp_path_factory.mktemp('results'), *words) as made:
         yield made
-        made.close()
-        process.send_signal(signal.SIGTERM)
-        code, text = ended(process)
-        assert code == 0 and 'Traceback' not in text, text
-        for level, words in made.logged:
-            assert [x for x in text.splitlines() if f'[{level}]' in x and words in x], words
 
 
 def test_a_goal_gives_feedback_a_result_and_a_latched_gap(shared: Any) -> None:

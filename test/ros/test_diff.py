@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import json
 import math
 from pathlib import Path
-import signal
 from typing import Any
 
 import pytest
-from ros_helpers import bag_goal, ended, identifier, Listener, new_domain, program, ROOT
+from ros_helpers import bag_goal, ended, Listener, program, ROOT, served
 
 pytest.importorskip('ros2_ident_msgs', reason='run `make test`, or source env.sh first')
 
@@ -43,18 +42,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='module')
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A node that has nothing to identify by itself, and its listener."""
-    domain, output = new_domain(), tmp_path_factory.mktemp('results')
-    with identifier(
-        domain, output, f'machine_file:={AXIS}', 'drives:=[emps_axis]', 'progress_rate:=50.0',
-        'auto_start:=false',
-    ) as process:  # fmt: skip
-        made = Listener(domain)
-        made.domain, made.output = domain, output
+    words = f'machine_file:={AXIS}', 'drives:=[emps_axis]', 'auto_start:=false'
+    with served(tmp_path_factory.mktemp('results'), *words) as made:
         yield made
-        made.close()
-        process.send_signal(signal.SIGTERM)
-        code, text = ended(process)
-        assert code == 0 and 'Traceback' not in text, text
 
 
 def goal_of(logs: Path, after: str = 'heavy', **changes: Any) -> Any:

@@ -17,6 +17,7 @@ from ros_helpers import (
     new_domain,
     program,
     ROOT,
+    served,
     short_bag,
 )
 
@@ -55,16 +56,8 @@ def listener(domain):
 @pytest.fixture(scope='module')
 def shared(tmp_path_factory):
     """A node and its listener for the tests that leave it as they found it."""
-    domain = new_domain()
-    output = tmp_path_factory.mktemp('results')
-    with identifier(domain, output, 'progress_rate:=50.0') as process:
-        made = Listener(domain)
-        made.output, made.domain = output, domain
+    with served(tmp_path_factory.mktemp('results')) as made:
         yield made
-        made.close()
-        process.send_signal(signal.SIGTERM)
-        code, text = ended(process)
-        assert code == 0 and 'Traceback' not in text, text
 
 
 def last_series(messages) -> int:
