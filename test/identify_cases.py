@@ -1,21 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small machines and logs that the tests of the identification share."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from values import with_bounds
 
 from checks.reference.bag_making import simulate_bag
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.result import Identification
 from ros2_ident.identify.run import identify, IdentifySettings
 from ros2_ident.models import load_machine, Machine
-from ros2_ident.recording import Recording
+from ros2_ident.recording import Dataset, Recording
 from ros2_ident.search import GeneticSettings
 from ros2_ident.simulate.bag import nuisance_of, SimulatedBag
-from ros2_ident.simulate.motions import draw_motion
+from ros2_ident.simulate.motions import draw_motion, Motion
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / 'shared'
@@ -50,6 +53,18 @@ def axis() -> Machine:
     return load_machine(AXIS_FILE)
 
 
+def joint(name: str, noise: float) -> Machine:
+    """Return a joint whose recorded motion drives its model, its noise in N m."""
+    bounds = {
+        'moving_mass': (0.1, 20.0, 'kg m^2'),
+        'viscous_friction': (0.0, 50.0, 'N m s/rad'),
+        'coulomb_friction': (0.0, 20.0, 'N m'),
+        'constant_force': (-50.0, 50.0, 'N m'),
+    }
+    found = with_bounds(axis(), bounds)
+    return replace(found, drives=(name,), effort_unit='N m', effort_noise=noise)
+
+
 @cache
 def tripod() -> Machine:
     """Return the tripod."""
@@ -66,10 +81,10 @@ def axis_bag(seconds: float = 4.0) -> SimulatedBag:
 
 
 @cache
-def tripod_bag() -> SimulatedBag:
+def tripod_bag(seconds: float = 3.0) -> SimulatedBag:
     """Return a short log of the tripod."""
     machine = tripod()
-    return simulate_bag(machine, TRIPOD_TRUTH, draw_motion('multi_point', machine, 3.0, 3), 1)
+    return simulate_bag(machine, TRIPOD_TRUTH, draw_motion('multi_point', machine, seconds, 3), 1)
 
 
 def recording_of(bag: SimulatedBag, **changes: object) -> Recording:
@@ -80,6 +95,13 @@ def recording_of(bag: SimulatedBag, **changes: object) -> Recording:
         'command': bag.streams['/joint_command'],
     }
     return Recording(**{**streams, 'source': 'test', **changes})  # type: ignore[arg-type]
+
+
+def tripod_log(motion: Motion, seed: int, effects: Sequence[Any] = ()) -> Dataset:
+    """Return a log of the tripod along a motion, in which no sample is missing."""
+    nuisance = replace(nuisance_of(tripod()), drop=0.0)
+    bag = simulate_bag(tripod(), TRIPOD_TRUTH, motion, seed, nuisance, effects)
+    return gather([recording_of(bag)], tripod()).datasets[0]
 
 
 @cache

@@ -4,16 +4,11 @@
 from dataclasses import replace
 from functools import cache
 
-from identify_cases import (
-    recording_of,
-    tripod,
-    TRIPOD_TRUTH,
-)
+from identify_cases import theta_of, tripod, tripod_log, TRIPOD_TRUTH
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from checks.reference.bag_making import simulate_bag
 from checks.reference.effects import Effect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.diagnose import diagnose
@@ -22,29 +17,20 @@ from ros2_ident.gap.noise_floor import predictability
 from ros2_ident.gap.recordings import recordings_of, Split
 from ros2_ident.gates import examine
 from ros2_ident.gates.law import fit_law
-from ros2_ident.identify.data import gather
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset
-from ros2_ident.simulate.bag import nuisance_of
 from ros2_ident.simulate.motions import draw_motion
 
 
 @cache
-def recording(seed: int, effects: tuple[str, ...] = (), kind: str = 'mixed') -> Dataset:
+def recording(seed: int, *effects: str) -> Dataset:
     """Return a log of 5 s of the tripod."""
     put = tuple(EFFECTS[name] for name in effects)
-    motion = draw_motion(kind, tripod(), 5.0, seed)
-    bag = simulate_bag(
-        tripod(), TRIPOD_TRUTH, motion, seed, replace(nuisance_of(tripod()), drop=0.0), put
-    )
-    return gather([recording_of(bag)], tripod()).datasets[0]
+    motion = draw_motion('mixed', tripod(), 5.0, seed)
+    return tripod_log(motion, seed, put)
 
 
 EFFECTS = {
-    'ripple': Effect(
-        'torque_ripple', ('drive_3',), {'torque': 0.035, 'phase': 0.6, 'order': 12.47}
-    ),
-    'limit': Effect('torque_saturation', ('drive_2',), {'limit': 1.7}),
     **{
         f'gain {i}': Effect('position_gain_error', (f'drive_{i}',), {'share': share})
         for i, share in enumerate((0.3, 0.34, 0.4), 1)
@@ -63,14 +49,15 @@ def louder(data: Dataset, drive: int, size: float, seed: int) -> Dataset:
 def test_what_one_of_three_like_drives_has_more_than_the_others_is_no_noise() -> None:
     noise = 4.0 * tripod().effort_noise
     joint = Split(recordings_of(tripod(), [louder(recording(1), 1, noise, 5)])).whole
-    theta = [TRIPOD_TRUTH[p.name.rpartition('.')[2]] for p in joint.with_effects(()).parameters]
+    names = [p.name for p in joint.with_effects(()).parameters]
     # Without the catalogue: what the motion predicts is enough.
-    floor = predictability(joint.with_effects(()), np.array(theta), lambda: True)
+    theta = theta_of(names, TRIPOD_TRUTH)
+    floor = predictability(joint.with_effects(()), theta, lambda: True)
     assert floor.per_drive == pytest.approx(3 * [tripod().effort_noise], rel=0.1)
 
 
 def test_a_limit_that_the_file_does_not_know_is_no_other_gain() -> None:
-    logs = [recording(seed, ('low limit',)) for seed in (1, 2)]
+    logs = [recording(seed, 'low limit') for seed in (1, 2)]
     assert fit_law(tripod(), logs[0], 'drive_2').limit == pytest.approx(1.2, abs=0.02)
     report = examine(tripod(), logs)
     assert not report.contradictions
@@ -82,7 +69,7 @@ def test_a_limit_that_the_file_does_not_know_is_no_other_gain() -> None:
 
 
 def test_gains_that_differ_from_drive_to_drive_are_no_number_of_the_file() -> None:
-    logs = [recording(seed, ('gain 1', 'gain 2', 'gain 3')) for seed in (1, 2)]
+    logs = [recording(seed, 'gain 1', 'gain 2', 'gain 3') for seed in (1, 2)]
     found = diagnose(tripod(), logs[:1], logs[1:], seed=1)
     named = {(found.effect, *found.where), *((at.effect, at.where) for at in found.also)}
     assert named == {('position_gain_error', drive) for drive in tripod().drives}
@@ -118,8 +105,8 @@ def test_a_constant_stands_out_of_slow_noise_only_where_it_is_there(
     effort[0] += bias
     case = Split(recordings_of(tripod(), [replace(plain, effort=effort)]))
     fits = Fitter(case, np.full(3, size))
-    names = [p.name.rpartition('.')[2] for p in case.fit.with_effects(()).parameters]
-    base = fits.refit((), np.array([TRIPOD_TRUTH[n] for n in names]))
+    names = [p.name for p in case.fit.with_effects(()).parameters]
+    base = fits.refit((), theta_of(names, TRIPOD_TRUTH))
     best = fits.refit((at,), np.append(base.theta, 0.0))
     assert abs(best.theta[-1] - bias) < 0.05
     # Taken one by one, the samples say that it is there in any case.

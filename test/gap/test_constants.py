@@ -3,7 +3,7 @@
 
 import math
 
-from identify_cases import axis, recording_of, ROOT, tripod, tripod_bag, TRIPOD_TRUTH
+from identify_cases import axis, recording_of, ROOT, theta_of, tripod, tripod_bag, TRIPOD_TRUTH
 import numpy as np
 import pytest
 
@@ -24,7 +24,7 @@ def test_a_wrong_number_is_found_beside_the_parameters(name: str, factor: float)
     data = gather([recording_of(tripod_bag())], machine).datasets
     fits = Fitter(Split(recordings_of(machine, data)), np.full(3, machine.effort_noise))
     parameters = fits.split.fit.with_effects(()).parameters
-    base = fits.refit((), np.array([TRIPOD_TRUTH[p.name.rpartition('.')[2]] for p in parameters]))
+    base = fits.refit((), theta_of([p.name for p in parameters], TRIPOD_TRUTH))
     found, _ = min(fitted_constants(fits.fits, base), key=lambda one: one[1].loss)
     assert (found.key, found.stated) == (name, pytest.approx(factor * true))
     assert found.low < true < found.high

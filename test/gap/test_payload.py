@@ -3,20 +3,17 @@
 
 from dataclasses import replace
 
-from identify_cases import recording_of, tripod, TRIPOD_TRUTH
+from identify_cases import theta_of, tripod, tripod_log, TRIPOD_TRUTH
 import numpy as np
 import pytest
 
 from checks.blind.label import MotionOrder
 from checks.reference import layout
-from checks.reference.bag_making import simulate_bag
 from ros2_ident.gap.fitter import Fitter
 from ros2_ident.gap.recordings import recordings_of, Split
 from ros2_ident.gap.suspects.payload import find_pick_ups
-from ros2_ident.identify.data import gather
 from ros2_ident.models import EffectAt
 from ros2_ident.recording import Dataset
-from ros2_ident.simulate.bag import nuisance_of
 
 MASS, NOISE = 0.5, tripod().effort_noise
 TIMES = {1: (0.8, 1.9, 2.6, 3.9, 4.6, 5.4), 2: (0.5, 1.2, 2.2, 3.1, 4.0, 5.2)}
@@ -37,16 +34,13 @@ class Gripped:
 def recording(seed: int, mass: float = MASS) -> Dataset:
     motion = MotionOrder('multi_point', 6.0, seed, 0.5).draw(tripod())
     effects = [Gripped(mass, TIMES[seed])] if mass else []
-    bag = simulate_bag(
-        tripod(), TRIPOD_TRUTH, motion, seed, replace(nuisance_of(tripod()), drop=0.0), effects
-    )
-    return gather([recording_of(bag)], tripod()).datasets[0]
+    return tripod_log(motion, seed, effects)
 
 
 def turns(*data: Dataset) -> tuple[np.ndarray, ...]:
     models = recordings_of(tripod(), data)
     joint = Split(models).whole.with_effects(())
-    theta = np.array([TRIPOD_TRUTH[p.name.split('.')[-1]] for p in joint.parameters])
+    theta = theta_of([p.name for p in joint.parameters], TRIPOD_TRUTH)
     return find_pick_ups(joint, theta, np.full(3, NOISE))
 
 
@@ -75,7 +69,7 @@ def test_the_turns_give_the_payload_its_mass() -> None:
     case = Split(recordings_of(tripod(), [recording(1), recording(2)]))
     floor = np.full(3, NOISE)
     joint = case.whole.with_effects(())
-    theta = np.array([TRIPOD_TRUTH[p.name.split('.')[-1]] for p in joint.parameters])
+    theta = theta_of([p.name for p in joint.parameters], TRIPOD_TRUTH)
     held = find_pick_ups(joint, theta, floor)
     at = EffectAt('payload_turns', 'all')
     fits = Fitter(case.carrying(held), floor)

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive that is told its effort: does it make it, and at which instants does it not?"""
 
-from dataclasses import replace
 from typing import Any
 
-from identify_cases import axis
+from identify_cases import joint
 import numpy as np
 import pytest
-from values import with_bounds
 
 from ros2_ident.gap.contradictions import of_events
 from ros2_ident.gap.result import Facts, Misfit
@@ -15,24 +13,12 @@ from ros2_ident.gap.verdict import BOOKKEEPING, Verdict
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.gates.asked import Asked, Event, fit_asked
 from ros2_ident.identify.data import gather
-from ros2_ident.models import Machine
 from ros2_ident.recording import Dataset, Recording, Stream
 
 CYCLE, SECONDS, NOISE = 0.002, 12.0, 0.03
 TIME = np.arange(0.0, SECONDS, CYCLE)
 LATE, INERTIA = 0.008, 0.05
-
-
-def machine() -> Machine:
-    """Return a joint whose recorded motion drives its model."""
-    bounds = {
-        'moving_mass': (0.1, 20.0, 'kg m^2'),
-        'viscous_friction': (0.0, 50.0, 'N m s/rad'),
-        'coulomb_friction': (0.0, 20.0, 'N m'),
-        'constant_force': (-50.0, 50.0, 'N m'),
-    }
-    found = with_bounds(axis(), bounds)
-    return replace(found, drives=('knee',), effort_unit='N m', effort_noise=NOISE)
+KNEE = joint('knee', NOISE)
 
 
 def asked_for(time: np.ndarray) -> np.ndarray:
@@ -72,11 +58,11 @@ def recording(
 
 
 def told(found: Recording) -> Asked | None:
-    return fit_asked(machine(), dataset(found), 'knee')
+    return fit_asked(KNEE, dataset(found), 'knee')
 
 
 def dataset(found: Recording) -> Dataset:
-    return gather((found,), machine()).datasets[0]
+    return gather((found,), KNEE).datasets[0]
 
 
 def test_a_drive_makes_what_it_is_asked_for() -> None:
@@ -85,7 +71,7 @@ def test_a_drive_makes_what_it_is_asked_for() -> None:
     assert found.late == pytest.approx(LATE, abs=CYCLE)
     assert found.factor == pytest.approx(0.97, abs=0.01)
     assert found.pushes == ()
-    report = examine(machine(), [dataset(recording())])
+    report = examine(KNEE, [dataset(recording())])
     assert [g.level for g in report.of('asked')] == ['ok']
     assert not report.of('not_asked')
 
@@ -106,7 +92,7 @@ def test_stamps_that_scatter_are_no_pushes() -> None:
 
 
 def test_a_factor_that_is_off_is_said() -> None:
-    (gate,) = examine(machine(), [dataset(recording(factor=1.3))]).of('asked')
+    (gate,) = examine(KNEE, [dataset(recording(factor=1.3))]).of('asked')
     assert gate.level == 'warn' and 'torque constants' in gate.sentence
     assert gate.number == pytest.approx(1.3, abs=0.02)
 
@@ -114,7 +100,7 @@ def test_a_factor_that_is_off_is_said() -> None:
 def test_a_drive_that_is_limited_is_not_pushed() -> None:
     # The command asks for up to 2.8 N m: twice for more than 2.77, often for more than 2.2.
     for limit in (2.77, 2.2):
-        report = examine(machine(), [dataset(recording(limit=limit))])
+        report = examine(KNEE, [dataset(recording(limit=limit))])
         (gate,) = report.of('limited')
         assert gate.number == pytest.approx(limit, abs=0.1)
         assert not report.of('not_asked') and report.of('asked')
@@ -126,7 +112,7 @@ def test_a_drive_that_does_something_else_is_not_called_pushed() -> None:
 
 def test_pushes_are_said_of_every_recording() -> None:
     logs = [dataset(recording()), dataset(recording((5.0, 0.6)))]
-    report = examine(machine(), logs)
+    report = examine(KNEE, logs)
     (gate,) = report.of('not_asked')
     assert gate.sentence.startswith('recording 2: knee: effort that was not commanded')
     assert '5.00 s (+0.6 N m)' in gate.sentence

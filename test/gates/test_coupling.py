@@ -1,35 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A joint of an arm is told from a machine of its own, and a diagnosis then names no effect."""
 
-from dataclasses import replace
-
-from identify_cases import axis, recording_of
+from identify_cases import axis, axis_bag, joint, recording_of
 import numpy as np
 import pytest
-from values import with_bounds
 
-from gates.test_faults import bag_of
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import gather
-from ros2_ident.models import Machine
 from ros2_ident.recording import Recording, Stream
 from ros2_ident.words.verdict import sentence
 
 RATE, SECONDS = 250.0, 20.0
-
-
-def joint() -> Machine:
-    """Return the elbow of an arm as an axis of its own, driven by the recorded motion."""
-    machine = with_bounds(
-        axis(),
-        {
-            'moving_mass': (0.1, 20.0, 'kg m^2'),
-            'viscous_friction': (0.0, 50.0, 'N m s/rad'),
-            'coulomb_friction': (0.0, 20.0, 'N m'),
-            'constant_force': (-50.0, 50.0, 'N m'),
-        },
-    )
-    return replace(machine, drives=('elbow',), effort_unit='N m', effort_noise=0.05)
+# Of an arm, as an axis of its own.
+ELBOW = joint('elbow', 0.05)
 
 
 def swing(seed: int) -> tuple[np.ndarray, ...]:
@@ -61,8 +45,8 @@ def recording(gravity: float) -> Recording:
 
 
 def test_what_no_effect_makes_a_model_carry_is_another_machine():
-    data = gather([recording(60.0)], joint())
-    found = diagnose(joint(), data.datasets)
+    data = gather([recording(60.0)], ELBOW)
+    found = diagnose(ELBOW, data.datasets)
     assert (found.effect, found.where) == ('model', ('elbow',))
     assert sentence(found).startswith('The model is not the one of this machine: ')
     assert sentence(found).endswith('No effect is named.')
@@ -76,10 +60,8 @@ def test_what_no_effect_makes_a_model_carry_is_another_machine():
 )
 def test_a_gain_comes_before_any_effect(factor, effect, first):
     machine = axis().with_constants(velocity_gain=factor * axis().number('velocity_gain'))
-    data = gather([recording_of(bag_of('axis'))], machine)
+    data = gather([recording_of(axis_bag(6.0))], machine)
     kept = {'velocity_gain_error', 'position_gain_error', 'backlash', 'stribeck'}
-    from ros2_ident.effects import CATALOGUE
-
     found = diagnose(machine, data.datasets, without=[e for e in CATALOGUE if e not in kept])
     assert found.effect == effect
     assert sentence(found).startswith('emps_axis: your velocity_gain is ')

@@ -3,44 +3,25 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 import re
 
-from identify_cases import axis as axis_machine
-from identify_cases import AXIS_TRUTH, recording_of, tripod, TRIPOD_TRUTH
+from identify_cases import axis, axis_bag, recording_of, tripod, tripod_bag
 import numpy as np
 import pytest
 from values import with_bounds
 
-from checks.reference.bag_making import simulate_bag
 from ros2_ident.gates import examine, GateReport
 from ros2_ident.identify.data import gather
 from ros2_ident.models import Machine
 from ros2_ident.recording import Recording, Stream
-from ros2_ident.simulate.bag import nuisance_of, SimulatedBag
-from ros2_ident.simulate.motions import draw_motion
 
 Change = Callable[[Recording], Recording]
 
 
-@cache
-def bag_of(kind: str) -> SimulatedBag:
-    """Return a log of 6 s of the tripod or of the axis."""
-    if kind == 'tripod':
-        motion = draw_motion('multi_point', tripod(), 6.0, 3)
-        return simulate_bag(tripod(), TRIPOD_TRUTH, motion, 1)
-    nuisance = replace(nuisance_of(axis_machine()), position_step=1e-8)
-    motion = draw_motion('multi_point', axis_machine(), 6.0, 2)
-    return simulate_bag(axis_machine(), AXIS_TRUTH, motion, 1, nuisance)
-
-
-def machine_of(kind: str) -> Machine:
-    return tripod() if kind == 'tripod' else axis_machine()
-
-
 def report_of(kind: str, change: Change, machine: Machine | None = None) -> GateReport:
-    machine = machine or machine_of(kind)
-    data = gather([change(recording_of(bag_of(kind)))], machine)
+    bag = tripod_bag(6.0) if kind == 'tripod' else axis_bag(6.0)
+    machine = machine or (tripod() if kind == 'tripod' else axis())
+    data = gather([change(recording_of(bag))], machine)
     return examine(machine, data.datasets)
 
 
@@ -167,7 +148,7 @@ def test_a_fault_is_named_first(kind, change, gate, drive, said):
 
 
 def test_a_joint_that_turns_logged_in_degrees():
-    machine = axis_machine()
+    machine = axis()
     turning = with_bounds(machine, {**machine.bounds, 'moving_mass': (50.0, 150.0, 'kg m^2')})
     report = report_of('axis', times('state', 57.29578), turning)
     assert 'the position is logged in degrees; log rad' in report.headline
@@ -186,7 +167,7 @@ def test_a_joint_that_turns_logged_in_degrees():
     ],
 )
 def test_a_wrong_constant_is_given_with_the_number_to_write(kind, key, factor, said, blocked):
-    machine = machine_of(kind)
+    machine = tripod() if kind == 'tripod' else axis()
     wrong = machine.with_constants(**{key: factor * machine.number(key)})
     report = report_of(kind, lambda recording: recording, wrong)
     assert re.search(said, report.headline)

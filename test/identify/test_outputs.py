@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is compared is chosen and weighted; constants of the machine file are identified."""
 
-from dataclasses import replace
-from functools import cache
-
 from identify_cases import (
     axis,
     axis_bag,
@@ -19,7 +16,6 @@ import pytest
 from values import parameter
 import yaml
 
-from checks.reference.bag_making import simulate_bag
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
@@ -30,8 +26,6 @@ from ros2_ident.models import machine_from_mapping
 from ros2_ident.recording import Stream
 from ros2_ident.report.files import load_result
 from ros2_ident.search import GeneticSettings
-from ros2_ident.simulate.bag import nuisance_of
-from ros2_ident.simulate.motions import draw_motion
 
 # The refinement finds these from anywhere near.
 SMALL = IdentifySettings(
@@ -69,15 +63,11 @@ def test_a_gain_and_a_mass_are_recovered_and_the_position_makes_them_sharp():
     assert units['drive_1'] == '' and units['drive_1.position'] == 'm'
 
 
-@cache
 def without_effort():
     """Return a log of the axis that holds set-point and position only."""
-    motion = draw_motion('multi_point', axis(), 4.0, 2)
-    nuisance = replace(nuisance_of(axis()), position_step=1e-8)
-    recording = recording_of(simulate_bag(axis(), AXIS_TRUTH, motion, 1, nuisance))
-    state = recording.state
+    state = axis_bag().streams['/joint_states']
     bare = Stream(state.names, state.stamp, position=state.position)
-    return replace(recording, state=bare, effort=None)
+    return recording_of(axis_bag(), state=bare, effort=None)
 
 
 def test_a_log_without_effort_is_identified_by_its_position():
