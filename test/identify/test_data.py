@@ -6,6 +6,7 @@ from identify_cases import (
     axis_bag,
     axis_data,
     recording_of,
+    ROOT,
     tripod,
     tripod_bag,
 )
@@ -15,6 +16,7 @@ import pytest
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify.data import gather
 from ros2_ident.identify.problem import problem_of
+from ros2_ident.recording import read_bag, Recording
 
 
 def test_short_segments_are_left_out_with_a_warning():
@@ -79,3 +81,28 @@ def test_data_of_other_drives_do_not_fit_the_machine():
     with pytest.raises(IdentError, match='the data hold emps_axis and not drive_1') as caught:
         problem_of(tripod(), axis_data())
     assert caught.value.code is ErrorCode.MISSING_STREAM
+
+
+# ---------------------------------------------------------------------- a late set-point
+
+
+def taken(late: float) -> Recording:
+    """Return a log whose controller took its set-point `late` s after it was logged."""
+    (log,) = read_bag(ROOT / 'bags/axis_reversals')
+    assert log.command is not None
+    command = replace(log.command, stamp=log.command.stamp - round(late * 1e9))
+    return replace(log, command=command)
+
+
+@pytest.mark.parametrize('late', [0.08, 0.25])
+def test_a_set_point_that_is_taken_late_is_not_used(late: float) -> None:
+    data = gather([taken(late)], axis())
+    assert data.datasets[0].command_position is None
+    (said,) = (text for text in data.warnings if 'behind' in text)
+    assert said.startswith('emps_axis: the position follows its set-point ')
+    assert 'the stated gains make 6.2 ms' in said
+
+
+def test_a_set_point_within_a_command_delay_is_used() -> None:
+    for late in (0.0, 0.02):
+        assert gather([taken(late)], axis()).datasets[0].command_position is not None

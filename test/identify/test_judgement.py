@@ -7,7 +7,6 @@ from typing import Any
 from identify_cases import (
     axis,
     axis_data,
-    identified,
     QUICK,
 )
 import numpy as np
@@ -50,13 +49,6 @@ def test_a_gain_that_is_a_little_off_comes_first_and_leaves_the_result():
     assert message(result).startswith('emps_axis: your velocity_gain is 8985; 85')
     assert result.outcome is Outcome.IDENTIFIED
     assert message(result).endswith('All 4 parameters are identified.')
-
-
-def test_a_sound_log_is_identified_without_a_word_more():
-    result = identified()
-    assert message(result) == 'All 4 parameters are identified.'
-    assert result.quality.warnings == ()
-    assert {g.level for g in result.gates} == {'ok'}
 
 
 class Line:

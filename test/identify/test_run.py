@@ -48,6 +48,7 @@ def test_axis_is_identified_within_its_intervals():
     assert result.evaluations >= len(result.history.costs) == 64 + 3 * 32
     assert result.provenance.machine_sha256 == axis().digest
     assert result.quality.missing['effort'] < 0.01
+    assert result.quality.warnings == () and {g.level for g in result.gates} == {'ok'}
 
 
 def test_same_seed_gives_the_same_bits_on_one_and_two_threads():
