@@ -17,16 +17,6 @@ from ros2_ident.recording import read_bag
 SEARCHED = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get('PYTHONPATH')])])
 
 
-def child(*words, **environment):
-    return subprocess.run(
-        [sys.executable, '-m', 'ros2_ident.cli.main', *words],
-        env={**os.environ, 'PYTHONPATH': SEARCHED, **environment},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-
-
 # What takes long to import, and what each command may.
 HEAVY = (
     r'(asyncio|bokeh|distributed|google|h5py|jinja2|matplotlib|mcap|mujoco|numba|numpy|pinocchio)$'
@@ -71,10 +61,10 @@ def test_a_command_imports_what_it_uses(command, loaded, tmp_path):
     assert set(done.stdout.splitlines()[-1].split()) <= loaded, done.stderr
 
 
-def test_help_names_all_commands():
-    done = child('--help')
-    assert done.returncode == 0
-    assert all(name in done.stdout for name in COMMANDS)
+def test_help_names_all_commands(capsys):
+    assert main(['--help']) == 0
+    said = capsys.readouterr().out
+    assert all(name in said for name in COMMANDS)
 
 
 @pytest.mark.parametrize('name', COMMANDS)

@@ -225,21 +225,15 @@ def test_a_file_that_may_never_end_is_not_read(tmp_path):
     [
         ('a: &x [1, 2]\nb: [*x, *x]\n', r'my.yaml:2: is no YAML \(the alias \*x; write out'),
         ('a: &x [*x]\n', r'my.yaml:1: is no YAML \(the alias \*x'),
+        ('machine: tripod\ndrives: [a, b\ngeometry:\n', r'my.yaml:3: is no YAML'),
         ('[' * 1000 + ']' * 1000, 'is nested too deeply'),
         ('{a: ' * 1000, 'is nested too deeply'),
     ],
 )
-def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path, text, said):
+def test_what_is_no_yaml_or_stands_for_much_is_refused(tmp_path, text, said):
     path = tmp_path / 'my.yaml'
     path.write_text(text)
     with pytest.raises(IdentError, match=said):
-        read_machine_file(path)
-
-
-def test_a_file_that_is_no_yaml_names_the_line(tmp_path):
-    path = tmp_path / 'my.yaml'
-    path.write_text('machine: tripod\ndrives: [a, b\ngeometry:\n')
-    with pytest.raises(IdentError, match=r'my.yaml:3: is no YAML'):
         load_machine(path)
 
 

@@ -113,23 +113,6 @@ def test_tables_as_programs_write_them_are_read(tmp_path, header, row):
     assert recording.effort.effort[15, 0] == pytest.approx(math.cos(1.5))
 
 
-@pytest.mark.parametrize(
-    ('text', 'said'),
-    [
-        ('time,topic,value\n' + '0.1,a/pos,1\n0.1,a/vel,2\n' * 50, 'one value a row'),
-        (
-            't,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
-            "several rows for each time, by 'joint': a, b",
-        ),
-        ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
-    ],
-)  # fmt: skip
-def test_tables_of_another_form_are_named_as_such(tmp_path, text, said):
-    (tmp_path / 'log.csv').write_text(text)
-    with pytest.raises(IdentError, match=said):
-        header_of(tmp_path / 'log.csv')
-
-
 def test_a_log_with_set_points_gives_a_file_without_a_controller(tmp_path, capsys):
     log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
     rows(log, 'time,position [mm],target position [mm],force [N]', '{t},{a},{a},{b}')
@@ -192,11 +175,3 @@ def test_a_joint_under_gravity_is_found_and_gets_a_kind_that_has_it(tmp_path):
     moment = math.hypot(values['link_moment_x'], values['link_moment_y'])
     assert moment * 9.81 == pytest.approx(3.0, rel=0.01)
     assert values['drive_inertia'] == pytest.approx(0.05, rel=0.02)
-
-
-def test_a_header_without_a_unit_takes_it_from_the_option(tmp_path):
-    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
-    rows(log, 'time,position,force', '{t},{a},{b}')
-    words = ['new-machine', '--kind', 'linear_axis', '--travel', 'm']
-    assert main([*words, '--bag', str(log), '--out', str(out)]) == 0
-    assert ', kg]' in out.read_text()

@@ -327,6 +327,11 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
         ('a,q\n0,1\n', 'named as a time: a, q'), ('t,x\n0,1\n', 'named as a position'),
         ('t,q,i\n0 s,1 rad,2 A\n', "'0 s' below 't': write numbers alone"),
         ('t,q,i\n10:00:00,1,2\n10:00:01,1,3\n', "'10:00:00' below 't': write"),
+        # of another form
+        ('time,topic,value\n' + '0.1,a/pos,1\n0.1,a/vel,2\n' * 50, 'one value a row'),
+        ('t,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
+         "several rows for each time, by 'joint': a, b"),
+        ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
     ],
 )  # fmt: skip
 def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
