@@ -203,10 +203,20 @@ def test_a_bag_without_definitions_is_read_by_that_of_the_map(maker, tmp_path, c
     compare(read, joints, factor, holds)
 
 
-def test_a_ros_1_bag_is_read_by_its_definitions(tmp_path):
+def test_a_ros_1_bag_is_read_by_its_definitions_and_by_a_map_of_one_s_own(tmp_path):
     maker = Messages(version=1)
-    (read,) = read_bag(maker.write(tmp_path / 'log.bag', sent(maker, 'franka_ros1')))
-    compare(read, *CASES['franka_ros1'][:3])
+    path = maker.write(tmp_path / 'log.bag', sent(maker, 'franka_ros1'))
+    (own,) = read_bag(path)
+    compare(own, *CASES['franka_ros1'][:3])
+    topic = '/franka_state_controller/franka_states'
+    fields = f'position: {topic} q, effort: {topic} tau_J, command_position: {topic} q_d'
+    (mapped,) = read_by(
+        path, tmp_path, f'joints: {{"{", ".join(own.state.names)}": {{{fields}}}}}'
+    )
+    np.testing.assert_array_equal(mapped.state.position, own.state.position)
+    np.testing.assert_array_equal(mapped.effort.effort, own.state.effort)
+    np.testing.assert_array_equal(mapped.command.position, own.command.position)
+    assert (mapped.state.stamp == own.state.stamp).all()
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
@@ -278,11 +288,13 @@ def test_a_counter_that_starts_again_is_no_time(maker, tmp_path):
     assert any('its counter does not run with the clock' in x for x in read.warnings)
 
 
-def test_a_set_point_that_is_there_is_not_asked_for(maker, tmp_path):
+def test_two_set_points_are_not_guessed_between_and_none_is_asked_for(maker, tmp_path):
     messages = [*sent(maker, 'multi_dof_command')]
     messages += [(t, f'{x}_2', *rest) for t, x, *rest in messages if x == '/pid/reference']
-    lines = render(check(read_bag(maker.write(tmp_path / 'log', messages))))
-    (said,) = (x for x in lines if 'there is no command stream' in x)
+    (read,) = read_bag(maker.write(tmp_path / 'log', messages))
+    assert read.command is None
+    assert any('name one of them by --command-topic' in x for x in read.notes)
+    (said,) = (x for x in render(check([read])) if 'there is no command stream' in x)
     assert said.endswith('read the set-point, for which there is a topic')
 
 
@@ -459,20 +471,6 @@ joints:
     np.testing.assert_array_equal(read.command.position, goal[:, 3:6])
     np.testing.assert_allclose(read.state.stamp, START + STEP * np.arange(SAMPLES), atol=2)
     assert any('LowCmd has no stamp, the time of recording is used' in x for x in read.warnings)
-
-
-def test_a_map_and_the_map_of_the_type_give_the_same(tmp_path):
-    maker = Messages(version=1)
-    path = maker.write(tmp_path / 'log.bag', sent(maker, 'franka_ros1'))
-    names = ', '.join(f'panda_joint{n}' for n in range(1, 8))
-    topic = '/franka_state_controller/franka_states'
-    fields = f'position: {topic} q, effort: {topic} tau_J, command_position: {topic} q_d'
-    (mapped,) = read_by(path, tmp_path, f'joints: {{"{names}": {{{fields}}}}}')
-    (own,) = read_bag(path)
-    np.testing.assert_array_equal(mapped.state.position, own.state.position)
-    np.testing.assert_array_equal(mapped.effort.effort, own.state.effort)
-    np.testing.assert_array_equal(mapped.command.position, own.command.position)
-    assert (mapped.state.stamp == own.state.stamp).all()
 
 
 @pytest.mark.parametrize(
