@@ -63,8 +63,9 @@ def test_a_command_imports_what_it_uses(command, loaded, tmp_path):
 
 def test_help_names_all_commands(capsys):
     assert main(['--help']) == 0
-    said = capsys.readouterr().out
+    said = ' '.join(capsys.readouterr().out.split())
     assert all(name in said for name in COMMANDS)
+    assert 'exit codes: 0 success; 1 done, but the answer is not usable as it is; 2' in said
 
 
 @pytest.mark.parametrize('name', COMMANDS)
@@ -86,7 +87,6 @@ def test_every_command_has_help_with_examples_that_work(name, capsys):
 @pytest.mark.parametrize(
     ('words', 'code', 'text'),
     [
-        (['--help'], 0, 'exit codes: 0 success; 1 done, but the answer is not usable as it is; 2'),
         (['--version'], 0, 'ident '),
         ([], 2, 'commands:'),
         (['guess'], 2, "invalid choice: 'guess'"),

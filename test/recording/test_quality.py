@@ -82,17 +82,12 @@ def test_a_good_recording_is_ok():
         (np.round(2000.0 * EFFORT), 'effort_unit', None, 'looks like milliamperes or counts'),
         (EFFORT - 0.2, 'effort_gravity', 'warn', 'gravity acts along this drive and the effort'),
         (RNG.normal(size=TIME.size), 'effort_unexplained', 'warn', ''),
+        (np.interp(TIME - 0.03, TIME, EFFORT), 'effort', None, 'about (2[89]|3[0-2]) ms late'),
     ],
 )
 def test_an_effort_that_is_no_torque_is_said_with_the_remedy(effort, code, level, text):
     finding, *_ = check([recording(effort=effort)], ('a',), gravity=9.81).of(code)
     assert level in (None, finding.level) and re.search(text, finding.sentence)
-
-
-def test_a_late_effort_is_seen():
-    late = np.interp(TIME - 0.03, TIME, EFFORT)
-    (said,) = check([recording(effort=late)]).of('effort')
-    assert re.search('about (2[89]|3[0-2]) ms late', said.sentence)
 
 
 @pytest.mark.parametrize(
