@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots' own messages: read by their definition and the map of their type, without an option."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import sqlite3
 
+from identify_cases import AXIS_FILE
 from message_makers import foxglove_log, Messages, write_mcap
 import numpy as np
 import pytest
 
 from ros2_ident.errors import IdentError
+from ros2_ident.identify.run import read_data
+from ros2_ident.models import load_machine
 from ros2_ident.recording import check, maps, read_bag, render, Topics
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.content import messages_of
@@ -378,6 +382,9 @@ def test_names_come_from_the_command_line_or_the_machine(maker, tmp_path):
     assert read.state.names == read.command.names == names
     (read,) = read_bag(path, drives=names)
     assert read.state.names == names
+    # They are found: it is only too short.
+    with pytest.raises(IdentError, match='record a motion of several seconds'):
+        read_data(path, replace(load_machine(AXIS_FILE), drives=names))
     assert any(
         'joints are called a, b, c, d and 3 more in their order' in x for x in read.warnings
     )
