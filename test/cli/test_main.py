@@ -99,6 +99,11 @@ def test_what_is_said_and_with_which_code_it_ends(words, code, text, capsys):
     assert text in ' '.join(''.join(capsys.readouterr()).split())
 
 
+def test_an_option_that_is_given_twice_holds_all_it_was_given():
+    words = ['diff', 'a', '--after', 'b', '--after', 'c', 'd', '--machine', 'm.yaml']
+    assert make_parser(words).parse_args(words).after == ['b', 'c', 'd']
+
+
 @pytest.mark.parametrize(
     ('line', 'expected'),
     [
