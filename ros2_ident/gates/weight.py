@@ -32,6 +32,8 @@ _PARTS = 10
 _TURNS = 0.02
 # The best of gears, one spur stage, loses this share of what it transmits (textbooks: 1 to 3 %).
 _LOSES = 0.03
+# A weight that varies by less of itself cannot be told from a constant. By hand.
+_SAME = 0.1
 # Effort that is this share of a weight holds none of it. By hand.
 _NOTHING = 0.05
 # A direction that joints feel by less than this share of the one they feel most is not told: a
@@ -76,10 +78,21 @@ class _Joint:
             return factor
         if self.weight.any():
             # Of the other sign is an effort which friction gives power, too: a cable is not.
-            return _below_zero(*sides) if self.friction_power() < 0.0 else math.nan
+            turned = _below_zero(*sides) if self.friction_power() < 0.0 else math.nan
+            return turned if math.isfinite(turned) else self.held()
         beside = self.friction, self.free
         factor = _factor(_without(self.inertia, *beside), _without(self.effort, *beside))
         return factor if factor < 1.0 / scale.ANOTHER else math.nan
+
+    def held(self) -> float:
+        """Return effort per weight where that stays the same, far above all efforts; else NaN.
+
+        A constant can be a cable's pull, but none that takes away a weight. Its sign is not known.
+        """
+        weight = float(np.mean(self.weight))
+        same = np.ptp(self.weight) < _SAME * abs(weight) and self.free.shape[1] == 1
+        far = scale.ANOTHER * float(np.abs(self.effort).max()) < abs(weight)
+        return abs(float(np.mean(self.effort)) / weight) if same and far else math.nan
 
     def friction_power(self) -> float:
         """Return the power that friction takes from the drive, in its effort and speed."""
@@ -207,7 +220,7 @@ def _sized(factors: dict[str, float], constant: str) -> list[Gate]:
     off = {drive: factor for drive, factor in factors.items() if not near(factor, scale.ANOTHER)}
     if not off:
         return []
-    (drive, factor), *others = off.items()
+    (drive, factor), *others = sorted(off.items(), key=lambda x: abs(x[1]) < _NOTHING)
     # A description that is wrong is not so by one factor on every joint.
     by_one = len(off) == len(factors) > 1 and all(near(x / factor) for x in off.values())
     rest = '' if by_one else likewise(f'{n} {figure(x)}' for n, x in others)
@@ -215,7 +228,7 @@ def _sized(factors: dict[str, float], constant: str) -> list[Gate]:
         f'{"all joints" if by_one else drive}: the effort is {figure(factor)} times what the '
         f'description asks for{rest}; '
     )
-    if abs(factor) < _NOTHING and not constant:
+    if all(abs(x) < _NOTHING for x in factors.values()) and not constant:
         text += 'log the whole torque, not one with gravity compensated, or set free_fall to 0'
     else:
         turned = [name for name, x in off.items() if x < 0.0]

@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from arm_cases import URDF  # noqa: E402
 from models.test_serial import BOXES, described, moving  # noqa: E402
 
 from ros2_ident.commissioning import check_both  # noqa: E402
@@ -121,3 +122,27 @@ def test_what_fits_the_description_is_not_spoken_of(tmp_path) -> None:
     assert found(tmp_path) == []
     # Neither is a load that the description lacks.
     assert found(tmp_path, (1.0, 1.0, 1.0, 1.6)) == []
+
+
+@pytest.mark.parametrize('share', [0.02, 1.0])
+def test_a_weight_that_stays_the_same_is_missed_where_no_effort_reaches_it(
+    tmp_path, share
+) -> None:
+    # An upright lift: its weight is a constant, and by shares a constant may be anything.
+    lift = URDF.replace('xyz="0 0.1 0.4" rpy="0.1 0 0.2"', 'xyz="0 0.1 0.4"')
+    lift = lift.replace(
+        'rpy="0 0.7 0"/><axis xyz="0 0.6 0.8"/>', 'rpy="0 0 0"/><axis xyz="0 0 1"/>'
+    )
+    machine = described(tmp_path, lift, **BOXES).with_constants(base_roll=0.0, base_pitch=0.0)
+    log = moving(machine, 2000)
+    speed = np.gradient(log.position, log.cycle, axis=1)
+    change = np.gradient(speed, log.cycle, axis=1)
+    effort = arm_of(machine).efforts(log.position, speed, change) + LOSES * np.sign(speed)
+    effort[1] *= share
+    told = examine(machine, [replace(log, effort=effort)]).of('weight')
+    assert len(told) == (share < 1.0)
+    for gate in told:
+        assert gate.number == pytest.approx(share, rel=0.2)
+        assert gate.sentence.startswith(
+            'slide: the effort is 0.019 times what the description asks'
+        )
