@@ -53,6 +53,10 @@ _CHANCE = 1e-3
 _PASSES, _FALLS, _OFTEN, _STOOD = 0.005, 0.02, 0.005, 0.1
 # Share of a variance that is left where another reading of an effort explains it clearly better.
 _PLAINER = 0.5
+# So many different values that are whole numbers are so by no chance. By hand.
+_WHOLE = 5
+# A reported velocity is looked for from so much before the motion on, s. By hand.
+_EARLIEST = -0.02
 # Share of an effort's variance from which on the motion is known to explain it.
 _KNOWN = 0.85
 
@@ -379,6 +383,8 @@ def _judge_drives(
             rates.append(fit[1])
         judged = [*_judged(drives[-1], motion, gravity, wanted is not None, fit)]
         judged += [('warn', code, text) for code, text in repeats(recording, name)]
+        if name not in integrated:
+            judged += _of_counts(state.position[:, state.names.index(name)])
         findings += about(name, judged)
     if off := _of_time(rates):
         findings = [x for x in findings if x.code != 'velocity']
@@ -429,6 +435,15 @@ def _judged(
             yield _of_gravity(drive.effort_rest, float(np.nanstd(effort)), gravity)
 
 
+def _of_counts(position: FloatArray) -> Iterator[Said]:
+    """Say it where positions (T,) are whole numbers, as no angle in rad or travel in m is."""
+    values = np.unique(position[np.isfinite(position)])
+    if values.size >= _WHOLE and np.abs(values - np.round(values)).max() < 1e-9:
+        text = f'all positions are whole numbers from {values[0]:g} to {values[-1]:g}, which '
+        text += 'looks like counts or degrees; state their unit, or a scale to rad or m'
+        yield 'warn', 'position_unit', text
+
+
 def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
     """Judge whether a drive moved in a way that tells its parameters apart."""
     turns = motions.count_reversals(motion.velocity)
@@ -448,7 +463,9 @@ def _velocity_fit(motion: Motion) -> _Fit | None:
     if motion.reported is None or np.isfinite(motion.reported).sum() < 20 or not _moves(motion):
         return None
     reported = motion.slowly(fill_gaps(motion.reported))
-    lag, gain, share = motions.best_lag(motion.velocity[:, None], reported, motion.period, -0.02)
+    lag, gain, share = motions.best_lag(
+        motion.velocity[:, None], reported, motion.period, _EARLIEST
+    )
     return lag, float(gain[0]), share
 
 
@@ -480,7 +497,9 @@ def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
         remedy = 'correct its unit, sign or source in the driver, or leave it out'
         return 'warn', 'velocity', f'{text}; {remedy}'
     if abs(lag) > max(0.6 * motion.period, 1e-3):
+        edge = not _EARLIEST + 2.0 * motion.period < lag < motions.LATEST - 2.0 * motion.period
         text = f'the reported velocity is {abs(lag) * 1e3:.3g} ms {"late" if lag > 0 else "early"}'
+        text += ' or more' * edge
         return 'warn', 'velocity_lag', f'{text}; the position is the better measurement'
     return 'ok', 'velocity', text
 
@@ -505,9 +524,16 @@ def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
     if sign in WRONG:
         return
     values = effort[np.isfinite(effort)]
+    moved = effort[np.isfinite(effort) & ~motion.resting]
+    # A drive that moves has friction to overcome.
+    if 2 * np.count_nonzero(moved) < moved.size:
+        text = f'the effort is exactly 0 in {100.0 * np.mean(moved == 0.0):.0f} % of the samples '
+        text += 'in which the drive moves; switch its measurement on, log it in finer steps, or '
+        yield 'warn', 'effort_idle', f'{text}leave this drive out'
+        return
     top = np.abs(values).max()
     # Counts and percents are whole numbers, many of them.
-    if np.abs(values - np.round(values)).max() < 1e-9 and np.unique(values).size >= 5:
+    if np.abs(values - np.round(values)).max() < 1e-9 and np.unique(values).size >= _WHOLE:
         what = 'percent of the rated torque' if top <= 300.0 else 'milliamperes or counts'
         text = f'all efforts are whole numbers up to {top:g}, which looks like {what}; state '
         text += 'effort_unit with torque_constant or rated_torque in the machine file'

@@ -83,6 +83,12 @@ def test_a_good_recording_is_ok():
         (EFFORT - 0.2, 'effort_gravity', 'warn', 'gravity acts along this drive and the effort'),
         (RNG.normal(size=TIME.size), 'effort_unexplained', 'warn', ''),
         (np.interp(TIME - 0.03, TIME, EFFORT), 'effort', None, 'about (2[89]|3[0-2]) ms late'),
+        (
+            np.where(np.arange(TIME.size) % 10, 0.0, EFFORT),
+            'effort_idle',
+            'warn',
+            'exactly 0 in (89|90|91) % of the samples .*leave this drive out',
+        ),
     ],
 )
 def test_an_effort_that_is_no_torque_is_said_with_the_remedy(effort, code, level, text):
@@ -93,7 +99,8 @@ def test_an_effort_that_is_no_torque_is_said_with_the_remedy(effort, code, level
 @pytest.mark.parametrize(
     ('velocity', 'text'),
     [
-        (np.interp(TIME - 0.02, TIME, VELOCITY), r'reported velocity is (19|20)(\.\d)? ms late'),
+        (np.interp(TIME - 0.02, TIME, VELOCITY), r'reported velocity is (19|20)(\.\d)? ms late; '),
+        (np.interp(TIME - 0.14, TIME, VELOCITY), 'reported velocity is 120 ms late or more; '),
         (60.0 * VELOCITY, 'the reported velocity is 60 times the derivative'),
         (-VELOCITY, 'the reported velocity is -1 times the derivative'),
         (RNG.normal(size=TIME.size), 'and explains [0-9]+ % of it'),
@@ -104,6 +111,13 @@ def test_wrong_velocities_are_seen(velocity, text):
     found = [*report.of('velocity'), *report.of('velocity_lag')]
     assert found[0].level == 'warn'
     assert re.search(text, found[0].sentence)
+
+
+def test_positions_in_counts_are_seen():
+    counts = np.round(1e4 * POSITION)
+    (said,) = check([recording(position=counts, velocity=None)]).of('position_unit')
+    assert said.level == 'warn' and 'all positions are whole numbers from ' in said.sentence
+    assert not check([recording(position=1e-4 * counts, velocity=None)]).of('position_unit')
 
 
 def _joints(factor, joints=2):
