@@ -2,7 +2,6 @@
 """`ident new-machine`: a commented machine file to start from."""
 
 import argparse
-from collections.abc import Sequence
 import os
 from pathlib import Path
 import shlex
@@ -85,7 +84,7 @@ def _log(args: argparse.Namespace) -> 'Recording':
             'there, or remove that file'
         )
     if path.suffix.lower() in TABLES and path.is_file() and not (args.columns or where.exists()):
-        _draft(path, where, args.column, _bounded_by_effort(args))
+        _draft(path, where, args)
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
         raise ErrorCode.MISSING_STREAM.error(
@@ -101,14 +100,15 @@ def _bounded_by_effort(args: argparse.Namespace) -> bool:
     return args.description is None and bool(keys & {'moving_mass', 'link_moment'})
 
 
-def _draft(path: Path, where: Path, given: Sequence[str], effort: bool) -> None:
+def _draft(path: Path, where: Path, args: argparse.Namespace) -> None:
     """Write a table's column map by its header, and print it."""
     import yaml
 
     from ros2_ident.recording.headers import header_of
     from ros2_ident.recording.limits import printable
 
-    header = header_of(path).assigned(given)
+    header = header_of(path).called(args.drives).assigned(args.column)
+    effort = _bounded_by_effort(args)
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
     header.require_scales(effort and len({x.joint for x in header.columns} - {''}) == 1)
     text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)

@@ -310,7 +310,8 @@ class Header:
         for x in self.columns:
             read = f'{x.joint}.{x.quantity}'.lstrip('.')
             if x.quantity not in ('', 'time'):
-                per = '/s' * (x.quantity.endswith('velocity') and x.plain not in maps.SPEEDS)
+                rate = x.plain != x.unit.strip().lower() or x.plain in maps.SPEEDS
+                per = '/s' * (x.quantity.endswith('velocity') and not rate)
                 read += f', in {x.unit}{per}' if x.unit else ', as it stands'
                 if x.unit and math.isnan(x.scale):
                     read += ': its scale has to be stated'
@@ -350,6 +351,19 @@ class Header:
                     columns[n] = replace(x, joint='', quantity='', why=other)
             columns[at] = Meaning(name, joint, quantity, columns[at].unit, scale)
         return replace(self, columns=tuple(columns))
+
+    def called(self, drives: Sequence[str]) -> 'Header':
+        """Return the header with joints that have numbers for names called as the drives are.
+
+        Where they are as many, in the order of their numbers.
+        """
+        joints = {x.joint for x in self.columns} - {''}
+        numbers = {x: found[1] for x in joints if (found := re.fullmatch(r'joint_(\d+)', x))}
+        if not len(joints) == len(numbers) == len(drives) or joints & {*drives}:
+            return self
+        ordered = sorted(numbers, key=lambda x: int(numbers[x]))
+        names = {'': '', **dict(zip(ordered, drives, strict=True))}
+        return replace(self, columns=tuple(replace(x, joint=names[x.joint]) for x in self.columns))
 
     def require_scales(self, effort: bool = False) -> None:
         """Refuse columns whose unit does not tell their scale.

@@ -72,6 +72,18 @@ def test_a_scale_that_only_the_owner_knows_is_asked_for_and_taken(tmp_path, caps
     assert state.position[15, state.names.index('arm')] == pytest.approx(0.5 * math.sin(1.5))
 
 
+@pytest.mark.parametrize(
+    ('drives', 'read'), [('hip,knee', ['hip', 'knee']), ('hip', ['joint_1', 'joint_2'])]
+)
+def test_joints_that_have_numbers_only_are_called_as_the_drives(tmp_path, capsys, drives, read):
+    log = tmp_path / 'log.csv'
+    rows(log, 'time,q2 speed [deg/s],q1 [rad],q2 [deg],q1 torque [Nm]', '{t},{b},{a},{b},{a}')
+    out = str(tmp_path / 'm.yaml')
+    main(['new-machine', '--kind', 'serial', '--drives', drives, '--bag', str(log), '--out', out])
+    assert f'{read[1]}.velocity, in deg/s, times' in capsys.readouterr().err
+    assert sorted(read_bag(log)[0].state.names) == sorted(read)
+
+
 def test_bounds_come_from_an_effort_in_newton_metres(tmp_path, capsys):
     # A share of the rated torque would give inertias in percent.
     rows(tmp_path / 'log.csv', 'time,pos [rad],Torque [%]', '{t},{a},{b}')
