@@ -242,7 +242,8 @@ class _Part:
         # as it stands, but for what joins it to the words before and after
         begin = self.words[first - 1][1] if first else 0
         text = self.text[begin : self.words[last + 1][0] if last + 1 < len(kept) else None]
-        text = text.lstrip(_BESIDE) if first else text
+        # what stands first may be an item of a list
+        text = text.lstrip(_BESIDE if first else '- ')
         return (text.rstrip(_BESIDE) if last + 1 < len(kept) else text).strip(), key
 
 
