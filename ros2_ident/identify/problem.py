@@ -89,9 +89,12 @@ class Problem(Layout):
         self.series: tuple[int, ...] = tuple(int(n) for c in counts for n in c)
         self.samples = sum(self.series)
         if self.samples <= len(self.parameters):
+            left, faster = '', ''
+            if self.models[0].thinned:
+                left, faster = ' beside rest and turns', ', or log at a higher rate'
             raise ErrorCode.NO_DATA.error(
-                f'{self.samples} effort samples cannot determine {len(self.parameters)} '
-                'parameters; record a longer motion'
+                f'{self.samples} effort samples{left} cannot determine {len(self.parameters)} '
+                f'parameters; record a longer motion{faster}'
             )
         self._weights = [c.sum() / self.samples for c in counts]
 

@@ -310,6 +310,16 @@ def slide() -> Machine:
     ).with_constants(coulomb_regularisation=5e-3, travel_per_turn=0.05)
 
 
+def test_a_log_that_is_slow_for_its_turns_is_not_asked_to_be_longer_only() -> None:
+    machine = slide().with_constants(cycle=0.056)
+    place = 0.3 * np.sin(2.0 * np.pi * 1.3 * 0.056 * np.arange(1200))[None]
+    noise = np.random.default_rng(1).normal(0.0, 1.0, (2, *place.shape))
+    effort = np.gradient(place, 0.056, axis=1) + 0.05 * noise[1]
+    log = Dataset(machine.drives, 0.056, 0, None, None, place + 2e-3 * noise[0], None, effort)
+    with pytest.raises(IdentError, match='samples beside rest and turns .* a higher rate'):
+        problem_of(machine, Data((log,)))
+
+
 def axis() -> Machine:
     """The same, as a linear axis."""
     return machine_from_mapping(
