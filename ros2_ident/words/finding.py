@@ -71,7 +71,8 @@ def _along(f: Finding) -> str:
         'frequency': f'a swing at {f.value:.3g} Hz (band {at})',
         'motor angle': f'periodic in the motor angle, {at} per turn',
         'phase': ', '.join(_WHILE.get(phase, phase) for phase in f.region.labels),
-        'other drives': f'follows the {at}',
+        'other drives': f'follows the {at}, as with cross-talk or a motor that turns with another '
+        'joint, too (coupled_to)',
         'torque rate': 'follows the rate of the effort, as with a wrong delay',
         'recent acceleration': 'follows the acceleration of the last 40 ms',
         'lagging friction': f'like a friction that lags behind the motion: {at}',

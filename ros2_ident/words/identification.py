@@ -31,7 +31,7 @@ def _parts(result: Identification) -> Iterator[str]:
         )
         remedy = (
             ', so it is not the one of this machine, or not with these constants; check units, '
-            'gains and the kind of machine'
+            'gains, couplings and the kind of machine'
         )
         yield f'The model leaves {left}{"" if contradiction else remedy}.'
     yield _ended(result)

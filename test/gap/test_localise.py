@@ -57,6 +57,9 @@ def test_sentences_say_where():
     ripple = residual(OF, 0.03 * np.sin(3.0 * 78.54 * OF.position[1]), 1)
     found = localise(OF, ripple, floor_of())
     assert 'drive_2: periodic in the motor angle, order 3 per turn' in where(found[0])
+    other = residual(OF, 0.05 * OF.acceleration[0], 1)
+    texts = [where(f) for f in localise(OF, other, floor_of())]
+    assert any('follows the acceleration of drive_1, as with cross-talk or' in x for x in texts)
 
 
 @pytest.mark.parametrize('phi', [0.9, 0.98])
