@@ -97,8 +97,8 @@ def _recorded(
         text = f'{repeated} of {stamp.size} rows have the time of the row before; '
         raise _bad(path, f'{text}write it with more digits, or correct its unit')
     if not _FINEST <= period <= _COARSEST:
-        text = f'the rows are {period * 1e-9:g} s apart; correct the unit of the time'
-        raise _bad(path, text)
+        text = f'the rows are {period * 1e-9:g} s apart; correct the unit of the time in '
+        raise _bad(path, f'{text}{where.name}: s, ms, us or ns')
     source = f'{path}/{key}' if key else str(path)
     builder = RecordingBuilder(source, digest([path, where]), warnings=warnings)
     units = maps.stated_units(str(where), layout.columns)

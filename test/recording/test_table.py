@@ -196,7 +196,11 @@ def test_maps_that_make_no_sense(tmp_path, said, line):
         ('BAD_VALUES', "two columns are called 'q'", 't,q,q\n0,1,2\n'),
         ('BAD_VALUES', 'line 3 has 1 cells, the column map needs 2', 't,q\n0,1\n1\n2,3\n'),
         ('BAD_VALUES', 'line 3 has a quotation mark that is not closed', 't,q\n0,1\n1,"6\n2,7"\n'),
-        ('BAD_VALUES', 'the rows are 1000 s apart; correct the unit', 't,q\n0,1\n1000,2\n'),
+        (
+            'BAD_VALUES',
+            'the rows are 1000 s apart; correct the unit of the time in',
+            't,q\n0,1\n1000,2\n',
+        ),
         ('BAD_VALUES', '2 of 4 rows have the time of the row before', 't,q\n0,1\n0,2\n1,3\n1,3\n'),
         ('NO_DATA', 'holds no row of values; record again', 't,q\n'),
         ('NO_DATA', 'no measured value arrived', 't,q\n0,\n0.001,\n'),
