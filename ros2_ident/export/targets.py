@@ -11,8 +11,6 @@ from pathlib import Path
 import re
 from typing import Any
 
-import numpy as np
-
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
@@ -282,9 +280,11 @@ def sentences(
     if rows and not target.beside:
         kept = {joint: _kept(row) for joint, row in rows.items()}
         least = min(kept, key=lambda joint: kept[joint])
+        worse = [joint for joint in rows if kept[joint] < 0.0]
+        says = f'it keeps {100 * kept[least]:.1f} % or more of the improvement on each joint'
         row = rows[least]
         yield (
-            f'it keeps {100 * kept[least]:.1f} % or more of the improvement on each joint; '
+            f'{f"it is worse than as described on {joined(worse)}" if worse else says}; '
             f'least on {least}, RMS in {row["unit"]}: {row["missed_as_described"]:.3g} as '
             f'described, {row["missed_as_exported"]:.3g} exported, '
             f'{row["missed_as_identified"]:.3g} identified'
@@ -305,13 +305,16 @@ def sentences(
 
 
 def _kept(missed: Mapping[str, Any]) -> float:
-    """Return the share of the improvement over the description that a joint keeps."""
+    """Return the share of the improvement over the description that a joint keeps.
+
+    Below zero where it is worse than described.
+    """
     described, exported, identified = (
         missed[f'missed_as_{x}'] ** 2 for x in ('described', 'exported', 'identified')
     )
     if described <= identified:
         return 1.0
-    return float(np.clip((described - exported) / (described - identified), 0.0, 1.0))
+    return min(float((described - exported) / (described - identified)), 1.0)
 
 
 _PARTS = {

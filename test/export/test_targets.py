@@ -24,7 +24,7 @@ from report_cases import diagnosed  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.export.content import Content, content_of  # noqa: E402
-from ros2_ident.export.targets import fitting, TARGETS, write  # noqa: E402
+from ros2_ident.export.targets import fitting, sentences, TARGETS, write  # noqa: E402
 from ros2_ident.files import kind_of  # noqa: E402
 from ros2_ident.gap.result import Value  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
@@ -180,6 +180,16 @@ def test_what_a_urdf_cannot_say_is_as_large_as_stated(tmp_path: Path) -> None:
     assert f'inertia of motors and gears ({price}, the largest share)' in words[0]
     assert 'a constant in the effort (wrist 2 N m, the largest)' in words[0]
     assert 'of the improvement on each joint' in words[-1]
+
+
+def test_a_file_that_misses_more_than_the_description_is_called_worse(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES, **ROTOR))
+    target, text = TARGETS['urdf'], (tmp_path / 'arm.urdf').read_text()
+    rows = found.missed(target.holds)
+    rows['elbow'] |= {'missed_as_described': 2.0, 'missed_as_exported': 5.0}
+    rows['elbow'] |= {'missed_as_identified': 1.0}
+    words = [*sentences(found, target, text, rows)]
+    assert 'it is worse than as described on elbow; least on elbow, RMS in N m: 2 as ' in words[-1]
 
 
 def test_pinocchio_gets_friction_and_rotors_by_a_module(tmp_path: Path) -> None:
