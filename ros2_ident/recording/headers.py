@@ -428,6 +428,12 @@ def header_of(path: Path) -> Header:
         raise maps.refuse(path, f'{text}; export it with one common time, or {where}')
     if not wide:
         said = f'has no line of names above its numbers; {where}'
+        if any(filter(None, above[-1:])):
+            said = (
+                f'has {usual} columns and {len(above[-1])} of names, {listed(above[-1])}; write '
+            )
+            said += f'{path.stem}{maps.MAP_SUFFIX} with numbers of columns, `header: false` and '
+            said += f'`skip: {first}`, as in docs/logs.md'
         if len(rows) > 1 and not held:
             said = _wordy(zip(rows[0], rows[1], strict=False), decimal)
         raise maps.refuse(path, said)

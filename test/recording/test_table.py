@@ -333,6 +333,9 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
         ('t,q,i\n10:00:00,1,2\n10:00:01,1,3\n', "'10:00:00' below 't': write"),
         # of another form
         ('time,topic,value\n' + '0.1,a/pos,1\n0.1,a/vel,2\n' * 50, 'one value a row'),
+        ('Axis 1\nTime,data\n' + '0.1,1,2\n0.2,2,3\n' * 50,
+         'has 3 columns and 2 of names, Time, data; write log.columns.yaml with numbers of '
+         'columns, `header: false` and `skip: 2`'),
         ('t,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
          "several rows for each time, by 'joint': a, b"),
         ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
