@@ -11,7 +11,7 @@ import numpy as np
 from ros2_ident.arrays import Array, fast_noise
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gates import examine, GateReport, sentences
-from ros2_ident.gates.scale import FLOORS
+from ros2_ident.gates.scale import FLOORS, MORE
 from ros2_ident.identify.data import Data, gather
 from ros2_ident.identify.data import read_data as read_data
 from ros2_ident.identify.hidden import Missing, missing_beside
@@ -254,7 +254,8 @@ def poorly_fitted(problem: Problem, residual: Array) -> tuple[PoorFit, ...]:
         left, spread = (float(np.sqrt(np.mean(np.concatenate(x) ** 2))) for x in (parts, measured))
         stated = problem.noise if output.quantity == outputs[0].quantity else 0.0
         noise = max(stated, fast_noise(*parts))
-        if left > LARGE * spread and left > FLOORS * noise:
+        # Noise alone leaves all of what varies, and no more.
+        if left > MORE * spread or (left > LARGE * spread and left > FLOORS * noise):
             share = left / spread if spread > 0.0 else math.inf
             floors = left / noise if noise > 0.0 else math.inf
             found.append(PoorFit(output.name, left, output.unit, share, floors))

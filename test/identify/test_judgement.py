@@ -89,6 +89,17 @@ def test_a_large_residual_is_one_of_the_effort_and_of_the_noise(bent, noise, off
         assert f'The model leaves {100.0 * share:.0f} % of what varies in line' in message(result)
 
 
+@pytest.mark.parametrize(('least', 'refused'), [(1.0, True), (0.0, False)])
+def test_a_model_that_leaves_more_than_all_of_what_varies_is_refused(least, refused):
+    # An effort that is hardly measured, and links that have to be carried all the same.
+    model = Line(0.0, 0.2)
+    model.measured = model.measured - np.linspace(0.0, 1.0, model.measured.size)
+    model.parameters = (Parameter('slope', 'N/s', least, 2.0, 'physical', ''),)
+    result = identify(model=model, settings=QUICK)
+    assert (result.outcome is Outcome.CONTRADICTED) == refused
+    assert ('The model leaves 17' in message(result)) == refused
+
+
 # ---------------------------------------------------------------------- what is identified
 
 TIME = 1e-2 * np.arange(400)
