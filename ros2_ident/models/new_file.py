@@ -46,6 +46,10 @@ _TRAVELS = 'position', 'command_position', 'velocity', 'command_velocity'
 _ASKED = {
     ('N m', 'N'): ': 2 pi over the travel of a turn in m; where it turns, --travel rad',
     ('N', 'N m'): ': the lever in m; where it slides, --travel m',
+    **dict.fromkeys(
+        (('A', 'N m'), ('A', 'N')),
+        ': of an ampere the motor constant, or 1 where it is not known and all is divided by it',
+    ),
 }
 # Of each joint, by the name of the parameter.
 _Boxes = dict[str, list[tuple[float, float, str]]]

@@ -93,10 +93,9 @@ def new_machine(log, out, *more):
 def test_bounds_of_one_joint_are_asked_for_where_the_map_states_a_current(tmp_path, capsys):
     log, out = logged(tmp_path, '{column: drive, unit: mA}'), tmp_path / 'm.yaml'
     assert new_machine(log, out) == 2
-    assert (
-        'the effort of slide is in A, and bounds of what slides are in N;'
-        in capsys.readouterr().err
-    )
+    said = capsys.readouterr().err
+    assert 'the effort of slide is in A, and bounds of what slides are in N;' in said
+    assert 'in place of the unit: of an ampere the motor constant, or 1 where it is not' in said
 
 
 def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path, capsys):
