@@ -497,7 +497,9 @@ def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
         remedy = 'correct its unit, sign or source in the driver, or leave it out'
         return 'warn', 'velocity', f'{text}; {remedy}'
     if abs(lag) > max(0.6 * motion.period, 1e-3):
-        edge = not _EARLIEST + 2.0 * motion.period < lag < motions.LATEST - 2.0 * motion.period
+        # the samples between which it is looked for
+        low, high = (x / motion.period for x in (_EARLIEST, motions.LATEST))
+        edge = not math.floor(low) + 0.5 < lag / motion.period < math.ceil(high) - 0.5
         text = f'the reported velocity is {abs(lag) * 1e3:.3g} ms {"late" if lag > 0 else "early"}'
         text += ' or more' * edge
         return 'warn', 'velocity_lag', f'{text}; the position is the better measurement'

@@ -113,6 +113,14 @@ def test_wrong_velocities_are_seen(velocity, text):
     assert re.search(text, found[0].sentence)
 
 
+def test_a_lag_of_a_slow_log_is_no_latest_one():
+    # of 50 Hz, at which the earliest lag is one sample before none
+    late = np.interp(TIME - 0.018, TIME, VELOCITY)
+    report = check([recording(slice(None, None, 20), velocity=late)])
+    (said,) = report.of('velocity_lag')
+    assert re.search(r'reported velocity is 1[789](\.\d)? ms late; ', said.sentence)
+
+
 def test_positions_in_counts_are_seen():
     counts = np.round(1e4 * POSITION)
     (said,) = check([recording(position=counts, velocity=None)]).of('position_unit')
