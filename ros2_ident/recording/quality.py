@@ -563,5 +563,13 @@ def _of_gravity(at_rest: float, spread: float, gravity: float) -> Said:
 
 def render(report: Report) -> list[str]:
     """Return a report as lines of text."""
-    findings = [f'{x.level:5s} {x.sentence}' for x in report.findings]
+    alike: dict[tuple[str, str], list[Finding]] = {}
+    for x in report.findings:
+        alike.setdefault((x.level, x.sentence.removeprefix(f'{x.subject}: ')), []).append(x)
+    findings = []
+    for first, *others in alike.values():
+        also = ', '.join(dict.fromkeys(x.subject for x in others))
+        findings.append(
+            f'{first.level:5s} {first.sentence}' + (f' (likewise {also})' if also else '')
+        )
     return [report.source or 'recording', '', *findings]

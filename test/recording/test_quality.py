@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from ros2_ident.commissioning import check_both
 from ros2_ident.gates.examine import check_streams
 from ros2_ident.models.registry import read_machine_file
-from ros2_ident.recording import align, check, read_bag, Recording, Stream
+from ros2_ident.recording import align, check, read_bag, Recording, render, Stream
 from ros2_ident.recording.grid import cycle_of, missing_samples
 from ros2_ident.recording.motion import Motion, smooth_motion
 from ros2_ident.recording.quality import sign_of
@@ -358,3 +358,15 @@ def test_the_cycle_of_a_log_is_none_to_complain_of(stamp):
     data = align(Recording(state), ['a'], float(cycle_of(stamp)), need=('position',))
     assert not data.warnings
     assert all('cycle' not in gate.sentence for gate in check_streams(data))
+
+
+def test_what_holds_of_several_joints_is_printed_once():
+    late = [np.interp(TIME - 0.14, TIME, VELOCITY)] * 3
+    state = recording().state
+    names, position = ('a', 'b', 'c'), np.repeat(state.position, 3, axis=1)
+    log = Recording(Stream(names, state.stamp, position, np.stack(late, axis=1)))
+    lines = [x for x in render(check([log])) if 'the reported velocity' in x]
+    assert [x.split('; ')[0] for x in lines] == [
+        'warn  a: the reported velocity is 120 ms late or more'
+    ]
+    assert lines[0].endswith(' (likewise b, c)')
