@@ -2,6 +2,7 @@
 """A joint that turns: what is looked for in metres is looked for in radians, and named in them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,6 +100,14 @@ def test_orders_that_the_band_hides_are_not_looked_for() -> None:
     shown, hidden = (np.std((x - plain)[np.isfinite(model.measured)]) for x in (low, high))
     # A hundredth of its power.
     assert shown > 0.05 and hidden < 0.1 * shown
+
+
+def test_a_ripple_comes_round_once_in_the_stroke() -> None:
+    motor, data = turned(np.sin)
+    short = replace(data, position=0.1 * data.position)
+    for log in (data, short):
+        order = make_model(motor, log).scaled(EffectAt('torque_ripple', 'joint'))[-1]
+        assert order.low * np.ptp(log.position) == pytest.approx(2.0 * np.pi)
 
 
 def test_stribeck_friction_of_half_a_radian_a_second_is_found() -> None:

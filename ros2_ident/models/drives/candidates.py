@@ -254,16 +254,19 @@ class Candidates:
         still = self.of(self.base[None], 'regularisation')[0, places]
         slow = min(float(still.max()), 0.1 * speed)
         # Where no gear is stated orders are of the joint's turn: those of two samples a period.
-        geared = self.of(self.base[None], 'motor_turn')[0, places].min() != 1.0
-        dense = 0.0 if geared else math.pi / (self.machine.number('cycle') * speed)
+        turn = float(self.of(self.base[None], 'motor_turn')[0, places].min())
+        dense = 0.0 if turn != 1.0 else math.pi / (self.machine.number('cycle') * speed)
+        # Of less than a period over the stroke (Rayleigh's limit) it is a spring or a constant.
+        fewest = 2.0 * math.pi / (turn * stroke) if turn else 0.0
         out = []
         for p in get_effect(at.effect).parameters:
             # What belongs to the machine is no angle, however its drives turn.
             own = p.target in rows.MACHINE_ROWS
             factor = factors.get(p.unit, 1.0) if not own or 'load' in p.unit else 1.0
             first = float(most.lowest.min()) if p.role == 'position' else 0.0
-            least = slow if p.unit == 'm/s' else -math.inf
-            top = max(first + p.high * factor, dense if p.role == 'order' else -math.inf)
+            order = p.role == 'order'
+            top = max(first + p.high * factor, dense if order else -math.inf)
+            least = slow if p.unit == 'm/s' else fewest if order and fewest < top else -math.inf
             low, neutral, *starts = (
                 max(first + x * factor, least) for x in (p.low, p.neutral, *p.starts)
             )
