@@ -21,7 +21,7 @@ EFFECT = Effect(
     parameters=(
         # One that pushes away is none.
         EffectParameter('stiffness', 'force/m', 0.0, 1.0, 0.0, symbol='k'),
-        along_rail('rest', 's_0', 'position without force'),
+        along_rail('rest', 's_0', 'position without force', 'constant_force'),
     ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,

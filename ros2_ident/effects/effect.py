@@ -157,6 +157,7 @@ class EffectParameter:
         target: The kernel's row (see `kernel.rows`) it acts on; empty where the effect's kernel
             does.
         how: With a target: whether it is added to the row, multiplied with it, or replaces it.
+        limit: Id of what the law comes to beyond the parameter's bounds; empty for none.
         symbol: Its sign in the effect's equation; empty where it has none there.
         meaning: What it is, in words, where its name alone does not say it.
     """
@@ -170,6 +171,7 @@ class EffectParameter:
     role: Literal['size', 'shape', 'position', 'time', 'order'] = 'size'
     target: str = ''
     how: Literal['add', 'scale', 'set'] = 'add'
+    limit: str = ''
     symbol: str = ''
     meaning: str = ''
 
@@ -192,10 +194,10 @@ def fading() -> EffectParameter:
     )  # fmt: skip
 
 
-def along_rail(name: str, symbol: str, meaning: str) -> EffectParameter:
+def along_rail(name: str, symbol: str, meaning: str, limit: str = '') -> EffectParameter:
     """Return a parameter that is a position on a rail."""
     return EffectParameter(
-        name, 'm', -1.0, 2.0, 0.5, role='position', symbol=symbol, meaning=meaning
+        name, 'm', -1.0, 2.0, 0.5, role='position', limit=limit, symbol=symbol, meaning=meaning
     )
 
 

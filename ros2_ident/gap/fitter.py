@@ -343,9 +343,9 @@ class Fitter:
         ]
         for leader in order[:2]:
             effect = get_effect(leader.effect)
+            relatives = {*effect.confusable, *(p.limit for p in effect.parameters)}
             for c in order:
-                other = get_effect(c.effect)
-                related = c.effect in effect.confusable or other.family == effect.family
+                related = c.effect in relatives or get_effect(c.effect).family == effect.family
                 if c not in chosen and related and c.where in (leader.where, 'all'):
                     chosen.append(c)
         starts = []

@@ -108,6 +108,15 @@ class Hypothesis:
         """Return the RMS that is taken away from the drive helped most, in floors."""
         return float(np.sqrt(np.maximum(before.gap - self.gap, 0.0)).max())
 
+    def limits(self, at: EffectAt) -> set[EffectAt]:
+        """Return what one of its effects comes to by numbers that ended at a bound."""
+        own, columns = get_effect(at.effect).parameters, self.columns(self.effects.index(at))
+        return {
+            EffectAt(p.limit, at.where)
+            for p, x in zip(own, np.round(self.unit[columns], 3), strict=True)
+            if p.limit and x in (0.0, 1.0) and p.neutral != (p.low, p.high)[int(x)]
+        }
+
     def columns(self, index: int) -> list[int]:
         """Return the columns of theta that hold an effect's parameters."""
         sizes = [len(get_effect(x.effect).parameters) for x in self.effects]

@@ -138,11 +138,19 @@ class Rules:
     def plainest(self, base: Hypothesis, fitted: Sequence[Hypothesis]) -> Hypothesis:
         """Return the fit of the fewest numbers among those that close as much as the best.
 
-        No law of the catalogue is exactly the machine's: one more number closes a little more.
+        No law of the catalogue is exactly the machine's: one more number closes a little more,
+        and one that ended at a bound tells nothing beside the law that it comes to there.
         """
         best = min(fitted, key=lambda e: e.bic)
         share = best.closes(base) - self.alike
-        alike = [e for e in fitted if e.closes(base) >= share and best.reduces(e) < self.step]
+        limits = set().union(*map(best.limits, best.effects))
+        plainer = limits and limits.union(best.effects)
+        alike = [
+            e
+            for e in fitted
+            if e.closes(base) >= share
+            and (best.reduces(e) < self.step or plainer.issuperset(e.effects))
+        ]
         return min([best, *alike], key=lambda e: (len(e.theta), e.bic))
 
 

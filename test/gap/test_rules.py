@@ -48,7 +48,9 @@ def made(gap, effects=()):
     theta = np.array([1.0, 2.0] + [0.5] * own)
     empty, count = np.empty(0), np.full(2, float(SAMPLES))
     samples = Samples(count, count, np.ones(2))
-    return Hypothesis(tuple(effects), theta, fit, fit, samples, *([empty] * 4))
+    return Hypothesis(
+        tuple(effects), theta, fit, fit, samples, *([empty] * 3), unit=np.full(theta.size, 0.5)
+    )
 
 
 def test_the_rules_are_those_that_the_docs_state():
@@ -69,6 +71,23 @@ def test_a_further_order_of_a_ripple_counts_however_large_the_first_was():
     chain = [made([1000.0, 0.0]), made([10.0, 0.0], [first])]
     assert RULES.mends_a_form(chain, made([1.0, 0.0], [first, spring]))
     assert not RULES.mends_a_form(chain, made([1.0, 0.0], [first, again]))
+
+
+def test_a_spring_that_rests_at_the_end_of_its_search_is_the_force_that_it_comes_to():
+    base, forces, springs = made((900.0, 0.0)), [], []
+    for drive in DRIVES:
+        forces.append(EffectAt('constant_force', drive))
+        springs.append(EffectAt('cable_spring', drive))
+    spring, force, other = (made((0.0, 0.0), [at]) for at in (springs[0], *forces))
+    force, other, far = (replace(e, fit=e.fit + 5.0 * SAMPLES) for e in (force, other, spring))
+    assert RULES.plainest(base, [spring, force]) is spring
+    for end in (0.0, 1.0):
+        far = replace(spring, unit=np.array([0.5, 0.5, 0.5, end]))
+        assert RULES.plainest(base, [far, force]) is force
+        assert RULES.plainest(base, [far, other]) is far
+    # More than two laws of a cause differ by.
+    force = replace(force, fit=force.fit + 50.0 * SAMPLES)
+    assert RULES.plainest(base, [far, force]) is far
 
 
 # ---------------------------------------------------------------------- the answer
