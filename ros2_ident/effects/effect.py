@@ -228,6 +228,7 @@ class Effect:
         holds: Ids of effects that this one is, to any log, where some of its sizes vanish.
         variant_of: Id of an effect that has the same cause and another course.
         shown_by: What of a log shows the effect by itself; `gap` looks for it.
+        bent: Whether it bends along the way: it has to do more than a smooth function of that.
         most: How many of it one place may have, as several orders of a ripple.
         number: Which of these it is; the catalogue makes those behind the first.
     """
@@ -250,6 +251,7 @@ class Effect:
     holds: tuple[str, ...] = ()
     variant_of: str = ''
     shown_by: Detector | None = None
+    bent: bool = False
     most: int = 1
     number: int = 1
 

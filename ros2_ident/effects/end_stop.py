@@ -19,7 +19,7 @@ def _end(name: str, symbol: str, *starts: float) -> EffectParameter:
     far = starts[0]
     return EffectParameter(
         name, 'm', min(far, 0.5), max(far, 0.5), far, starts, 'position',
-        symbol=symbol, meaning=f'where the {name} stop begins',
+        limit='cable_spring', symbol=symbol, meaning=f'where the {name} stop begins',
     )  # fmt: skip
 
 
@@ -33,12 +33,13 @@ EFFECT = Effect(
         # A drive's effort presses its stop in by its stroke over this, at the upper end by less
         # than shows beside an encoder's steps. By hand.
         EffectParameter('stiffness', 'force/m', 0.0, 1e4, 0.0, (10.0, 100.0, 1000.0), symbol='k'),
-        _end('lower', 's_1', -0.25, 0.02, 0.1),
-        _end('upper', 's_2', 1.25, 0.98, 0.9),
+        _end('lower', 's_1', -0.25, 0.02, 0.2),
+        _end('upper', 's_2', 1.25, 0.98, 0.8),
     ),
     hook=Hook.CARRIAGE_FORCE,
     kernel=_kernel,
     family='position',
     confusable=('cable_spring', 'torque_saturation', 'position_dependent_friction'),
     separated_by='move {drive} over the middle of its way only, then a little into either stop',
+    bent=True,
 )

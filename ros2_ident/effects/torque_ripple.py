@@ -25,7 +25,7 @@ EFFECT = Effect(
         EffectParameter('cosine', 'effort', -1.0, 1.0, 0.0, symbol='B', meaning='cosine part'),
         EffectParameter('order', '1', 0.5, 24.5, 1.0,
                         starts=tuple(float(n) for n in (*range(1, 9), *range(10, 21, 2), 24)),
-                        role='order', symbol='n',
+                        role='order', limit='cable_spring', symbol='n',
                         meaning='periods per motor turn; where no gear is stated, per turn of the '
                         'joint, as many as the log resolves'),
     ),
@@ -34,6 +34,7 @@ EFFECT = Effect(
     family='motor angle',
     confusable=('transmission_eccentricity',),
     separated_by='turn {drive} slowly at constant speed over many motor turns',
+    bent=True,
     # Those of slots, of poles and of both together. By hand.
     most=3,
 )  # fmt: skip

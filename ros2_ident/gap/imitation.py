@@ -87,12 +87,16 @@ def in_place_of(
         return replace(e, effects=effects, fit=next(squares), check=next(squares))
 
     found: dict[str, tuple[Hypothesis, Hypothesis]] = {}
+    bends = get_effect(at.effect).bent and not e.limits(at)
     nothing = PARAMETERS, np.empty((count, 0)), slopes[1][:, :0]
     for name, fit, check in (nothing, *_functions(fits, e, at)):
         added = np.pad(fit, law), check
         both = left(*(np.column_stack(x) for x in zip(added, changes, strict=True)))
-        if name not in found or both.loss < found[name][1].loss:
-            found[name] = left(*added), both
+        less = left(*added)
+        # A law that bends does more than a smooth function, unless it ended where it hardly does.
+        worse = bends and name == 'position' and less.loss > e.loss
+        if not worse and (name not in found or both.loss < found[name][1].loss):
+            found[name] = less, both
     basis = np.linalg.qr(np.delete(e.jacobian, columns, axis=1))[0]
     own = np.linalg.norm(changes[0] - basis @ (basis.T @ changes[0]))
     # One that ends where it vanishes is another form of the nominal law.
@@ -176,9 +180,12 @@ def _functions(fits: Fits, e: Hypothesis, at: EffectAt) -> Iterator[tuple[str, A
     ones = np.ones_like(cycles)
     common = seen([np.stack([ones, direction(whole.velocity[d])], axis=1) for d in drives])
     for each in zip(*(coordinates(whole, d, cycles) for d in drives), strict=False):
+        name, own = _OF[each[0].name], [c.columns for c in each]
+        if bent := effect.bent and each[0].name == 'position':
+            own = [np.vander(row - row.mean(), 4) for row in whole.position[drives]]
         # What pushes a machine also accelerates it: that is no cause beside the push.
-        if (name := _OF[each[0].name]) not in read | {'acceleration'}:
-            columns = seen([c.columns for c in each])
+        if bent or name not in read | {'acceleration'}:
+            columns = seen(own)
             factor = np.linalg.lstsq(common[0], columns[0], rcond=None)[0]
             fit, check = (x - y @ factor for x, y in zip(columns, common, strict=True))
             yield name, fit, check

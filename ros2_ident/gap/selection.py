@@ -378,7 +378,8 @@ class Selector(Fitter):
     ) -> tuple[list[Hypothesis], tuple[Hypothesis, ...]]:
         """Put laws of fewer numbers in the place of those that now need no more.
 
-        While another cause was missing, the numbers of a law took up part of it.
+        While another cause was missing, the numbers of a law took up part of it. One that hardly
+        bends any more goes where something smooth does as much.
         """
         if len(chain[-1].effects) < 2:
             return chain, rests
@@ -393,6 +394,9 @@ class Selector(Fitter):
             ]
             tried = [self.swapped(final, at, *x) for x in plainer if not self.stopped()]
             best = self.rules.plainest(rest, [final, *tried])
+            ended = get_effect(at.effect).bent and final.limits(at)
+            if ended and len(final.effects) > 1 and self.tie(rest, final, at, hidden=False):
+                best = rest
             if best is not final:
                 chain = self.steps_to(best, chain[:1])
                 rests = self.rests(chain)

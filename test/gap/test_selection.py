@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The forward selection over fits made of numbers: nothing is simulated here."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -58,6 +59,19 @@ def test_a_law_whose_numbers_another_cause_took_up_is_put_in_plainer_words(selec
         ended, rests = selector.with_plainer_laws(chain, (base, chain[1]), [first])
         assert ended[-1].effects == (DRAG, named)
         assert len(rests) == 2
+
+
+def test_a_stop_that_ended_in_the_middle_of_the_way_has_to_do_more_than_what_is_smooth(selector):
+    stop = EffectAt('end_stop', 'one')
+    base, rest, final = made((4.0, 2.0)), made((1.0, 0.0), [DRAG]), made((0.0, 0.0), [DRAG, stop])
+    ended = replace(final, unit=np.array([0.5, 0.5, 0.5, 0.5, 1.0, 1.0]))
+    selector.refit = lambda effects, theta: base if not effects else rest
+    for last, tie, left in ((final, True, 2), (ended, False, 2), (ended, True, 1)):
+        selector.tie = lambda base, e, at, hidden, tie=tie: tie
+        chain = [base, rest, last]
+        chain, rests = selector.with_plainer_laws(chain, (made((3.0, 0.0), [stop]), rest), [])
+        assert chain[-1].effects == (DRAG, stop)[:left]
+        assert len(rests) == left
 
 
 def test_effects_that_something_else_imitates_are_ties_and_no_names(selector, monkeypatch):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One frequency or one speed tells no effect from something else that does the same there."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import scipy
 
 from ros2_ident.cli.main import main
+from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.result import Cause, Diagnosis
 from ros2_ident.gap.result import NOISE as NOISE_DOES
@@ -69,6 +71,30 @@ def test_reversals_that_are_all_alike_do_not_tell_way_from_time() -> None:
     (tie,) = [tie for tie in alike.facts.ties if tie.effect == 'presliding']
     assert 'time since reversal' in tie.like and tie.closed > 0.95
     assert 'the time since reversal do about as well' in sentence(alike)
+
+
+def pressed(law: Callable[[np.ndarray, np.ndarray], np.ndarray], *near: str) -> Diagnosis:
+    """Diagnose a cart with a force that depends on its place, in shares of its stroke."""
+    rng, time = np.random.default_rng(5), CYCLE * np.arange(6000)
+    place = 0.1 * (np.sin(0.7 * time) + np.sin(2.3 * time) + 0.4 * np.sin(9.0 * time))
+    speed = np.gradient(place, CYCLE)
+    force = 6.5 * np.gradient(speed, CYCLE) + 12.0 * speed + 0.7
+    force += law((place - place.min()) / np.ptp(place), np.tanh(speed / 0.002))
+    force += NOISE * rng.standard_normal(place.size)
+    place += 1e-6 * rng.standard_normal(place.size)
+    log = Dataset(('cart',), CYCLE, 0, None, None, place[None], None, force[None])
+    return diagnose(CART, [log], without=sorted(set(CATALOGUE) - {*near}), seed=1)
+
+
+def test_a_force_that_a_smooth_function_of_the_place_makes_is_no_end_stop() -> None:
+    near = 'end_stop', 'cable_spring', 'torque_ripple', 'position_dependent_friction'
+    stops = pressed(lambda u, way: 5.0 * way + 20.0 * (u - np.clip(u, 0.2, 0.8)), *near)
+    assert (stops.effect, stops.also) == ('end_stop', ()), sentence(stops)
+    low, high = (stops.parameters[f'cart.end_stop.{name}'].value for name in ('lower', 'upper'))
+    assert (low, high) == pytest.approx((-0.135, 0.135), abs=0.01)
+    smooth = pressed(lambda u, way: 5.0 * way + 20.0 * (u - 0.5) ** 2, *near)
+    assert smooth.facts.cause == Cause.UNKNOWN
+    assert [(tie.effect, tie.like) for tie in smooth.facts.ties] == [('end_stop', ('position',))]
 
 
 def rough(folder: Path, *, late: float, smooth: bool = False, soft: bool = False) -> str:

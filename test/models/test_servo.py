@@ -178,8 +178,8 @@ def test_an_end_stop_is_looked_for_where_the_joint_came_to_not_where_it_was_sent
     at = EffectAt('end_stop', 'joint')
     model = make_model(one, _data(one, position=seen), effects=[at])
     starts = np.array([phi for group in trials(at, model) for phi in group])
-    assert starts[:, 1].max() == pytest.approx(-0.41)
-    assert starts[:, 2].min() == pytest.approx(0.31)
+    assert starts[:, 1].max() == pytest.approx(-0.32)
+    assert starts[:, 2].min() == pytest.approx(0.22)
 
 
 def _data(one, **changed) -> Dataset:
