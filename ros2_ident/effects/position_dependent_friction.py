@@ -20,7 +20,7 @@ EFFECT = Effect(
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
         EffectParameter('slope', '1/m', -2.0, 2.0, 0.0, symbol='a', meaning='change per length'),
-        along_rail('middle', 'z_0', 'position without change'),
+        along_rail('middle', 'z_0', 'position without change', 'coulomb_friction'),
     ),
     hook=Hook.FRICTION,
     kernel=_kernel,

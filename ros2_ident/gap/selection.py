@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 import math
 from typing import Any
 
@@ -22,6 +23,7 @@ from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Certainty, Evidence
+from ros2_ident.search.jacobian import Known
 from ros2_ident.search.noise import correlation_time
 
 
@@ -85,20 +87,33 @@ class Selector(Fitter):
         if len(law) and part.models[0].outputs[0].quantity != 'effort':
             rows, masks = len(e.residual), (*masks, *part.law_masks)
             evidence = evidence and evidence.with_rows(law / self._slow(e.residual, part))
-        found = intervals(
+        told = partial(
+            intervals,
             e.jacobian[:rows] / (joint.high - joint.low),
             e.residual[:rows],
             e.theta,
             joint.low,
             joint.high,
             series=[int(s) for mask in masks for s in mask.sum(axis=1)],
-            known=joint.box.known,
         )
+        known = joint.box.known
+        found = told(known=known)
+        own = [p for at in e.effects for p in get_effect(at.effect).parameters]
+        first, half = len(e.theta) - len(own), found.half_width
+        loose = [k for k, p in enumerate(own, first) if p.limit and math.isinf(half[k])]
+        if loose:
+            # A parameter does what the law's limit does, so any value will do: the others are
+            # meant at this one, to a ten-thousandth of its box. By hand.
+            held = 1e4 * np.eye(len(e.theta))[loose]
+            found = told(known=Known(np.vstack([held, known.rows]) if known else held, e.unit))
+            evidence = evidence and evidence.with_rows(held)
         noise = found.low, found.high
         ends = noise
         if evidence is not None:
             ends = evidence.ends(e.theta, joint.low, joint.high, *noise)
-        return np.stack([*ends, *noise]), found.correlation
+        out = np.stack([*ends, *noise])
+        out[:, loose] = np.array([[-math.inf], [math.inf]] * 2)
+        return out, found.correlation
 
     @staticmethod
     def _slow(residual: Array, part: Part) -> Array:

@@ -97,6 +97,22 @@ def test_a_force_that_a_smooth_function_of_the_place_makes_is_no_end_stop() -> N
     assert [(tie.effect, tie.like) for tie in smooth.facts.ties] == [('end_stop', ('position',))]
 
 
+def test_what_coulomb_friction_makes_up_for_leaves_a_slope_as_well_known_as_it_is() -> None:
+    found = pressed(lambda u, way: 5.0 * way * (0.5 + u), 'position_dependent_friction')
+    slope, place, friction = (
+        found.parameters[f'cart.{name}']
+        for name in (
+            'position_dependent_friction.slope',
+            'position_dependent_friction.middle',
+            'coulomb_friction',
+        )
+    )
+    for value in (slope, friction):
+        assert value.noise_high - value.noise_low < 0.05 * value.value
+        assert value.lower_bound < value.low < value.value < value.high < value.upper_bound
+    assert (place.low, place.high) == (place.lower_bound, place.upper_bound)
+
+
 def rough(folder: Path, *, late: float, smooth: bool = False, soft: bool = False) -> str:
     """Write 30 s of a motor that a rough torque drives; stamps are up to `late` s late.
 
