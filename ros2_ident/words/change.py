@@ -2,6 +2,7 @@
 """Changes between two sets of logs, in words."""
 
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 import math
 
 from ros2_ident.change.result import Apart, Between, Change, Comparison, Size, Suspect, Visible
@@ -21,8 +22,8 @@ def sentences(c: Comparison) -> Iterator[str]:
 
 def differing(c: Comparison) -> Iterator[str]:
     """Yield how the sides differ beside what changed in the machine."""
-    for x in c.apart:
-        yield capital(_apart(x))
+    for kind, several in groupby(c.apart, key=lambda x: x.kind):
+        yield from map(capital, _told_apart(kind, [*several]))
 
 
 def limits(c: Comparison) -> Iterator[str]:
@@ -103,31 +104,37 @@ def _ends(x: Size) -> str:
     return f'± {figure(0.5 * (x.high - x.low))}'
 
 
-def _apart(x: Apart) -> str:
-    if x.kind == 'check':
-        side = 'after' if math.isnan(x.before) else 'before'
-        return f'only in the logs {side}: {x.text}'
-    if x.kind == 'timing':
-        late = 'later' if x.after > 0.0 else 'earlier'
-        return (
-            f'timing differs: {x.text} is {abs(1e3 * x.after):.2g} ms {late} after; stamps of two '
-            'logs may differ by that, so that it is no change of the machine for certain'
+def _told_apart(kind: str, several: Sequence[Apart]) -> Iterator[str]:
+    """Yield how the sides differ in one way, in one sentence but for checks."""
+    none = 'so that it is no change of the machine for certain'
+    if kind == 'check':
+        for x in several:
+            yield f'only in the logs {"after" if math.isnan(x.before) else "before"}: {x.text}'
+    elif kind == 'timing':
+        each = ', '.join(
+            f'{x.text} is {abs(1e3 * x.after):.2g} ms {"later" if x.after > 0.0 else "earlier"}'
+            for x in several
         )
-    if x.kind == 'friction':
-        return (
-            f'friction differs by {x.text} {quantity(x.after - x.before, x.unit)}; its form '
-            'differs by that from log to log, so that it is no change of the machine for certain'
+        yield f'timing differs: after, {each}; stamps of two logs may differ by that, {none}'
+    elif kind == 'friction':
+        each = ', '.join(f'{x.text} {quantity(x.after - x.before, x.unit)}' for x in several)
+        yield f'friction differs by {each}; its form differs by that from log to log, {none}'
+    elif kind == 'zero':
+        each = ', '.join(
+            f'{x.text} reads {quantity(abs(x.after), x.unit)} '
+            f'{"higher" if x.after > 0.0 else "lower"}'
+            for x in several
         )
-    if x.kind == 'zero':
-        return (
-            f'the zero of {x.text} differs: positions are {quantity(abs(x.after), x.unit)} '
-            f'{"higher" if x.after > 0.0 else "lower"} after; encoders that are homed anew may '
-            'differ by that, so that it is no change of the machine for certain'
+        yield (
+            f'the zeros differ: after, {each}; encoders that are homed anew may differ by that, '
+            f'{none}'
         )
-    return (
-        f'the motions differ: {x.text} {quantity(x.before, x.unit)} before, '
-        f'{quantity(x.after, x.unit)} after; what the model lacks may not cancel'
-    )
+    else:
+        each = ', '.join(
+            f'{x.text} {quantity(x.before, x.unit)} before, {quantity(x.after, x.unit)} after'
+            for x in several
+        )
+        yield f'the motions differ: {each}; what the model lacks may not cancel'
 
 
 def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:

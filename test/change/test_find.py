@@ -12,14 +12,14 @@ import pytest
 
 from ros2_ident import jobs
 from ros2_ident.change.columns import shifted
-from ros2_ident.change.result import Change, Comparison, Size, Suspect
+from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect
 from ros2_ident.change.sides import Move, Sides
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify import hidden
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bags, write_bag
-from ros2_ident.words.change import sentences
+from ros2_ident.words.change import differing, sentences
 
 ROOT = Path(__file__).parents[2]
 AXIS = ROOT / 'config/emps.yaml'
@@ -209,6 +209,20 @@ def test_names_that_explain_little_of_the_logs_left_out_are_not_believed():
     first, best, *_ = sentences(replace(found, pushed=True))
     assert 'efforts that were not commanded act in them' in first
     assert best.startswith('Fits best: Stribeck friction')
+
+
+def test_each_way_in_which_the_sides_differ_is_one_sentence():
+    apart = (
+        *(Apart('check', f'{x} is off', math.nan, 2.0, 'rad') for x in ('a', 'b')),
+        *(Apart('motion', f'stroke of {x}', 1.0, 2.0, 'rad') for x in ('a', 'b')),
+        Apart('zero', 'a', 0.0, 0.01, 'rad'), Apart('zero', 'b', 0.0, -0.02, 'rad'),
+    )  # fmt: skip
+    first, second, motions, zeros = differing(
+        Comparison((), math.nan, (), apart, (1, 1), False, 5.0, True)
+    )
+    assert first.endswith('after: a is off') and second == 'Only in the logs after: b is off'
+    assert 'differ: stroke of a 1 rad before, 2 rad after, stroke of b 1 rad before' in motions
+    assert 'after, a reads 0.01 rad higher, b reads 0.02 rad lower; encoders' in zeros
 
 
 @pytest.mark.slow
