@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from ros_helpers import bag_goal, ended, Listener, program, ROOT, served
@@ -16,6 +16,7 @@ from action_msgs.msg import GoalStatus  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from ros2_ident_msgs.msg import Change, Status  # noqa: E402
 
+from ros2_ident.change.result import Kind  # noqa: E402
 from ros2_ident.cli.main import main  # noqa: E402
 from ros2_ident.effects import CATALOGUE  # noqa: E402
 from ros2_ident.errors import ErrorCode  # noqa: E402
@@ -24,6 +25,11 @@ pytestmark = pytest.mark.ros
 
 AXIS = ROOT / 'config/emps.yaml'
 KEPT = ('coulomb_friction', 'cable_spring', 'torque_ripple')
+
+
+def test_every_kind_of_change_is_a_constant_of_the_message():
+    named = {getattr(Change, name) for name in dir(Change) if name.startswith('KIND_')}
+    assert named == set(get_args(Kind))
 
 
 @pytest.fixture(scope='module')
