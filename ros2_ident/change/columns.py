@@ -221,9 +221,7 @@ def _loads(sides: Sides, slopes: Array) -> _Own:
     """Yield bodies at links, and (R,) the derivative by each of their inertials."""
     for joint, (own, of, by) in sides.bare[0].bodies().items():
         move = Move(joint, tuple(f'{joint}.{name}' for name in own), tuple(own.values()), of, by)
-        there = sides.less(None, joint).also(move)
-        at = there.places_of(None, joint)
-        scales = (there.high - there.low)[at]
+        scales = 2.0 * sides.reach(move)
         parts = [sides.names.index(name) for name in of]
         columns = slopes[:, parts] @ (by / (sides.high - sides.low)[parts, None] * scales)
         c = Column(Suspect('load', joint), move.numbers, move.units, scales, numbers=len(own),

@@ -80,8 +80,8 @@ class Sides(Layout):
         self._fitted = len(self.parameters)
         # A change may lead out of the box of what was known before, but does not turn a sign.
         most = np.maximum(np.abs(self.low), np.abs(self.high))
-        width = np.maximum(self.high - self.low, (STATED_WITHIN - 1.0) * most)
-        far = self.low - width, self.high + width
+        self._width = np.maximum(self.high - self.low, (STATED_WITHIN - 1.0) * most)
+        far = self.low - self._width, self.high + self._width
         self._ends = (
             np.where(self.low >= 0.0, np.maximum(far[0], 0.0), far[0]),
             np.where(self.high <= 0.0, np.minimum(far[1], 0.0), far[1]),
@@ -93,9 +93,7 @@ class Sides(Layout):
             at = [self.names.index(name) for name in m.of]
             parts.append(np.zeros((self._fitted, len(m.numbers))))
             parts[-1][at] = m.by
-            # No number of it takes a parameter further than its own change might.
-            ends = np.min(width[at, None] / np.maximum(np.abs(m.by), 1e-300), axis=0)
-            for name, unit, end in zip(m.numbers, m.units, ends.tolist(), strict=True):
+            for name, unit, end in zip(m.numbers, m.units, self.reach(m).tolist(), strict=True):
                 p = replace(self.parameters[at[0]], name=f'{name}{AFTER}', unit=unit)
                 late.append(replace(p, low=-end, high=end))
         self._by = np.concatenate(parts, axis=1)
@@ -104,6 +102,14 @@ class Sides(Layout):
         self.names = tuple(p.name for p in self.parameters)
         self.low = np.array([p.low for p in self.parameters])
         self.high = np.array([p.high for p in self.parameters])
+
+    def reach(self, move: Move) -> Array:
+        """Return (k,) the largest numbers of a change.
+
+        None takes a parameter further than its own change might.
+        """
+        width = self._width[[self.names.index(name) for name in move.of]]
+        return np.asarray(np.min(width[:, None] / np.maximum(np.abs(move.by), 1e-300), axis=0))
 
     def own(self, number: int, theta: Array) -> Array:
         """Return (S, N') the parameters of one model among candidates (S, N)."""
