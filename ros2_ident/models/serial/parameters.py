@@ -127,11 +127,21 @@ class Inertials:
     @functools.cached_property
     def tell_hand(self) -> bool:
         """Whether base parameters and rotors make up any load in the hand, but for its inertia."""
+        hand = self._made_up[1][-INERTIALS:][:4]
+        return bool(np.linalg.norm(hand) <= _NEW)
+
+    @functools.cached_property
+    def _made_up(self) -> tuple[Array, Array]:
+        """(E + B, 10 D) shares of rotors and base parameters in the links' inertials.
+
+        And (10 D,) by how much they miss each, as a share of the terms of all.
+        """
         terms, rotors = self._shown
         own = np.concatenate([rotors, terms[:, self._base]], axis=1)
-        hand = terms[:, -INERTIALS:][:, :4]
-        left = hand - own @ np.linalg.lstsq(own, hand, rcond=1e-12)[0]
-        return bool(np.linalg.norm(left) <= _NEW * np.linalg.norm(terms))
+        scale = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+        by = np.linalg.lstsq(own / scale, terms, rcond=1e-12)[0] / scale[:, None]
+        by[np.abs(by) < 1e-9] = 0.0
+        return by, np.linalg.norm(own @ by - terms, axis=0) / np.linalg.norm(terms)
 
     @functools.cached_property
     def links(self) -> list[tuple[npt.NDArray[np.int64], Array]]:
@@ -141,16 +151,11 @@ class Inertials:
             For each drive which k of ten inertials a motion may tell from one another and these
             parameters make up, and (E + B, k) by how much each is more.
         """
-        terms, rotors = self._shown
-        own = np.concatenate([rotors, terms[:, self._base]], axis=1)
-        scale = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
-        by = np.linalg.lstsq(own / scale, terms, rcond=1e-12)[0] / scale[:, None]
-        by[np.abs(by) < 1e-9] = 0.0
-        missed = np.linalg.norm(own @ by - terms, axis=0) > _NEW * np.linalg.norm(terms)
+        terms, (by, left) = self._shown[0], self._made_up
         found = []
         for first in range(0, terms.shape[1], INERTIALS):
             kept, _, _ = base_columns(terms[:, first : first + INERTIALS], terms[:, :0])
-            kept = kept[~missed[first + kept]]
+            kept = kept[left[first + kept] <= _NEW]
             found.append((kept, by[:, first + kept]))
         return found
 
