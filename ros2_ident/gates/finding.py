@@ -8,6 +8,7 @@ from typing import Literal
 from ros2_ident.gates.asked import Asked
 from ros2_ident.gates.law import Law
 from ros2_ident.gates.scale import ANOTHER, near
+from ros2_ident.recording.limits import likewise
 
 Level = Literal['ok', 'warn', 'fail']
 # The worst first.
@@ -93,12 +94,6 @@ class GateReport:
     def of(self, gate: str) -> tuple[Gate, ...]:
         """Return the findings of one check."""
         return tuple(g for g in self.gates if g.gate == gate)
-
-
-def likewise(drives: Iterable[str]) -> str:
-    """Return further drives of which a sentence holds, in brackets; empty for none."""
-    names = ', '.join(dict.fromkeys(drives))
-    return f' (likewise {names})' if names else ''
 
 
 def sentences(gates: Iterable[Gate]) -> list[str]:

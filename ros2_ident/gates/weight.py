@@ -15,12 +15,13 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.errors import IdentError
 from ros2_ident.gates import scale
-from ros2_ident.gates.finding import Gate, Level, likewise
+from ros2_ident.gates.finding import Gate, Level
 from ros2_ident.gates.scale import figure, near
 from ros2_ident.machine.units import STATED_FOR
 from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset, smooth_motion
+from ros2_ident.recording.limits import likewise
 from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
 from ros2_ident.recording.quality import standing
 

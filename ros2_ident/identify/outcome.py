@@ -18,7 +18,6 @@ import numpy as np
 
 from ros2_ident import package_version
 from ros2_ident.arrays import Array
-from ros2_ident.gates import likewise
 from ros2_ident.gates.scale import figure, OTHER_NOISE
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.hidden import MATERIAL
@@ -35,6 +34,7 @@ from ros2_ident.identify.result import (
     State,
 )
 from ros2_ident.models import Machine
+from ros2_ident.recording.limits import likewise
 from ros2_ident.search import RefineStatus, StopReason
 from ros2_ident.search.evidence import Evidence
 from ros2_ident.search.fit import Fitted

@@ -101,6 +101,12 @@ def listed(texts: Iterable[str], most: int = 12) -> str:
     return enumerated([printable(x, 80) for x in texts], most)
 
 
+def likewise(subjects: Iterable[str]) -> str:
+    """Return further subjects of which a sentence holds, in brackets; empty for none."""
+    names = ', '.join(dict.fromkeys(subjects))
+    return f' (likewise {names})' if names else ''
+
+
 def enumerated(names: Sequence[str], most: int) -> str:
     """Return names of our own as such a list, whole."""
     shown = ', '.join(names[:most])

@@ -17,6 +17,7 @@ from ros2_ident.errors import IdentError
 from ros2_ident.recording import motion as motions
 from ros2_ident.recording.columns import MOTION, SPEEDS
 from ros2_ident.recording.grid import missing_samples, sample_period
+from ros2_ident.recording.limits import likewise
 from ros2_ident.recording.maps import DIGITS
 from ros2_ident.recording.motion import fill_gaps, Motion
 from ros2_ident.recording.streams import FloatArray, Recording, Stream, with_positions
@@ -566,10 +567,8 @@ def render(report: Report) -> list[str]:
     alike: dict[tuple[str, str], list[Finding]] = {}
     for x in report.findings:
         alike.setdefault((x.level, x.sentence.removeprefix(f'{x.subject}: ')), []).append(x)
-    findings = []
-    for first, *others in alike.values():
-        also = ', '.join(dict.fromkeys(x.subject for x in others))
-        findings.append(
-            f'{first.level:5s} {first.sentence}' + (f' (likewise {also})' if also else '')
-        )
+    findings = [
+        f'{first.level:5s} {first.sentence}{likewise(x.subject for x in others)}'
+        for first, *others in alike.values()
+    ]
     return [report.source or 'recording', '', *findings]
