@@ -439,10 +439,16 @@ def _judged(
 def _of_counts(position: FloatArray) -> Iterator[Said]:
     """Say it where positions (T,) are whole numbers, as no angle in rad or travel in m is."""
     values = np.unique(position[np.isfinite(position)])
-    if values.size >= _WHOLE and np.abs(values - np.round(values)).max() < 1e-9:
+    if _whole(values):
         text = f'all positions are whole numbers from {values[0]:g} to {values[-1]:g}, which '
         text += 'looks like counts or degrees; state their unit, or a scale to rad or m'
         yield 'warn', 'position_unit', text
+
+
+def _whole(values: FloatArray) -> bool:
+    """Return whether values are whole numbers, and many, as counts and percents are."""
+    each = np.unique(values)
+    return each.size >= _WHOLE and bool(np.abs(each - np.round(each)).max() < 1e-9)
 
 
 def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
@@ -535,8 +541,7 @@ def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
         yield 'warn', 'effort_idle', f'{text}leave this drive out'
         return
     top = np.abs(values).max()
-    # Counts and percents are whole numbers, many of them.
-    if np.abs(values - np.round(values)).max() < 1e-9 and np.unique(values).size >= _WHOLE:
+    if _whole(values):
         what = 'percent of the rated torque' if top <= 300.0 else 'milliamperes or counts'
         text = f'all efforts are whole numbers up to {top:g}, which looks like {what}; state '
         text += 'effort_unit with torque_constant or rated_torque in the machine file'
