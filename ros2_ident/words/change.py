@@ -11,6 +11,17 @@ from ros2_ident.words.figures import capital, figure, percent, quantity
 
 # Changes that would have shown, listed in a sentence; the file has all.
 _LISTED = 12
+# How sentences on a way in which the sides differ begin, and what they say of it.
+_NONE = 'so that it is no change of the machine for certain'
+_WAYS = {
+    'timing': ('timing differs: after,', f'stamps of two logs may differ by that, {_NONE}'),
+    'zero': (
+        'the zeros differ: after,',
+        f'encoders that are homed anew may differ by that, {_NONE}',
+    ),
+    'friction': ('friction differs by', f'its form differs by that from log to log, {_NONE}'),
+    'motion': ('the motions differ:', 'what the model lacks may not cancel'),
+}
 
 
 def sentences(c: Comparison) -> Iterator[str]:
@@ -106,35 +117,23 @@ def _ends(x: Size) -> str:
 
 def _told_apart(kind: str, several: Sequence[Apart]) -> Iterator[str]:
     """Yield how the sides differ in one way, in one sentence but for checks."""
-    none = 'so that it is no change of the machine for certain'
     if kind == 'check':
         for x in several:
             yield f'only in the logs {"after" if math.isnan(x.before) else "before"}: {x.text}'
-    elif kind == 'timing':
-        each = ', '.join(
-            f'{x.text} is {abs(1e3 * x.after):.2g} ms {"later" if x.after > 0.0 else "earlier"}'
-            for x in several
-        )
-        yield f'timing differs: after, {each}; stamps of two logs may differ by that, {none}'
-    elif kind == 'friction':
-        each = ', '.join(f'{x.text} {quantity(x.after - x.before, x.unit)}' for x in several)
-        yield f'friction differs by {each}; its form differs by that from log to log, {none}'
-    elif kind == 'zero':
-        each = ', '.join(
-            f'{x.text} reads {quantity(abs(x.after), x.unit)} '
-            f'{"higher" if x.after > 0.0 else "lower"}'
-            for x in several
-        )
-        yield (
-            f'the zeros differ: after, {each}; encoders that are homed anew may differ by that, '
-            f'{none}'
-        )
     else:
-        each = ', '.join(
-            f'{x.text} {quantity(x.before, x.unit)} before, {quantity(x.after, x.unit)} after'
-            for x in several
-        )
-        yield f'the motions differ: {each}; what the model lacks may not cancel'
+        begin, remark = _WAYS[kind]
+        yield f'{begin} {", ".join(map(_difference, several))}; {remark}'
+
+
+def _difference(x: Apart) -> str:
+    more, size = x.after > 0.0, abs(x.after)
+    if x.kind == 'timing':
+        return f'{x.text} is {1e3 * size:.2g} ms {"later" if more else "earlier"}'
+    if x.kind == 'zero':
+        return f'{x.text} reads {quantity(size, x.unit)} {"higher" if more else "lower"}'
+    if x.kind == 'friction':
+        return f'{x.text} {quantity(x.after - x.before, x.unit)}'
+    return f'{x.text} {quantity(x.before, x.unit)} before, {quantity(x.after, x.unit)} after'
 
 
 def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:
