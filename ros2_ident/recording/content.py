@@ -444,6 +444,11 @@ class Content:
         """Return a topic's message definition, None where the file has none that can be read."""
         return forms.definition_of(self.types[topic], *self._schemas[topic][1:])
 
+    def has_shown(self, counts: Mapping[str, int]) -> bool:
+        """Say whether nothing is read, and each topic has shown as many messages as it may."""
+        pairs = ((len(x), counts.get(topic, 0)) for topic, x in self._first.items())
+        return not self.messages and all(there >= min(_SHOWN, count) for there, count in pairs)
+
     def offered(self) -> Iterator[tuple[str, str, tuple[str, ...]]]:
         """Yield topic, type and possible roles of what could be read and is not wanted."""
         for topic in sorted(self._first):

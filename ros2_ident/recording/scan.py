@@ -118,7 +118,6 @@ class _Walk:
     def run(self) -> Losses:
         """Walk over the data section; return what is lost."""
         at = before = len(MAGIC)
-        crc = zlib.crc32(MAGIC)
         while at + HEAD.size <= self.size:
             opcode, length = HEAD.unpack_from(self.data, at)
             end = at + HEAD.size + length
@@ -132,12 +131,14 @@ class _Walk:
                 continue
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 stated = int.from_bytes(self.data[at + HEAD.size : at + HEAD.size + 4], 'little')
-                if opcode == Opcode.DATA_END and stated not in (0, crc) and not self.losses.text:
-                    self.losses.say('the checksum of the file does not fit')
+                if opcode == Opcode.DATA_END and stated and not self.losses.text:
+                    with memoryview(self.data) as view, view[:at] as records:
+                        if zlib.crc32(records) != stated:
+                            self.losses.say('the checksum of the file does not fit')
                 return self._finish()
-            with memoryview(self.data) as view, view[at:end] as record:
-                crc = zlib.crc32(record, crc)
             before, at = at, self._record(at, opcode, end)
+            if opcode == Opcode.CHUNK and not self.losses.text and self._all_shown():
+                return self._finish()
         # what the last chunk of a file that breaks off still holds
         self.losses.end = at
         data = self.data[at : at + self.budget.chunk]
@@ -147,6 +148,18 @@ class _Walk:
                 most = min(chunk.uncompressed_size, self.budget.chunk)
                 self._records(inflate(chunk.compression, chunk.data, most)[0])
         return self._finish()
+
+    def _all_shown(self) -> bool:
+        """Say whether the rest of the file, of which nothing is wanted, shows no more."""
+        about, stated = self.summary.statistics, Counter[str]()
+        counts = {n: k for n, k in about.channel_message_counts.items() if k} if about else {}
+        if not counts or counts.keys() - self.ways.keys():
+            return False
+        for number, count in counts.items():
+            stated[self.ways[number][0]] += count
+        if shown := self.content.has_shown(stated):
+            self.found = stated
+        return shown
 
     def _record(self, at: int, opcode: int, end: int) -> int:
         """Read one record of the data section; return where the next one begins."""

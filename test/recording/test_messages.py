@@ -14,7 +14,7 @@ import pytest
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
-from ros2_ident.recording import check, maps, read_bag, render, Topics
+from ros2_ident.recording import check, maps, read_bag, render, scan, Topics
 from ros2_ident.recording.cdr import encode
 from ros2_ident.recording.content import messages_of
 from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, roles_of
@@ -302,6 +302,31 @@ def test_two_set_points_are_not_guessed_between_and_none_is_asked_for(maker, tmp
     assert any('name one of them by --command-topic' in x for x in read.notes)
     (said,) = (x for x in render(check([read])) if 'there is no command stream' in x)
     assert said.endswith('read the set-point, for which there is a topic')
+
+
+def test_looking_for_topics_ends_where_all_have_shown_what_they_hold(tmp_path, monkeypatch):
+    chunks = []
+    unpack = scan.inflate
+    monkeypatch.setattr(scan, 'inflate', lambda *x: chunks.append(0) or unpack(*x))
+    q, dq, tau, _ = truth(3)
+    stamps = START + STEP * np.arange(SAMPLES)
+    data = encode(stamps, ['a', 'b', 'c'], [q, dq, tau])
+    text, _ = Messages().store.generate_msgdef(JOINT_STATE)
+
+    def read(late):
+        path = tmp_path / f'{late}.mcap'
+        rows = [('/arm/joint_states', *x) for x in zip(stamps.tolist(), data, strict=True)]
+        rows.insert(late, ('/spare/joint_states', START, data[0]))
+        write_mcap(path, JOINT_STATE, 'ros2msg', text.encode(), rows, chunk_size=4 * len(data[0]))
+        chunks.clear()
+        with pytest.raises(IdentError) as refused:
+            read_bag(path)
+        return len(chunks), refused.value.message
+
+    (early, told), (late, same) = read(1), read(SAMPLES)
+    assert '/arm/joint_states' in told and '/spare/joint_states' in told
+    assert same.replace(f'{SAMPLES}.mcap', '1.mcap') == told
+    assert early < 5 < SAMPLES // 6 < late
 
 
 @pytest.mark.parametrize('order', ['one after the other', 'in turns', 'some', 'sizes'])
