@@ -254,22 +254,23 @@ def _step(
     _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, since)
     turned = zero > zero
     for d in range(drives):
-        end = load(rate, d * W) + h * _bent(inverse, push, asked, d, size)
-        turned = turned | (end * load(aim, d * W) < zero)
+        a = _bent(inverse, push, asked, d, size)
+        store(bend, d * W, a)
+        turned = turned | ((load(rate, d * W) + h * a) * load(aim, d * W) < zero)
     if any_lane(turned):
         _hold(
             par, mem, on, mode, place, rate, carried, aim, push, pulls, spare, inverse, asked,
             size, time, since, h,
         )  # fmt: skip
         _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, size, time, since)
-    for part in range(rk.STAGES):
-        if part == 0:
-            copied(push, first)
-        else:
-            _stage(
-                par, mem, on, mode, place, rate, bend, carried, aim, first, torques, commanded,
-                push, pulls, size, time, since, part, h,
-            )  # fmt: skip
+        for d in range(drives):
+            store(bend, d * W, _bent(inverse, push, asked, d, size))
+    copied(push, first)
+    for part in range(1, rk.STAGES):
+        _stage(
+            par, mem, on, mode, place, rate, bend, carried, aim, first, torques, commanded, push,
+            pulls, size, time, since, part, h,
+        )  # fmt: skip
         for d in range(drives):
             store(bend, (part * drives + d) * W, _bent(inverse, push, asked, d, size))
     rk.finish(place, rate, bend, drives, drives, h)
