@@ -20,14 +20,13 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.fits import Fits, ITERATIONS, PROMISING, Start, Trials
 from ros2_ident.gap.hypothesis import Hypothesis, Round
 from ros2_ident.gap.recordings import Split
-from ros2_ident.identify.hidden import MATERIAL, MOST, residuals_at, rows_of, slopes_of
+from ros2_ident.identify.hidden import MATERIAL, MOST, residuals_at, rows_of, slopes_of, whitening
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.search import Progress, Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit, FitSettings
 from ros2_ident.search.journal import Journal, Within
-from ros2_ident.search.noise import fit_noise, Whitening
 
 # Joint fits of one round: at most, and at least whatever the screen says of them. By hand.
 _FITS = 12
@@ -123,11 +122,7 @@ class Fitter:
         rows = rows_of(second.models, MOST // len(after.theta))
         left, jacobian = slopes_of(second, after.theta, rows)
         change = residuals_at(first, rows)(before.theta[None])[0] - left
-        noise = [
-            fit_noise(*(left[r.start : r.stop] for r in rows.runs if r.place == d))
-            for d in range(len(self.split.drives))
-        ]
-        whiten = Whitening(rows.runs, noise)
+        whiten = whitening(left, rows, len(self.split.drives))
         basis = np.linalg.qr(whiten(jacobian[:, : len(before.theta)].T).T)[0]
         along, whole = whiten(change), whiten(change + left)
         along = along - basis @ (basis.T @ along)

@@ -18,6 +18,7 @@ from ros2_ident.gap.coordinates import coordinates, direction, joined, motion_of
 from ros2_ident.gap.fits import Fits
 from ros2_ident.gap.hypothesis import Hypothesis
 from ros2_ident.gap.result import PARAMETERS
+from ros2_ident.identify.hidden import MOST, residuals_at, rows_of, slopes_of, whitening
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.model import SMOOTHING
 from ros2_ident.recording.motion import fill_gaps, low_pass
@@ -97,10 +98,24 @@ def in_place_of(
         worse = bends and name == 'position' and less.loss > e.loss
         if not worse and (name not in found or both.loss < found[name][1].loss):
             found[name] = less, both
-    basis = np.linalg.qr(np.delete(e.jacobian, columns, axis=1))[0]
-    own = np.linalg.norm(changes[0] - basis @ (basis.T @ changes[0]))
+    return _own_share(fits, e, at), found
+
+
+def _own_share(fits: Fits, e: Hypothesis, at: EffectAt) -> float:
+    """Return the share of an effect's change that other values of the parameters do not make.
+
+    In units of coloured noise: what drifts may be large and tell nothing.
+    """
+    fitted = fits.split.fit.with_effects(e.effects)
+    rows = rows_of(fitted.models, MOST // len(e.theta))
+    left, jacobian = slopes_of(fitted, e.theta, rows)
+    white = whitening(left, rows, len(fits.split.drives))
+    change = white(residuals_at(fitted, rows)(fitted.without(e.theta, [at])[None])[0] - left)
+    others = np.delete(jacobian, e.columns(e.effects.index(at)), axis=1)
+    basis = np.linalg.qr(white(others.T).T)[0]
+    own = np.linalg.norm(change - basis @ (basis.T @ change))
     # One that ends where it vanishes is another form of the nominal law.
-    return float(own) / max(float(np.linalg.norm(changes[0])), 1e-300), found
+    return float(own) / max(float(np.linalg.norm(change)), 1e-300)
 
 
 def noise_does(fits: Fits, e: Hypothesis, at: EffectAt) -> bool:

@@ -17,7 +17,7 @@ from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
 from ros2_ident.recording.motion import fill_gaps
 from ros2_ident.search.evidence import Evidence, weigh
 from ros2_ident.search.least_squares import Point
-from ros2_ident.search.noise import Run
+from ros2_ident.search.noise import fit_noise, Run, Whitening
 from ros2_ident.threads import processors
 
 Mask = npt.NDArray[np.bool_]
@@ -124,6 +124,18 @@ def residuals_at(fitted: Layout, rows: Rows) -> Callable[[Array], Array]:
     """Return the map from candidates (S, N) to their residuals (S, R) at the rows looked at."""
     seen = [m.restricted(mask) for m, mask in zip(fitted.models, rows.masks, strict=True)]
     return lambda theta: np.hstack([m.residuals(fitted.own(i, theta)) for i, m in enumerate(seen)])
+
+
+def whitening(left: Array, rows: Rows, places: int) -> Whitening:
+    """Return what makes noise white that has the colour of what a fit leaves.
+
+    Args:
+        left: (R,) the residual.
+        rows: The R samples that are looked at.
+        places: How many places there are, each with a noise of its own.
+    """
+    each = ([left[r.start : r.stop] for r in rows.runs if r.place == d] for d in range(places))
+    return Whitening(rows.runs, [fit_noise(*own) for own in each])
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One frequency or one speed tells no effect from something else that does the same there."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,27 +14,34 @@ from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.result import Cause, Diagnosis
 from ros2_ident.gap.result import NOISE as NOISE_DOES
-from ros2_ident.models import machine_from_mapping
+from ros2_ident.models import Machine, machine_from_mapping
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import low_pass
 from ros2_ident.report.diagnosis import load_diagnosis
 from ros2_ident.words.verdict import advice, sentence
 
 CYCLE, NOISE = 0.002, 0.1
-CART = machine_from_mapping(
-    {
-        'machine': 'linear_axis',
-        'drives': ['cart'],
-        'controller': {'cycle': CYCLE},
-        'parameters': {
-            'moving_mass': [0.0, 40.0, 'kg'],
-            'coulomb_friction': [0.0, 30.0, 'N'],
-            'viscous_friction': [0.0, 90.0, 'N s/m'],
-            'constant_force': [-20.0, 20.0, 'N'],
-            'measurement_delay': [0.0, 0.004, 's'],
-        },
-    }
-)
+BOUNDS = {
+    'moving_mass': [0.0, 40.0, 'kg'],
+    'coulomb_friction': [0.0, 30.0, 'N'],
+    'viscous_friction': [0.0, 90.0, 'N s/m'],
+    'constant_force': [-20.0, 20.0, 'N'],
+}
+
+
+def cart(more: Mapping[str, Any], **controller: str) -> Machine:
+    """Return a cart's machine with these parameters beside its own."""
+    return machine_from_mapping(
+        {
+            'machine': 'linear_axis',
+            'drives': ['cart'],
+            'controller': {'cycle': CYCLE, **controller},
+            'parameters': {**BOUNDS, **more},
+        }
+    )
+
+
+CART = cart({'measurement_delay': [0.0, 0.004, 's']})
 
 
 def diagnosed(place: np.ndarray, width: float, late: float = 0.0) -> Diagnosis:
@@ -71,6 +79,20 @@ def test_reversals_that_are_all_alike_do_not_tell_way_from_time() -> None:
     (tie,) = [tie for tie in alike.facts.ties if tie.effect == 'presliding']
     assert 'time since reversal' in tie.like and tie.closed > 0.95
     assert 'the time since reversal do about as well' in sentence(alike)
+
+
+def test_what_drifts_under_a_logged_effort_hides_no_effect() -> None:
+    """The parameters make a thousandth of its change as well: a drift, which tells nothing."""
+    rng, time = np.random.default_rng(5), CYCLE * np.arange(3000)
+    place = 0.1 * (np.sin(0.7 * time) + np.sin(2.3 * time) + 0.4 * np.sin(5.0 * time))
+    speed = np.gradient(place, CYCLE)
+    force = 6.5 * np.gradient(speed, CYCLE) + 5.0 * np.tanh(speed / 0.002) + 0.7
+    force += 12.0 * speed + 1.0 * np.abs(speed)
+    place = place + 1e-5 * rng.standard_normal(place.size)
+    log = Dataset(('cart',), CYCLE, 0, None, None, place[None], None, force[None])
+    found = diagnose(cart({}, law='effort'), [log], output='position', seed=1)
+    assert (found.effect, found.where) == ('asymmetric_friction', ('cart',))
+    assert found.probability > 0.9 and found.facts.ties == ()
 
 
 def pressed(law: Callable[[np.ndarray, np.ndarray], np.ndarray], *near: str) -> Diagnosis:

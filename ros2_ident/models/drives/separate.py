@@ -167,7 +167,7 @@ class LinearAxis(SeparateDrives):
         if self.log.pushed and 'effort' in self.signals.quantities:
             raise ErrorCode.INVALID_GOAL.error(
                 'under `law: effort` the logged effort moves the axis and is not compared; '
-                'compare the position: `--outputs position`'
+                'compare the position: `--outputs position`, of a diagnosis `--output position`'
             )
         if self.log.pushed and set(self.machine.texts('law')) != {'effort'}:
             raise ErrorCode.BAD_MACHINE_FILE.error(
