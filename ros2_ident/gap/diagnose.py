@@ -396,9 +396,9 @@ class _Passes:
         clock, selector = self.clock, begun.selector
         clock.rounds(begun.base.size if begun.material else 0.0)
 
-        def note(e: Hypothesis) -> None:
+        def note(base: Hypothesis, e: Hypothesis) -> None:
             names = ', '.join(at.title for at in e.effects)
-            share = 100 * e.closes(begun.base)
+            share = 100 * e.closes(base)
             clock.best = f'{names}: closes {share:.0f} % of the explainable gap'
             clock.rounds(e.size if _RULES.open(e) else 0.0)
 

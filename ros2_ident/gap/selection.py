@@ -129,7 +129,7 @@ class Selector(Fitter):
         self,
         base: Hypothesis,
         candidates: Sequence[EffectAt],
-        on_best: Callable[[Hypothesis], None],
+        on_best: Callable[[Hypothesis, Hypothesis], None],
         limited: Hypothesis | None = None,
     ) -> Selection:
         """Add effects while they are material, drop superfluous ones, look for rivals.
@@ -137,7 +137,7 @@ class Selector(Fitter):
         Args:
             base: The nominal fit.
             candidates: Effects at places.
-            on_best: Told what is found.
+            on_best: Told the nominal fit, in units of the present floor, and what is found.
             limited: The fit with the limits that the control laws show; these stay.
         """
         chain, rounds, ties = [base], list[Round](), list[Tie]()
@@ -167,7 +167,7 @@ class Selector(Fitter):
             if chain[-1].bic >= before[-1].bic:
                 chain = before
                 break
-            on_best(chain[-1])
+            on_best(chain[0], chain[-1])
             if not self.stopped():
                 chain, rounds = self.with_new_floor(chain, rounds)
                 chain = self.settled(chain)

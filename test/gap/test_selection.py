@@ -41,10 +41,25 @@ def test_what_the_fit_before_closes_on_its_way_is_no_merit_of_an_effect(selector
     selector.with_new_floor = lambda chain, rounds: (chain, rounds)
     for left, names in ((0.3, ()), (1.9, (STRIBECK,))):
         selector.refit = lambda effects, theta, left=left: made((left, 0.0), effects)
-        said = selector.select(base, [STRIBECK], lambda e: None)
+        said = selector.select(base, [STRIBECK], lambda base, e: None)
         assert (said.chain[-1].effects, float(said.chain[0].fit[0])) == (
             names, SAMPLES * (1.0 + left),
         )  # fmt: skip
+
+
+def test_what_is_closed_is_told_in_units_of_the_floor_that_the_fits_have(selector):
+    old = [made((4.0, 0.0)), made((2.0, 0.0), [STRIBECK])]
+    new = [made((16.0, 0.0)), made((8.0, 0.0), [STRIBECK]), made((4.0, 0.0), [STRIBECK, DRAG])]
+    selector.round = lambda before, candidates: Round(
+        before, {}, (old[1] if not before.effects else new[2],)
+    )
+    selector.with_new_floor = lambda chain, rounds: (new[: len(chain)], rounds)
+    selector.refit = lambda effects, theta: next(
+        (x for x in new[:0:-1] if x.effects == tuple(effects)), new[0]
+    )
+    shares = []
+    selector.select(old[0], [STRIBECK, DRAG], lambda base, e: shares.append(e.closes(base)))
+    assert shares == [0.5, 0.75]
 
 
 def test_a_law_whose_numbers_another_cause_took_up_is_put_in_plainer_words(selector):
