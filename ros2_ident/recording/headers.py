@@ -258,11 +258,14 @@ def _glued(word: str) -> int:
 
 
 def _without_unit(name: str) -> tuple[str, str, bool]:
-    """Return a name without the unit in brackets or behind the last _, that unit, and which."""
+    """Return a name without its unit, that unit, and whether it may be the name's end instead.
+
+    A unit stands in brackets, behind the last _, or as in `Angle in deg`, `s / mm`, `pos, m`.
+    """
     found = re.fullmatch(r'(.*\S)\s*[\[(<]([^\[\]()<>]*)[\])>]\s*', name)
     if found and found[2].strip().isdigit():
         return f'{found[1]} {found[2].strip()}', '', False
-    behind = re.fullmatch(r'(.+?)_([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
+    behind = re.fullmatch(r'(.+?)(?:_|\s+(?:in|/)\s+|,\s+)([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
     if found and _is_unit(found[2]):
         return found[1], found[2].strip(), False
     if behind and maps.plain_unit(behind[2]) in _KNOWN and _WORD.search(behind[1]):

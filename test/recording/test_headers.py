@@ -43,7 +43,8 @@ def test_each_column_is_read_as_what_its_name_says(header):
         ('pos (turns)', TURN),
         ('torque [mNm]', 1e-3), ('torque [permil]', 0.1), ('torque %', 1.0), ('tau [N m]', 1.0),
         ('Position [inc]', math.nan), ('Present Position (counts)', math.nan),
-        ('pos [%]', math.nan),
+        ('pos [%]', math.nan), ('Angle in deg', DEGREE), ('Weg in mm', 1e-3),
+        ('torque / mNm', 1e-3), ('motor position, counts', math.nan), ('speed in deg/s', DEGREE),
     ],
 )  # fmt: skip
 def test_a_unit_is_a_factor_or_has_to_be_asked_for(name, scale):
