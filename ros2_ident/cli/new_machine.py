@@ -27,7 +27,9 @@ def run(args: argparse.Namespace) -> int:
 
     folder = Path(args.out).parent if args.out else Path()
     known: dict[str, Any] = {}
-    log = _log(args) if args.bag else None
+    if args.description is not None:
+        known['description'] = description_text(Path(args.description))
+    log = _log(args, known.get('description', '')) if args.bag else None
     if args.kind is None and (log is None or args.description is None):
         raise ErrorCode.INVALID_GOAL.error(
             f'say of what kind the machine is, --kind {"/".join(KINDS)}; of an arm a description '
@@ -35,7 +37,6 @@ def run(args: argparse.Namespace) -> int:
         )
     text = None
     if args.description is not None:
-        known['description'] = description_text(Path(args.description))
         folder.mkdir(parents=True, exist_ok=True)  # the way leads through it
         known['named'] = os.path.relpath(args.description, folder)
     if args.kind is None and log is not None:
@@ -69,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _log(args: argparse.Namespace) -> 'Recording':
+def _log(args: argparse.Namespace, description: str) -> 'Recording':
     """Return what a bag holds, of a table by its map, or one made from its header."""
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.columns import MAP_SUFFIX
@@ -84,12 +85,18 @@ def _log(args: argparse.Namespace) -> 'Recording':
             'there, or remove that file'
         )
     if path.suffix.lower() in TABLES and path.is_file() and not (args.columns or where.exists()):
-        _draft(path, where, args)
+        _draft(path, where, args, description)
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
         raise ErrorCode.MISSING_STREAM.error(
             f'{args.bag} holds no measured motion; name its topic with --state-topic, or its '
             'columns in the column map'
+        )
+    efforts = (recording.effort or recording.state).effort
+    if efforts is None and recording.command is None:
+        raise ErrorCode.MISSING_STREAM.error(
+            f'{args.bag} holds motion only, and a motion alone tells no parameter; log the effort '
+            'or, of hobby servos, the set-point, or name its topic or column'
         )
     return recording
 
@@ -100,14 +107,17 @@ def _bounded_by_effort(args: argparse.Namespace) -> bool:
     return args.description is None and bool(keys & {'moving_mass', 'link_moment'})
 
 
-def _draft(path: Path, where: Path, args: argparse.Namespace) -> None:
+def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) -> None:
     """Write a table's column map by its header, and print it."""
     import yaml
 
     from ros2_ident.recording.headers import header_of
     from ros2_ident.recording.limits import printable
 
-    header = header_of(path).called(args.drives).assigned(args.column)
+    said = ' '.join(['', *args.column, *(f'"{x}"' for x in args.drives), description])
+    # joints that have numbers are as many as the drives with or without such as are not driven
+    header = header_of(path).called(args.drives).driven(said).called(args.drives)
+    header = header.assigned(args.column)
     effort = _bounded_by_effort(args)
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
     header.require_scales(effort and len({x.joint for x in header.columns} - {''}) == 1)

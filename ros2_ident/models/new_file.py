@@ -527,8 +527,9 @@ def _joints(kind: Kind, root: ET.Element | None, states: Stream | None) -> tuple
         raise ErrorCode.INVALID_GOAL.error(
             f'the log holds {", ".join(logged or ()) or "no joint"} and the description '
             f'{", ".join(known) or "no joint that moves"}; give both of one machine, or name the '
-            'joints of the log as the description does: in its column map, of a bag in one of its '
-            f'fields (--columns), or where its messages have no names by --joint-names{perhaps}'
+            'joints of the log as the description does: in its column map, or where they have '
+            'numbers only by --drives, of a bag in one of its fields (--columns), or where its '
+            f'messages have no names by --joint-names{perhaps}'
         )
     return common
 

@@ -369,6 +369,26 @@ class Header:
         names = {'': '', **dict(zip(ordered, drives, strict=True))}
         return replace(self, columns=tuple(replace(x, joint=names[x.joint]) for x in self.columns))
 
+    def driven(self, said: str) -> 'Header':
+        """Return the header without joints that have no effort and no set-point beside efforts.
+
+        Poses of a tool are such. Joints that options (`NAME=JOINT.QUANTITY`) or the description
+        name, as `said`, stay.
+        """
+        of: dict[str, set[str]] = {}
+        for x in self.columns:
+            of.setdefault(x.joint, set()).add(x.quantity)
+        if not any('effort' in kinds for kinds in of.values()):
+            return self
+        idle = {x for x, kinds in of.items() if kinds <= {'position', 'velocity'}}
+        idle -= {x for x in idle if f'={x}.' in said or f'"{x}"' in said}
+        columns = list(self.columns)
+        for n, x in enumerate(columns):
+            if x.joint in idle:
+                why = f'no effort and no set-point of {short(x.joint)}'
+                columns[n] = replace(x, joint='', quantity='', why=why)
+        return replace(self, columns=tuple(columns))
+
     def require_scales(self, effort: bool = False) -> None:
         """Refuse columns whose unit does not tell their scale.
 

@@ -78,7 +78,8 @@ def test_a_scale_that_only_the_owner_knows_is_asked_for_and_taken(tmp_path, caps
 )
 def test_joints_that_have_numbers_only_are_called_as_the_drives(tmp_path, capsys, drives, read):
     log = tmp_path / 'log.csv'
-    rows(log, 'time,q2 speed [deg/s],q1 [rad],q2 [deg],q1 torque [Nm]', '{t},{b},{a},{b},{a}')
+    names = 'time,q2 speed [deg/s],q1 [rad],q2 [deg],q1 torque [Nm],q2 torque [Nm]'
+    rows(log, names, '{t},{b},{a},{b},{a},{b}')
     out = str(tmp_path / 'm.yaml')
     main(['new-machine', '--kind', 'serial', '--drives', drives, '--bag', str(log), '--out', out])
     assert f'{read[1]}.velocity, in deg/s, times' in capsys.readouterr().err
@@ -136,6 +137,27 @@ def test_a_log_with_set_points_gives_a_file_without_a_controller(tmp_path, capsy
     assert 'gain' not in text and 'moving_mass: [0.0, ' in text and ', kg]' in text
     assert main(['check', str(log), '--machine', str(out)]) == 0
     assert 'the machine file states no gains' in capsys.readouterr().out
+
+
+def test_what_has_no_effort_beside_others_is_no_drive(tmp_path, capsys):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    names = 'time,q1,q2,tau1,tau2,pos_x,vel_wx,gripper_pos,goal_lift,lift_pos'
+    rows(log, names, '{t},{a},{b},{b},{a},{a},{b},{b},{a},{b}')
+    words = ['new-machine', '--kind', 'serial', '--bag', str(log), '--out', str(out)]
+    given = ['--drives', 'hip,knee,lift', '--column', 'gripper_pos=hand.position']
+    assert main([*words, *given]) == 0
+    said = capsys.readouterr().err
+    assert "pos_x        - (no effort and no set-point of 'x')" in said
+    assert "vel_wx       - (no effort and no set-point of 'wx')" in said
+    read = read_bag(log)[0].state.names
+    assert sorted(read) == ['hand', 'joint_1', 'joint_2', 'lift']
+
+
+def test_a_motion_alone_is_refused(tmp_path, capsys):
+    rows(tmp_path / 'log.csv', 'time,Angle in deg', '{t},{a}')
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.csv')]
+    assert main(words) == 2
+    assert 'log.csv holds motion only, and a motion alone tells no' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('motion', ['{}_pos', '{}'])

@@ -366,7 +366,7 @@ def test_odd_names_come_through_a_table_and_a_machine_file(tmp_path):
     for number, name in enumerate(ODD):
         table, out = tmp_path / f'{number}.csv', tmp_path / f'{number}.yaml'
         with table.open('w', newline='', encoding='utf-8') as file:
-            csv.writer(file).writerows([['time', f'{name}.position', f'{name} tau'], *rows])
+            csv.writer(file).writerows([['time', f'{name}.position', f'{name}.tau'], *rows])
         words = ['new-machine', '--kind', 'linear_axis', '--bag', str(table), '--out', str(out)]
         assert main(words) == 0
         assert load_machine(out).drives == read_bag(table)[0].state.names == (name,)
