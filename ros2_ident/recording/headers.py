@@ -195,7 +195,10 @@ class _Part:
         self.plain = [word for *_, word in self.words]
         self.kinds = [_MEANT.get(word, '') for word in self.plain]
         for i, word in enumerate(self.plain):
-            if word == 'd' and i and (self.kinds[i - 1] or self.plain[i - 1] in _FAINT):
+            # of `q_d`, and of `q1_d` where it stands apart from the number
+            parted = i > 1 and self.words[i][0] > self.words[i - 1][1]
+            last = i - 2 if parted and self.plain[i - 1].isdigit() else i - 1
+            if word == 'd' and i and (self.kinds[last] or self.plain[last] in _FAINT):
                 self.kinds[i] = 'command'
             elif word == 'qd':
                 self.kinds[i] = 'command' if derived else 'velocity'
