@@ -352,11 +352,20 @@ class Header:
                 able = f'{", ".join(maps.QUANTITIES)} and a column of {listed(names, 30)}'
                 raise ErrorCode.INVALID_GOAL.error(f'--column {short(text)}: {form} {able}')
             at = names.index(name)
+            before = columns[at]
             for n, x in enumerate(columns):
+                if before.quantity == quantity and x.joint == before.joint:
+                    columns[n] = x = replace(x, joint=joint)  # as its other columns
                 if (x.joint, x.quantity) == (joint, quantity):
                     other = 'another column was given for it'
                     columns[n] = replace(x, joint='', quantity='', why=other)
-            columns[at] = Meaning(name, joint, quantity, columns[at].unit, scale)
+            columns[at] = Meaning(name, joint, quantity, before.unit, scale)
+        moving = dict.fromkeys(x.joint for x in columns if x.quantity in ('position', 'velocity'))
+        lost = [x for x in columns if x.quantity == 'effort' and moving and x.joint not in moving]
+        if lost:
+            name, joint = short(lost[0].name), short(lost[0].joint)
+            text = f'--column: {name} is to be the effort of {joint}, which no column moves'
+            raise ErrorCode.INVALID_GOAL.error(f'{text}; write one of {listed(moving, 30)}')
         return replace(self, columns=tuple(columns))
 
     def called(self, drives: Sequence[str]) -> 'Header':

@@ -69,8 +69,9 @@ def test_a_scale_that_only_the_owner_knows_is_asked_for_and_taken(tmp_path, caps
     assert "--column 'Position [inc]=joint_1.position*SCALE'" in said
     assert not (tmp_path / 'log.columns.yaml').exists()
     assert main([*command, '--column', 'Position [inc]=arm.position*0.5']) == 0
-    state = read_bag(log)[0].state
-    assert state.position[15, state.names.index('arm')] == pytest.approx(0.5 * math.sin(1.5))
+    read = read_bag(log)[0]
+    assert read.state.position[15, 0] == pytest.approx(0.5 * math.sin(1.5))
+    assert read.state.names == read.effort.names == ('arm',)
 
 
 @pytest.mark.parametrize(
@@ -105,6 +106,12 @@ def test_a_column_that_is_given_wrongly_is_refused(tmp_path, given):
     rows(tmp_path / 'log.csv', 'time,pos', '{t},{a}')
     with pytest.raises(IdentError, match='write NAME=JOINT.QUANTITY'):
         header_of(tmp_path / 'log.csv').assigned([given])
+
+
+def test_an_effort_of_a_joint_that_no_column_moves_is_refused(tmp_path):
+    rows(tmp_path / 'log.csv', 'time,q11,Im1 (A)', '{t},{a},{b}')
+    with pytest.raises(IdentError, match="effort of 'joint_1', which no .* one of joint_11"):
+        header_of(tmp_path / 'log.csv').assigned(['Im1 (A)=joint_1.effort*2'])
 
 
 @pytest.mark.parametrize(
