@@ -12,6 +12,7 @@ import csv
 from dataclasses import dataclass, replace
 import io
 from itertools import chain, islice, pairwise
+import json
 import math
 from pathlib import Path
 import re
@@ -462,13 +463,11 @@ def header_of(path: Path) -> Header:
         text = 'has a block of properties above a time for each channel'
         raise maps.refuse(path, f'{text}; export it with one common time, or {where}')
     if not wide:
-        said = f'has no line of names above its numbers; {where}'
+        said = 'has no line of names above its numbers'
         if any(filter(None, above[-1:])):
-            said = (
-                f'has {usual} columns and {len(above[-1])} of names, {listed(above[-1])}; write '
-            )
-            said += f'{path.stem}{maps.MAP_SUFFIX} with numbers of columns, `header: false` and '
-            said += f'`skip: {first}`, as in docs/logs.md'
+            said = f'has {usual} columns and {len(above[-1])} of names, {listed(above[-1])}'
+        said += f'; write {path.stem}{maps.MAP_SUFFIX} with numbers of columns, `header: false`, '
+        said += f'`skip: {first}` and `delimiter: {json.dumps(delimiter)}`, as in docs/logs.md'
         if len(rows) > 1 and not held:
             said = _wordy(zip(rows[0], rows[1], strict=False), decimal)
         raise maps.refuse(path, said)

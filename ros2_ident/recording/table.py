@@ -76,7 +76,8 @@ def _read_table(path: Path, where: Path) -> list[Recording]:
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
         text = f'is a table and {where} is missing; write this map as in docs/logs.md, or by '
         command = shlex.join(['ident', 'new-machine', '--kind', 'KIND', '--bag', str(path)])
-        text += f'`{command}`; the first line is: {names}'
+        text += f'`{command}`, or give that of another log, --columns FILE; the first line is: '
+        text += names
         raise refuse(path, text)
     layout = maps.load_columns(where)
     return _recorded(path, where, '', layout, *_parse(path, text, layout))

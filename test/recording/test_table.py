@@ -234,7 +234,7 @@ def test_the_map_in_the_documentation_is_one(tmp_path):
 
 def test_a_path_in_a_command_to_type_is_quoted(tmp_path, capsys):
     (tmp_path / 'my $log.csv').write_text('time,q1\n0,1\n')
-    with pytest.raises(IdentError, match=r"--bag '.*/my \$log.csv'`; the first line"):
+    with pytest.raises(IdentError, match=r"--bag '.*/my \$log.csv'`, or give that of another"):
         read_bag(tmp_path / 'my $log.csv')
     out = tmp_path / 'my axis.yaml'
     assert main(['new-machine', '--kind', 'linear_axis', '--out', str(out)]) == 0
@@ -327,7 +327,9 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('', 'no line of names'), ('0,1\n1,2\n', 'no line of names'),
+        ('', 'no line of names'),
+        ('0\t1\n1\t2\n', 'no line of names above its numbers; write log.columns.yaml with numbers '
+         'of columns, `header: false`, `skip: 0` and `delimiter: "\\\\t"`'),
         ('a,q\n0,1\n', 'named as a time: a, q'), ('t,x\n0,1\n', 'named as a position'),
         ('t,q,i\n0 s,1 rad,2 A\n', "'0 s' below 't': write numbers alone"),
         ('t,q,i\n10:00:00,1,2\n10:00:01,1,3\n', "'10:00:00' below 't': write"),
@@ -335,7 +337,7 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
         ('time,topic,value\n' + '0.1,a/pos,1\n0.1,a/vel,2\n' * 50, 'one value a row'),
         ('Axis 1\nTime,data\n' + '0.1,1,2\n0.2,2,3\n' * 50,
          'has 3 columns and 2 of names, Time, data; write log.columns.yaml with numbers of '
-         'columns, `header: false` and `skip: 2`'),
+         'columns, `header: false`, `skip: 2`'),
         ('t,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
          "several rows for each time, by 'joint': a, b"),
         ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
