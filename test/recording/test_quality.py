@@ -96,6 +96,12 @@ def test_an_effort_that_is_no_torque_is_said_with_the_remedy(effort, code, level
     assert level in (None, finding.level) and re.search(text, finding.sentence)
 
 
+def test_gravity_that_goes_round_explains_an_effort():
+    place = 2.6 * np.sin(1.1 * TIME) + 0.4 * TIME
+    swung = recording(position=place, velocity=None, effort=3.0 * np.sin(place + 0.3))
+    assert 'explain 100 % of its effort' in check([swung]).of('effort')[0].sentence
+
+
 @pytest.mark.parametrize(
     ('velocity', 'text'),
     [
