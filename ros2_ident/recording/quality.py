@@ -60,6 +60,7 @@ _WHOLE = 5
 _EARLIEST = -0.02
 # Share of an effort's variance from which on the motion is known to explain it.
 _KNOWN = 0.85
+_NOT_DRIVEN = 'switch its measurement on, or leave this drive out: what swings freely has none'
 
 
 def sign_of(motion: Motion, alone: bool = False) -> Sign:
@@ -428,7 +429,7 @@ def _judged(
         return
     if np.nanmax(effort) - np.nanmin(effort) <= 1e-9 * np.nanmax(np.abs(effort)):
         text = f'the effort is {np.nanmax(effort):g} all the time'
-        text += '; switch its measurement on, or name another topic or column'
+        text += f'; name another topic or column, {_NOT_DRIVEN}'
         yield 'error', 'effort_constant', text
     elif moves:
         yield from _of_effort(motion, effort)
@@ -539,8 +540,8 @@ def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
     # A drive that moves has friction to overcome.
     if 2 * np.count_nonzero(moved) < moved.size:
         text = f'the effort is exactly 0 in {100.0 * np.mean(moved == 0.0):.0f} % of the samples '
-        text += 'in which the drive moves; switch its measurement on, log it in finer steps, or '
-        yield 'warn', 'effort_idle', f'{text}leave this drive out'
+        text += 'in which the drive moves; log it in finer steps, '
+        yield 'warn', 'effort_idle', f'{text}{_NOT_DRIVEN}'
         return
     top = np.abs(values).max()
     if _whole(values):

@@ -77,7 +77,7 @@ def test_a_good_recording_is_ok():
     [
         (-EFFORT, 'effort_sign', 'error', 'negate the effort or the position in the driver'),
         (np.abs(EFFORT - 0.2), 'effort_sign', 'error', '"sign: velocity" in the column map'),
-        (np.zeros(TIME.size), 'effort_constant', 'error', ''),
+        (np.zeros(TIME.size), 'effort_constant', 'error', 'what swings freely has none'),
         (np.round(100.0 * EFFORT), 'effort_unit', None, 'looks like percent of the rated torque'),
         (np.round(2000.0 * EFFORT), 'effort_unit', None, 'looks like milliamperes or counts'),
         (EFFORT - 0.2, 'effort_gravity', 'warn', 'gravity acts along this drive and the effort'),
@@ -87,7 +87,7 @@ def test_a_good_recording_is_ok():
             np.where(np.arange(TIME.size) % 10, 0.0, EFFORT),
             'effort_idle',
             'warn',
-            'exactly 0 in (89|90|91) % of the samples .*leave this drive out',
+            'exactly 0 in (89|90|91) % of the samples .*leave this drive out: what swings',
         ),
     ],
 )
