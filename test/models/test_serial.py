@@ -28,7 +28,7 @@ from ros2_ident.models import EffectAt, load_machine, machine_from_mapping, make
 from ros2_ident.models.drives.band import Band  # noqa: E402
 from ros2_ident.models.new_file import followed_file, new_machine_file  # noqa: E402
 from ros2_ident.models.registry import kind_of, KINDS, travel_of  # noqa: E402
-from ros2_ident.models.serial.arm import arm_of  # noqa: E402
+from ros2_ident.models.serial.arm import arm_of, check_reach  # noqa: E402
 from ros2_ident.models.serial.log import ArmLog  # noqa: E402
 from ros2_ident.recording import Dataset, Recording, Stream  # noqa: E402
 from ros2_ident.recording.motion import low_pass  # noqa: E402
@@ -318,6 +318,12 @@ def test_a_log_that_is_slow_for_its_turns_is_not_asked_to_be_longer_only() -> No
     log = Dataset(machine.drives, 0.056, 0, None, None, place + 2e-3 * noise[0], None, effort)
     with pytest.raises(IdentError, match='samples beside rest and turns .* a higher rate'):
         problem_of(machine, Data((log,)))
+
+
+def test_a_joint_without_limits_may_turn_many_times() -> None:
+    machine = tabled({**SLIDE, 'joint': ['revolute']}, {'free_fall': 0.0})
+    with np.errstate(over='raise'):
+        assert not [*check_reach(machine, np.linspace(0.0, 50.0, 100)[None])]
 
 
 def axis() -> Machine:

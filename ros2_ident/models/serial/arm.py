@@ -414,7 +414,7 @@ def check_reach(machine: Machine, position: Array) -> Iterator[Remark]:
     most = np.maximum(np.abs(limits['low']), np.abs(limits['high'])), limits['velocity']
     for d in np.flatnonzero(~arm.prismatic & (found[0] > _A_TURN)):
         for what, size, limit in zip(('position', 'speed'), found, most, strict=True):
-            if size[d] > _NEARER * limit[d] > 0.0:
+            if size[d] / _NEARER > limit[d] > 0.0:  # no limit is the largest number
                 yield Remark(
                     (),
                     f'{machine.drives[d]}: its {what} reaches {size[d]:.3g}, the description '
