@@ -99,7 +99,22 @@ def check_both(
             alone |= {'effort', 'effort_unexplained'}
         findings = [x for x in findings if x.code not in alone]
         findings += _gates(data, machine, file, drives)
+        findings += _too_few(data, machine, drives)
     return replace(report, findings=tuple(findings))
+
+
+def _too_few(data: Data, machine: Machine, drives: Sequence[str] | None) -> Iterator[Finding]:
+    """Say where rest and turns leave a recorded motion fewer samples than there are parameters."""
+    if any(x.command_position is not None for x in data.datasets):
+        return
+    from ros2_ident.identify.problem import problem_of
+
+    try:
+        problem_of(machine, data, drives=drives)
+    except IdentError as error:
+        # What else a model asks for, as a library, a check can do without.
+        if error.code is ErrorCode.NO_DATA:
+            yield Finding('error', 'no_data', '', error.message)
 
 
 def _with_line(finding: Finding, file: MachineFile) -> Finding:

@@ -224,6 +224,19 @@ def test_a_carriage_in_millimetres_is_held_against_the_machine():
     assert 'record positions of the carriage in m, not mm' in finding.sentence
 
 
+def test_a_log_that_a_fit_refuses_is_refused(tmp_path):
+    # 1.3 turns a second at 18 Hz: between two turns nothing is left
+    text = (REPO / 'config' / 'emps.yaml').read_text()
+    (tmp_path / 'm.yaml').write_text(text.replace('cycle: 1.0e-3', 'cycle: 0.056'))
+    stamp, noise = 56 * MS * np.arange(1200), RNG.normal(size=(2, 1200))
+    place = 0.3 * np.sin(2.6e-9 * np.pi * stamp) + 2e-3 * noise[0]
+    state = Stream(('emps_axis',), stamp, position=place[:, None])
+    effort = Stream(('emps_axis',), stamp, effort=np.gradient(place)[:, None] + noise[1:].T)
+    report = check_both([Recording(state, effort=effort)], read_machine_file(tmp_path / 'm.yaml'))
+    (finding,) = report.of('no_data')
+    assert 'samples beside rest and turns cannot determine' in finding.sentence
+
+
 @pytest.mark.parametrize(
     ('late', 'code', 'text'),
     [(0.02, 'offset', '20[.0-9]* ms late, as'), (0.05, 'align', 'the stated gains make 6.2 ms')],
