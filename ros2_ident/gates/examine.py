@@ -39,9 +39,9 @@ NO_COMMAND = Gate(
 NO_GAINS = replace(
     NO_COMMAND,
     gate='gains',
-    sentence='the machine file states no gains, so the recorded motion drives the model and a '
-    'logged set-point is not used; state position_gain and velocity_gain to simulate the '
-    'controller too, or list them under parameters',
+    sentence='the machine file states no gains, so the recorded motion drives the model, not a '
+    'set-point; state position_gain and velocity_gain to simulate the controller too, or list '
+    'them under parameters',
 )
 
 

@@ -237,6 +237,15 @@ def test_a_log_that_a_fit_refuses_is_refused(tmp_path):
     assert 'samples beside rest and turns cannot determine' in finding.sentence
 
 
+def test_gains_are_asked_for_where_there_is_a_set_point(tmp_path):
+    text = (REPO / 'config' / 'emps.yaml').read_text()
+    (tmp_path / 'm.yaml').write_text(re.sub(r'  (position|velocity)_gain: .*\n', '', text))
+    file = read_machine_file(tmp_path / 'm.yaml')
+    (read,) = read_bag(REPO / 'bags' / 'axis_reversals')
+    for log, count in ((read, 1), (replace(read, command=None), 0)):
+        assert len(check_both([log], file).of('gains')) == count
+
+
 @pytest.mark.parametrize(
     ('late', 'code', 'text'),
     [(0.02, 'offset', '20[.0-9]* ms late, as'), (0.05, 'align', 'the stated gains make 6.2 ms')],
