@@ -96,15 +96,17 @@ class Tie:
     Attributes:
         effect: Id.
         where: Place.
-        closed: Share of the explainable gap that it would close.
+        closed: Share of the explainable gap that its step would close.
         like: Coordinates of which functions close as much, `PARAMETERS` where it does not count
             beside their other values, and `NOISE` where that does as much.
+        beside: Number of the step's other effects.
     """
 
     effect: str
     where: str
     closed: float
     like: tuple[str, ...]
+    beside: int = 0
 
 
 @dataclass(frozen=True)

@@ -240,7 +240,8 @@ class Selector(Fitter):
             if max(e.closes(base), both.closes(base)) - less.closes(base) < self.rules.alike
         ]
         like += [NOISE] * (hidden or noise_does(self.fits, e, at))
-        return Tie(at.effect, at.where, e.closes(base), tuple(like)) if like else None
+        beside = len(e.effects) - len(base.effects) - 1
+        return Tie(at.effect, at.where, e.closes(base), tuple(like), beside) if like else None
 
     def noise_hides(self, base: Hypothesis, e: Hypothesis) -> bool:
         """Return whether a step does not count beside an effect in whose place noise does as much.

@@ -214,10 +214,13 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
     share = of_output(d.per_drive[facts.worst].share_of_output, unit)
     gap = f'{size:.2f} times the noise floor, {share}'
     if cause in (Cause.NONE, Cause.UNKNOWN) and (tie := _tie(facts)):
+        would, but = 'would', 'but'
+        if tie.beside:
+            would, but = f'and {tie.beside} more would together', 'but in its place'
         return (
             f'Something is missing on {where} that this motion cannot tell',
-            f': the gap is {gap}. {capital(title_at(tie.effect, [tie.where]))} would close '
-            f'{100.0 * min(tie.closed, 1.0):.0f} % of it, but {_instead(tie)} do about as well.',
+            f': the gap is {gap}. {capital(title_at(tie.effect, [tie.where]))} {would} close '
+            f'{100.0 * min(tie.closed, 1.0):.0f} % of it, {but} {_instead(tie)} do about as well.',
         )
     if cause == Cause.NONE:
         return (

@@ -110,7 +110,9 @@ def test_effects_that_something_else_imitates_are_ties_and_no_names(selector, mo
         monkeypatch.setattr(selection, 'in_place_of', instead)
         left, ties = selector.untied(Round(base, {}, fitted))
         assert [e.effects for e in left.fitted] == [(STRIBECK,)]
-        assert [(tie.effect, tie.like) for tie in ties] == [(DRAG.effect, like)]
+        assert [(tie.effect, tie.like, tie.beside) for tie in ties] == [(DRAG.effect, like, 0)]
+        step = Round(base, {}, (made((0.1, 0.0), [STRIBECK, DRAG]),))
+        assert [(x.effect, x.beside) for x in selector.untied(step)[1]] == [(DRAG.effect, 1)]
 
 
 def test_a_floor_too_large_and_slow_for_noise_is_told(selector):

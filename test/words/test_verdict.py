@@ -7,7 +7,7 @@ import pytest
 from report_cases import diagnosed
 
 from ros2_ident.effects import CATALOGUE
-from ros2_ident.gap.result import Cause, Ranked
+from ros2_ident.gap.result import Cause, Ranked, Tie
 from ros2_ident.models import EffectAt
 from ros2_ident.words import verdict as words
 from ros2_ident.words.figures import interval
@@ -68,6 +68,21 @@ def test_headline_and_sentence_name_the_effects_and_their_places(effects, headli
     closes = 'they close' if also else 'it closes'
     said = words.sentence(found)
     assert said.startswith(f'{all_of_it}; {closes} 97 % of a gap of 2.90 times the noise floor, ')
+
+
+@pytest.mark.parametrize(
+    ('beside', 'said'),
+    [
+        (0, 'Gear flexibility on drive_1 would close 51 % of it, but functions of the '),
+        (3, 'Gear flexibility on drive_1 and 3 more would together close 51 % of it, but in its '
+         'place functions of the position do about as well'),
+    ],
+)  # fmt: skip
+def test_a_tie_closes_what_its_step_closes(beside, said):
+    found = diagnosed()
+    tie = Tie('gear_flexibility', 'drive_1', 0.51, ('position',), beside)
+    facts = replace(found.facts, cause=Cause.UNKNOWN, best=0.2, ties=(tie,))
+    assert said in words.sentence(replace(found, effect='unknown', facts=facts))
 
 
 def test_a_small_gap_is_called_small():
