@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import get_effect
+from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.gap.result import Tie
 from ros2_ident.models import EffectAt
 
@@ -108,14 +108,18 @@ class Hypothesis:
         """Return the RMS that is taken away from the drive helped most, in floors."""
         return float(np.sqrt(np.maximum(before.gap - self.gap, 0.0)).max())
 
+    def ended(self, at: EffectAt) -> list[EffectParameter]:
+        """Return the numbers of one of its effects that ended at bounds, but for nothing."""
+        own, columns = get_effect(at.effect).parameters, self.columns(self.effects.index(at))
+        return [
+            p
+            for p, x in zip(own, np.round(self.unit[columns], 3), strict=True)
+            if x in (0.0, 1.0) and p.neutral != (p.low, p.high)[int(x)]
+        ]
+
     def limits(self, at: EffectAt) -> set[EffectAt]:
         """Return what one of its effects comes to by numbers that ended at a bound."""
-        own, columns = get_effect(at.effect).parameters, self.columns(self.effects.index(at))
-        return {
-            EffectAt(p.limit, at.where)
-            for p, x in zip(own, np.round(self.unit[columns], 3), strict=True)
-            if p.limit and x in (0.0, 1.0) and p.neutral != (p.low, p.high)[int(x)]
-        }
+        return {EffectAt(p.limit, at.where) for p in self.ended(at) if p.limit}
 
     def columns(self, index: int) -> list[int]:
         """Return the columns of theta that hold an effect's parameters."""

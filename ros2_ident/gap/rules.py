@@ -169,6 +169,8 @@ class Temperatures:
         power: Exponent of the share that a candidate leaves open: half as much weighs 2^power
             times.
         restless: Probability that something moves where the floor is too large and slow for noise.
+        bounded: Share of the probability that is left to names of which a size ended at a bound of
+            its search: it is larger, or in place of another cause. Evenly, by hand.
         sure: Probability of what a measure shows by itself, with hardly any doubt: steps of an
             encoder, a contradiction of log and machine file. By hand.
     """
@@ -179,4 +181,5 @@ class Temperatures:
     believed: float = 0.9
     power: float = 5.0
     restless: float = 0.7
+    bounded: float = 0.5
     sure: float = 0.95

@@ -176,6 +176,8 @@ def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
     believed = len(found.chain) > 1 and (found.remaining < rules.unknown or bool(found.limits))
     if believed:
         named = max(named, t.believed)
+    if any(p.role == 'size' for at in final.effects for p in final.ended(at)):
+        named *= t.bounded
     ranking = _weigh(found, missing * named, rules, t)
     nothing = Verdict(NONE, (), 1.0 - missing, ranking=ranking, closed=closed)
     unknown = replace(nothing, effect=UNKNOWN, where=_where(final, found.drives))

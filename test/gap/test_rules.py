@@ -129,6 +129,18 @@ def test_a_name_is_believed_where_enough_closes_or_little_is_left(before, left, 
         assert said.probability > 0.85
 
 
+@pytest.mark.parametrize(('end', 'share'), [(0.5, 1.0), (1.0, 0.5), (0.0, 1.0)])
+def test_a_size_at_the_end_of_its_search_may_stand_for_another_cause(end, share):
+    # at the lower end of its way presliding is nothing
+    slid = EffectAt('presliding', 'one')
+    base, one = made((2.0, 0.0)), made((0.1, 0.0), effects=[slid])
+    sure = answered([base, one], [one]).probability
+    one = replace(one, unit=np.array([0.5, 0.5, end]))
+    said = answered([base, one], [one])
+    assert said.effect == slid.effect
+    assert said.probability == pytest.approx(share * sure)
+
+
 def test_twins_are_one_answer_under_two_names():
     force, bias = EffectAt('constant_force', 'one'), EffectAt('effort_bias', 'one')
     base, one = made((2.0, 0.0)), made((0.0, 0.0), effects=[force])
