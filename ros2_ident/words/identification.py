@@ -40,7 +40,7 @@ def _parts(result: Identification) -> Iterator[str]:
 def _ended(result: Identification) -> str:
     outcome = result.outcome
     if outcome is Outcome.CONTRADICTED:
-        return 'No parameter is identified.'
+        return f'No parameter is identified. {at_bounds(result.parameters)}'.rstrip()
     if outcome is Outcome.DIVERGED:
         return (
             'Every candidate diverged; narrow the bounds in the machine file to values the '
@@ -72,8 +72,15 @@ def _ended(result: Identification) -> str:
 
 
 def at_bounds(estimates: Sequence[ParameterEstimate]) -> str:
-    """Return which parameters ended at a bound, with their values; empty for none."""
-    ends = [f'{e.name} ({quantity(e.value, e.unit)})' for e in estimates if e.at_bound]
+    """Return which parameters ended at a bound, with their values; empty for none.
+
+    None lies beyond a lower bound of nothing, as of friction.
+    """
+    ends = [
+        f'{e.name} ({quantity(e.value, e.unit)})'
+        for e in estimates
+        if e.at_bound and (e.lower_bound or e.value > 0.5 * e.upper_bound)
+    ]
     if not ends:
         return ''
     return (

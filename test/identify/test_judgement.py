@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is said of a result whose log contradicts the machine file, or that its model lacks."""
 
+from dataclasses import replace
 import math
 from typing import Any
 
 from identify_cases import (
     axis,
     axis_data,
+    identified,
     QUICK,
 )
 import numpy as np
@@ -42,6 +44,18 @@ def test_a_wrong_gain_is_the_headline_and_nothing_is_identified(without_force_co
     assert not any(p.identifiable for p in result.parameters)
     assert {p.note for p in result.parameters} == {NOTE}
     assert result.gates[0].key == 'velocity_gain'
+
+
+def test_bounds_are_suspected_where_a_model_does_not_fit_and_nothing_is_none():
+    good = identified()
+    first, second, *rest = good.parameters
+    end = replace(first, value=first.upper_bound, at_bound=True)
+    none = replace(second, value=0.0, lower_bound=0.0, at_bound=True)
+    found = replace(good, outcome=Outcome.CONTRADICTED, parameters=(end, none, *rest))
+    said = message(found)
+    assert f'No parameter is identified. {end.name} (' in said and none.name not in said
+    assert said.endswith('lies at a bound: the true value can lie beyond; check the bounds in the '
+                         'machine file.')  # fmt: skip
 
 
 def test_a_gain_that_is_a_little_off_comes_first_and_leaves_the_result():
