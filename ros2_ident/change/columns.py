@@ -169,7 +169,11 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
     ):
         at = [beside + i for i in _appended(others, own)]
         columns.append(replace(c, columns=_appended(changed, at)))
-    at = [beside + i for i in _appended(others, list(jacobian[:, sides.nominal :].T))]
+    # Of parameters as on both sides, so that parts of either tell how it scatters.
+    more, width = [jacobian[:, sides.nominal : sides.fitted]], sides.high - sides.low
+    for m in sides.moved:
+        more.append(_of_move(sides, nominal, m, width[sides.places_of(None, m.name)]))
+    at = [beside + i for i in _appended(others, list(np.hstack(more).T))]
     kept = _appended(changed, at)
     every = [*nominal.T, *seen.columns.T, *others]
     usual, alone = np.zeros(len(changed)), np.zeros(len(changed), dtype=bool)
@@ -222,11 +226,15 @@ def _loads(sides: Sides, slopes: Array) -> _Own:
     for joint, (own, of, by) in sides.bare[0].bodies().items():
         move = Move(joint, tuple(f'{joint}.{name}' for name in own), tuple(own.values()), of, by)
         scales = 2.0 * sides.reach(move)
-        parts = [sides.names.index(name) for name in of]
-        columns = slopes[:, parts] @ (by / (sides.high - sides.low)[parts, None] * scales)
         c = Column(Suspect('load', joint), move.numbers, move.units, scales, numbers=len(own),
                    move=move)  # fmt: skip
-        yield c, list(columns.T)
+        yield c, list(_of_move(sides, slopes, move, scales).T)
+
+
+def _of_move(sides: Sides, slopes: Array, move: Move, scales: Array) -> Array:
+    """Return (R, k) the derivative by a change's numbers, on both sides."""
+    parts = [sides.names.index(name) for name in move.of]
+    return slopes[:, parts] @ (move.by / (sides.high - sides.low)[parts, None] * scales)
 
 
 def _constants(sides: Sides, theta: Array, rows: Rows, residual: Array) -> _Own:

@@ -226,9 +226,9 @@ def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) ->
         turn = [np.unique(rows.blocks[here], return_inverse=True)[1] for here in there]
         parts = min(_PARTS, *(int(block.max(initial=0)) + 1 for block in turn))
         for here, block in zip(there, turn, strict=True):
-            fold[here] = block % parts
+            fold[here] = block * parts // (1 + block.max(initial=0))
     after = np.repeat([False, True], list(map(len, numbers)))
-    return Logs(tuple(there), after, np.array(pair), fold, least > 1)
+    return Logs(tuple(there), after, np.array(pair), fold)
 
 
 # ---------------------------------------------------------------------- one change more
@@ -395,16 +395,19 @@ def _restated(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Side
 
 
 def _named(now: _Round, x: _Fit, price: float) -> bool:
-    """Return whether a change is more than friction differs by from log to log by itself."""
+    """Return whether a change is more than it differs by within a side, and friction by itself."""
     c, sides = x.column, now.sides
-    if c.at is None or not of_friction(c.at):
-        return True
     share, sizes = (now.theta / (sides.high - sides.low))[sides.nominal :], []
-    for i in sides.places_of(c.at, ''):
+    for i in sides.places_of(c.at, c.suspect.name):
         p = sides.parameters[i]
-        if p.absent is not None:
-            share[i - sides.nominal] -= p.absent / (p.high - p.low)
+        none = p.absent if c.at else 0.0
+        if none is not None:
+            share[i - sides.nominal] -= none / (p.high - p.low)
             sizes.append(i - sides.nominal)
+    # When it was found nothing told how the parts of one log scatter.
+    more = now.weighed.scatter[0] / now.weighed.inflation[[*now.weighed.kept]]
+    if not sizes or not x.evidence > price * float(more[sizes].mean()):
+        return not sizes
     return evidence_of(now.weighed.beyond(share, sizes), c.numbers) > price
 
 
@@ -534,7 +537,8 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
 def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
     """Yield laws of friction that one side has, and that are no change for certain."""
     sides = now.sides
-    for i in (i for x in several for i in sides.places_of(x.column.at, '')):
+    laws = [x.column.at for x in several if x.column.at and of_friction(x.column.at)]
+    for i in (i for at in laws for i in sides.places_of(at, '')):
         p = sides.parameters[i]
         if p.absent is not None:
             values = (p.absent, float(now.theta[i]))

@@ -59,6 +59,7 @@ class Sides(Layout):
 
     Attributes:
         nominal: Number of parameters that are no change.
+        fitted: Number of those that are no change of one of them.
         after: As given.
         later: (N,) whether a parameter acts on the side after only; else a change acts on the side
             before only.
@@ -77,7 +78,7 @@ class Sides(Layout):
         super().__init__([m.extended((*m.effects, *on[bool(s)])) for m, s in pairs])
         self.bare, self.after, self.effects = tuple(models), after, tuple(effects)
         self.nominal, self.moved = len(models[0].parameters), tuple(moved)
-        self._fitted = len(self.parameters)
+        self.fitted = len(self.parameters)
         # A change may lead out of the box of what was known before, but does not turn a sign.
         most = np.maximum(np.abs(self.low), np.abs(self.high))
         self._width = np.maximum(self.high - self.low, (STATED_WITHIN - 1.0) * most)
@@ -88,10 +89,10 @@ class Sides(Layout):
         )
         first = [m.parameters for m, s in zip(self.models, after, strict=True) if not s]
         early = {p.name for own in first for p in own[self.nominal :]}
-        late, parts = [], [np.empty((self._fitted, 0))]
+        late, parts = [], [np.empty((self.fitted, 0))]
         for m in moved:
             at = [self.names.index(name) for name in m.of]
-            parts.append(np.zeros((self._fitted, len(m.numbers))))
+            parts.append(np.zeros((self.fitted, len(m.numbers))))
             parts[-1][at] = m.by
             for name, unit, end in zip(m.numbers, m.units, self.reach(m).tolist(), strict=True):
                 p = replace(self.parameters[at[0]], name=f'{name}{AFTER}', unit=unit)
@@ -114,12 +115,12 @@ class Sides(Layout):
     def own(self, number: int, theta: Array) -> Array:
         """Return (S, N') the parameters of one model among candidates (S, N)."""
         theta = np.atleast_2d(theta)
-        fitted = theta[:, : self._fitted]
+        fitted = theta[:, : self.fitted]
         if self.moved and self.after[number]:
             there = self._by.any(axis=1)
             low, high = (x[there] for x in self._ends)
             fitted = fitted.copy()
-            more = theta[:, self._fitted :] @ self._by[there].T
+            more = theta[:, self.fitted :] @ self._by[there].T
             fitted[:, there] = np.clip(fitted[:, there] + more, low, high)
         return super().own(number, fitted)
 
@@ -128,7 +129,7 @@ class Sides(Layout):
 
         Beyond it nothing changes, and a derivative would say that nothing is known.
         """
-        theta, end = theta.copy(), self._fitted
+        theta, end = theta.copy(), self.fitted
         for m in self.moved:
             end += len(m.numbers)
             if len(m.of) == 1:

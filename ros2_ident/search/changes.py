@@ -11,7 +11,7 @@ information G and the score h: one factorisation for all of them.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from ros2_ident.search.evidence import of_one_size, Rows, SIZES, Sums
+from ros2_ident.search.evidence import of_one_size, OWN, Rows, SIZES, Sums
 from ros2_ident.search.noise import NoiseModel, Run, Whitening
 from ros2_ident.search.operators import Array
 
@@ -37,14 +37,12 @@ class Logs:
         after: (L,) whether a log is of the side after.
         pair: (L,) logs of one number have their model error and parameters in common.
         fold: (R,) with which part a row is left out; each part has both sides.
-        whole: Whether parts are whole logs, so that they tell how logs scatter.
     """
 
     rows: tuple[slice, ...]
     after: Mask
     pair: npt.NDArray[np.int64]
     fold: npt.NDArray[np.int64]
-    whole: bool
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,7 @@ class Changes:
         alike: Information and score where logs deviate by nothing.
         inflation: (Q,) by how much the scatter from log to log raises a change's variance.
         freedom: (Q,) degrees of freedom of that variance; inf where nothing scatters.
+        scatter: The same (K,) of those kept, where a side has one log by its parts.
         by_itself: (Q,) variance of a change between the sides that has no cause.
         noise: The noise of each place.
         common: (R, C) columns of what the model lacks on both sides, of one size.
@@ -75,6 +74,7 @@ class Changes:
     alike: tuple[Array, Array]
     inflation: Array
     freedom: Array
+    scatter: tuple[Array, Array]
     by_itself: Array
     noise: tuple[NoiseModel, ...]
     common: Array
@@ -124,18 +124,12 @@ class Changes:
     def among_logs(self, gain: float, columns: Sequence[int]) -> float:
         """Return a gain less what it has by the scatter of few logs."""
         at = list(columns)
-        gain /= float(self.inflation[at].max())
-        freedom = float(self.freedom[at].min())
-        if math.isfinite(freedom):
-            # As many standard errors of a normal number as are as probable.
-            tail = max(float(scipy.special.stdtr(freedom, -math.sqrt(gain))), 1e-300)
-            gain = float(scipy.special.ndtri(tail)) ** 2
-        return gain
+        return _normal(gain / float(self.inflation[at].max()), float(self.freedom[at].min()))
 
     def half_widths(self) -> Array:
         """Return (K,) half the 95 % intervals of those kept, whose box is known beforehand."""
-        half = np.sqrt(np.diag(self._covariance()))
-        freedom = np.minimum(self.freedom[list(self.kept)], 1e9)
+        covariance, freedom = self._beside()
+        half = np.sqrt(np.diag(covariance))
         return np.asarray(-half * scipy.special.stdtrit(freedom, 0.025), np.float64)
 
     def beyond(self, estimate: Array, sizes: Sequence[int]) -> float:
@@ -145,17 +139,18 @@ class Changes:
             estimate: (K,) all that are kept.
             sizes: Which of them.
         """
-        at = list(sizes)
-        return float(
-            estimate[at] @ np.linalg.solve(self._covariance()[np.ix_(at, at)], estimate[at])
-        )
+        at, (covariance, freedom) = list(sizes), self._beside()
+        gain = estimate[at] @ np.linalg.solve(covariance[np.ix_(at, at)], estimate[at])
+        return _normal(float(gain), 1.0 / float(np.mean(1.0 / freedom[at])))
 
-    def _covariance(self) -> Array:
-        """Return the covariance (K, K) of those kept, whose box is known beforehand."""
-        at = list(self.kept)
+    def _beside(self) -> tuple[Array, Array]:
+        """Return covariance (K, K) and freedom (K,) of those kept, whose box is known before."""
+        at, wide = list(self.kept), np.sqrt(self.scatter[0])
         covariance = np.linalg.inv(self.information[np.ix_(at, at)] + np.eye(len(at)))
-        wide = np.sqrt(self.inflation[at])
-        return np.asarray(covariance * np.outer(wide, wide) + np.diag(self.by_itself[at]))
+        total: Array = np.asarray(covariance * np.outer(wide, wide), dtype=np.float64)
+        share = np.diag(total) / (np.diag(total) + self.by_itself[at])
+        total = total + np.diag(self.by_itself[at])
+        return total, np.asarray(np.minimum(self.scatter[1] / share**2, 1e9))
 
     def unseen(self, columns: Sequence[int] | None = None) -> float:
         """Return what changes gain on parts left out, as the others tell them.
@@ -175,6 +170,14 @@ class Changes:
                 own[at] = np.linalg.lstsq(others[np.ix_(at, at)], told[at], rcond=None)[0]
             gain += float(2.0 * own @ score - own @ information @ own)
         return gain
+
+
+def _normal(gain: float, freedom: float) -> float:
+    """Return the square of as many standard errors as are as probable of a normal number."""
+    if freedom > 1e8:
+        return gain
+    tail = max(float(scipy.special.stdtr(freedom, -math.sqrt(gain))), 1e-300)
+    return float(scipy.special.ndtri(tail)) ** 2
 
 
 def evidence_of(gain: float, count: int) -> float:
@@ -276,17 +279,22 @@ def weigh_changes(
     for fold in sorted({cell.fold for cell in cells}):
         both = [[c for c in cells if (c.fold == fold) is own] for own in (True, False)]
         parts.append(tuple(x for own in both for x in _reduced(own, seen, prior, usually)))
-    inflation, freedom = np.ones(len(rms)), np.full(len(rms), np.inf)
-    if logs.whole and len(parts) > 1:
-        inflation, freedom = _scatter(
-            np.array([np.diag(part[0]) for part in parts]), np.array([part[1] for part in parts])
-        )
+    # Several logs tell how each suspect scatters; the parts of one a side that of what is in the
+    # fit, for of another law they tell its form, too.
+    several, groups = len(logs.rows) > 2, dict[tuple[int, int], list[_Cell]]()
+    for cell in cells:
+        groups.setdefault((cell.log, 0 if several else cell.fold), []).append(cell)
+    which = np.arange(len(rms)) if several else np.array(kept, dtype=np.int64)
+    scatter = _scatter(list(groups.values()), seen, prior, usually, which)
+    inflation, freedom = scatter if several else (np.ones(len(rms)), np.full(len(rms), np.inf))
+    if several:
+        scatter = inflation[list(kept)], freedom[list(kept)]
     of_all = [_reduced(cells, seen, prior, x) for x in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
     by_itself = np.where(alone, between * usual**2, 0.0)
     return Changes(
-        own, score, tuple(kept), alike, inflation, freedom, by_itself, noise, common, sizes,
-        limit, apart, parts, scale,
+        own, score, tuple(kept), alike, inflation, freedom, scatter, by_itself, noise, common,
+        sizes, limit, apart, parts, scale,
     )  # fmt: skip
 
 
@@ -357,47 +365,86 @@ def _reduced(
     """
     first, count = len(prior), len(deviation)
     found: Array = np.zeros((count, count + 1))
-    own = np.flatnonzero(deviation > 0.0)
     for pair in dict.fromkeys(cell.pair for cell in cells):
         normal = np.hstack([prior[:, :-1], np.zeros((first, count)), prior[:, -1:]])
         alike = [cell for cell in cells if cell.pair == pair]
         for log in dict.fromkeys(cell.log for cell in alike):
             of_log = [cell for cell in alike if cell.log == log]
-            sums, there = seen.told(np.sum([c.sums for c in of_log], axis=0)), of_log[0].there
-            # Scaled by the deviations, which may be as wide as nothing known.
-            sides = sums[first + own] * deviation[own, None]
-            sums = sums - _taken(np.eye(own.size) + sides[:, first + own] * deviation[own], sides)
+            sums, there = _of_log(of_log, seen, deviation), of_log[0].there
             keep = np.concatenate([np.ones(first, dtype=bool), there, [True]])
             normal += sums[:first] * keep
             found += sums[first:, first:] * np.outer(there, keep[first:])
-        found -= _taken(normal[:, :first], normal[:, first:])
+        half = _half(normal[:, :first], normal[:, first:])
+        found -= half[:, :-1].T @ half
     return found[:, :-1], found[:, -1]
 
 
-def _taken(precision: Array, sides: Array) -> Array:
-    """Return what integrating out takes: products of the sides (m, M + 1), the last one none."""
+def _of_log(cells: Sequence[_Cell], seen: _Seen, deviation: Array) -> Array:
+    """Return products of parts of one log, by how much it differs anyway integrated out."""
+    sums, own = seen.told(np.sum([c.sums for c in cells], axis=0)), np.flatnonzero(deviation)
+    at = seen.common.size + own
+    # Scaled by the deviations, which may be as wide as nothing known.
+    sides = sums[at] * deviation[own, None]
+    half = _half(np.eye(own.size) + sides[:, at] * deviation[own], sides)
+    return np.asarray(sums - half[:, :-1].T @ half)
+
+
+def _half(precision: Array, sides: Array) -> Array:
+    """Return (m, M + 1), products of whose columns integrating out takes from those of sides."""
     scale: Any = np.diag(precision) ** -0.5
     scaled = precision * np.outer(scale, scale) + _ROUNDED * np.eye(len(precision))
     factor = scipy.linalg.cholesky(scaled, lower=True)
-    half = scipy.linalg.solve_triangular(factor, scale[:, None] * sides, lower=True)
-    return np.asarray(half[:, :-1].T @ half)
+    return np.asarray(scipy.linalg.solve_triangular(factor, scale[:, None] * sides, lower=True))
 
 
-def _scatter(precision: Array, score: Array) -> tuple[Array, Array]:
-    """Return (Q,) how the scatter of parts inflates a change's variance, and its freedom.
+def _scatter(
+    groups: Sequence[Sequence[_Cell]],
+    seen: _Seen,
+    prior: Array,
+    deviation: Array,
+    which: npt.NDArray[np.int64],
+) -> tuple[Array, Array]:
+    """Return (K,) how scatter within a side inflates a change's variance, and its freedom.
+
+    In each group a change is off that of its side by an amount of its own, all of one variance.
 
     Args:
-        precision: (F, Q) of each change by each part alone.
-        score: (F, Q) likewise.
+        groups: Parts of logs that belong together.
+        seen: As of `_reduced`.
+        prior: Likewise.
+        deviation: Likewise.
+        which: (K,) the changes.
     """
-    free = len(precision) - 1.0
-    weight = np.maximum(precision, 1e-300)
-    whole = weight.sum(axis=0)
-    estimate = score / weight
-    mean = score.sum(axis=0) / whole
-    excess = np.sum(weight * (estimate - mean) ** 2, axis=0) - free
-    among = np.maximum(whole - np.sum(weight**2, axis=0) / whole, 1e-300)
-    square = np.maximum(excess / among, 0.0)
-    inflation = whole / np.sum(weight / (1.0 + square * weight), axis=0)
-    share = np.maximum(1.0 - 1.0 / inflation, 1e-9)
-    return inflation, np.where(inflation > 1.0 + 1e-9, free / share**2, np.inf)
+    only = np.union1d(np.flatnonzero(deviation), which)
+    seen, deviation = replace(seen, changed=seen.changed[only]), deviation[only]
+    first, own = len(prior), len(prior) + np.searchsorted(only, which)
+    count, many = which.size, len(groups)
+    information, score = np.zeros((count, many, many)), np.zeros((count, many))
+    for pair in dict.fromkeys(cells[0].pair for cells in groups):
+        at = [i for i, cells in enumerate(groups) if cells[0].pair == pair]
+        each = [_of_log(groups[i], seen, deviation) for i in at]
+        normal = prior + np.sum([x[:first, [*range(first), -1]] for x in each], axis=0)
+        half = _half(normal[:, :-1], np.hstack([*(x[:first, own] for x in each), normal[:, -1:]]))
+        taken = half[:, :-1].reshape(first, len(at), count).transpose(2, 1, 0)
+        score[:, at] = np.array([x[own, -1] for x in each]).T - taken @ half[:, -1]
+        information[np.ix_(range(count), at, at)] = -taken @ np.swapaxes(taken, 1, 2)
+        information[:, at, at] += np.array([x[own, own] for x in each]).T
+    values, vectors = np.linalg.eigh(information)
+    # What all groups have in common goes to what both sides lack.
+    shown = values > OWN**2 * np.maximum(values[:, -1:], 1e-300)
+    values, turned = values * shown, np.swapaxes(vectors, 1, 2)
+    there = np.stack([cells[0].there[which] for cells in groups], axis=1)
+    sides = turned @ np.stack([np.ones(there.shape), there], axis=2)
+    back = np.swapaxes(sides, 1, 2)
+    push, means = (turned @ score[..., None])[..., 0] * shown, values[..., None] * sides
+    known, wide, mean = back @ means, np.swapaxes(means, 1, 2) @ means, back @ push[..., None]
+    least = np.linalg.pinv(known, rcond=OWN**2, hermitian=True)
+    free = shown.sum(axis=1) - np.einsum('qij,qji->q', least, known)
+    among = values.sum(axis=1) - np.einsum('qij,qji->q', least, wide)
+    excess = np.sum(push**2 / np.maximum(values, 1e-300), axis=1) - free
+    excess -= np.einsum('qia,qij,qja->q', mean, least, mean)
+    variance = np.where(free > 0.5, np.maximum(excess, 0.0), 0.0) / np.maximum(among, 1e-300)
+    more = variance * wide[:, 1, 1] / np.maximum(known[:, 1, 1], 1e-300)
+    return 1.0 + more, np.where(
+        more > 1e-9, free / np.maximum(more / (1 + more), 1e-9) ** 2, np.inf
+    )

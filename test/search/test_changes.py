@@ -25,29 +25,39 @@ def compared(
     scatter: float = 0.0,
     *,
     paired: bool = False,
+    before: int | None = None,
+    parts: float = 0.0,
+    kept: tuple[int, ...] = (),
 ) -> Changes:
-    """Return what logs of two sides say, of which the column 7 is more by `shift` after."""
-    count = 2 * logs
-    after = np.arange(count) >= logs
+    """Return what logs of two sides say, of which the column 7 is more by `shift` after.
+
+    By `scatter` it differs from log to log, by `parts` between the quarters of one.
+    """
+    before = logs if before is None else before
+    count = logs + before
+    after = np.arange(count) >= before
     time = np.linspace(0.0, 1.0, ROWS)[:, None]
     rate, phase = rng.uniform(5.0, 60.0, COLUMNS), rng.uniform(0.0, 6.28, (count, 1, COLUMNS))
     columns = np.sqrt(2.0) * np.sin(2.0 * np.pi * rate * time + phase)
     lacking = np.array([rng.normal(size=COLUMNS)] * count)
     if paired:
         lacking = np.tile(rng.normal(size=(logs, COLUMNS)), (2, 1))
-    moved = shift * after + scatter * rng.normal(size=count)
-    residual = np.einsum('lrc,lc->lr', columns, lacking) - columns[:, :, 7] * moved[:, None]
+    moved = (shift * after + scatter * rng.normal(size=count))[:, None]
+    if parts:
+        moved = moved + np.repeat(parts * rng.normal(size=(count, 4)), ROWS // 4, axis=1)
+    residual = np.einsum('lrc,lc->lr', columns, lacking) - columns[:, :, 7] * moved
     residual = (residual + 0.1 * rng.normal(size=residual.shape)).ravel()
     whole, numbers = columns.reshape(-1, COLUMNS), np.arange(count) % logs
-    place = np.repeat(numbers, ROWS)
-    fold = place if logs > 1 else np.arange(count * ROWS) // 100 % 4
+    fold = np.repeat(numbers, ROWS)
+    if min(logs, before) == 1:
+        fold = np.arange(count * ROWS) % ROWS * 4 // ROWS
     rows = tuple(slice(k * ROWS, (k + 1) * ROWS) for k in range(count))
     return weigh_changes(
         residual, 5.0 * whole[:, :5], whole, whole[:, :0], 5 + np.arange(COLUMNS),
         [Run(x.start, x.stop, 0) for x in rows], np.arange(count * ROWS) // 100,
-        Logs(rows, after, numbers if paired else 0 * numbers, fold, logs > 1),
+        Logs(rows, after, numbers if paired else 0 * numbers, fold),
         most=np.full(COLUMNS, np.inf), usual=np.zeros(COLUMNS),
-        alone=np.full(COLUMNS, False), side=np.full(COLUMNS, True),
+        alone=np.full(COLUMNS, False), side=np.full(COLUMNS, True), kept=kept,
     )  # fmt: skip
 
 
@@ -80,6 +90,26 @@ def test_what_logs_differ_by_anyway_is_no_change():
     alike = compared(np.random.default_rng(0), 4, 0.0)
     apart = compared(np.random.default_rng(0), 4, 0.0, 0.3)
     assert apart.of([7])[1][0, 0] > 20.0 * alike.of([7])[1][0, 0]
+
+
+def test_one_log_against_several_has_their_scatter():
+    told = [
+        best(compared(np.random.default_rng(seed), 1, 0.0, 0.3, before=5))[1] for seed in range(40)
+    ]
+    assert sum(evidence > price_of(COLUMNS) for evidence in told) <= 8
+
+
+def test_what_parts_of_one_log_differ_by_is_no_change_for_certain():
+    wide = {
+        parts: [
+            compared(np.random.default_rng(seed), 1, 0.0, parts=parts, kept=(7,)).half_widths()
+            for seed in range(20)
+        ]
+        for parts in (0.0, 0.3)
+    }
+    # Four parts a side of a standard deviation of 0.3: their means are apart by 0.21.
+    assert 1.96 * 0.15 < np.median(wide[0.3]) < 4.0 * 0.3
+    assert np.median(wide[0.0]) < 0.1
 
 
 def test_the_smallest_that_shows_is_found_half_the_time():
