@@ -21,7 +21,7 @@ from ros2_ident.change.columns import (
     shifted,
     travels_of,
 )
-from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
+from ros2_ident.change.result import Apart, ApartKind, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
@@ -535,14 +535,17 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
 
 
 def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
-    """Yield laws of friction that one side has, and that are no change for certain."""
-    sides = now.sides
-    laws = [x.column.at for x in several if x.column.at and of_friction(x.column.at)]
-    for i in (i for at in laws for i in sides.places_of(at, '')):
-        p = sides.parameters[i]
-        if p.absent is not None:
-            values = (p.absent, float(now.theta[i]))
-            yield Apart('friction', p.name, *(values if sides.later[i] else values[::-1]), p.unit)
+    """Yield what fits as a change and differs by as much itself; laws of friction first."""
+    sides, friction = now.sides, [x for x in several if x.column.at and of_friction(x.column.at)]
+    for x in (*friction, *(x for x in several if x not in friction)):
+        for i in sides.places_of(x.column.at, x.column.suspect.name):
+            p = sides.parameters[i]
+            none = p.absent if x.column.at else 0.0
+            if none is not None:
+                values = none, float(now.theta[i])
+                one, other = values if sides.later[i] else values[::-1]
+                kind: ApartKind = 'friction' if x in friction else 'scatter'
+                yield Apart(kind, p.name.removesuffix(AFTER), one, other, p.unit)
 
 
 def apart(

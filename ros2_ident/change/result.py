@@ -83,20 +83,24 @@ class Visible:
     value: float
 
 
+ApartKind = Literal['check', 'timing', 'zero', 'friction', 'scatter', 'motion']
+
+
 @dataclass(frozen=True)
 class Apart:
     """How the sides differ beside what changed in the machine.
 
     Attributes:
         kind: `check` of log and machine file that holds on one side only, `timing`, `zero` of an
-            encoder, `friction` in its form, or `motion`.
+            encoder, `friction` in its form, `scatter` of what fits best and differs by as much
+            within a side, or `motion`.
         text: The check's sentence, or the quantity.
         before: Value before; NaN where there is none.
         after: Value after.
         unit: Unit.
     """
 
-    kind: Literal['check', 'timing', 'zero', 'friction', 'motion']
+    kind: ApartKind
     text: str
     before: float
     after: float

@@ -20,6 +20,7 @@ _WAYS = {
         f'encoders that are homed anew may differ by that, {_NONE}',
     ),
     'friction': ('friction differs by', f'its form differs by that from log to log, {_NONE}'),
+    'scatter': ('what fits best differs by', f'parts of one side differ by as much, {_NONE}'),
     'motion': ('the motions differ:', 'what the model lacks may not cancel'),
 }
 
@@ -131,7 +132,7 @@ def _difference(x: Apart) -> str:
         return f'{x.text} is {1e3 * size:.2g} ms {"later" if more else "earlier"}'
     if x.kind == 'zero':
         return f'{x.text} reads {quantity(size, x.unit)} {"higher" if more else "lower"}'
-    if x.kind == 'friction':
+    if x.kind in ('friction', 'scatter'):
         return f'{x.text} {quantity(x.after - x.before, x.unit)}'
     return f'{x.text} {quantity(x.before, x.unit)} before, {quantity(x.after, x.unit)} after'
 

@@ -77,6 +77,7 @@ def test_what_comes_and_goes_within_a_side_is_no_change(made, tmp_path):
     found = compared(made, ['one'], [str(tmp_path / 'mixed')]).result
     assert not any(x.suspect.name == 'emps_axis.moving_mass' for x in found.changes)
     assert not found.changes or not found.believed
+    assert any('parts of one side differ by as much' in x for x in sentences(found))
 
 
 def test_parts_of_long_logs_have_both_sides(made, monkeypatch):
