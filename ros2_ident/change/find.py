@@ -4,7 +4,7 @@
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
-from itertools import islice
+from itertools import chain, islice
 import math
 
 import numpy as np
@@ -396,19 +396,24 @@ def _restated(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Side
 
 def _named(now: _Round, x: _Fit, price: float) -> bool:
     """Return whether a change is more than it differs by within a side, and friction by itself."""
-    c, sides = x.column, now.sides
-    share, sizes = (now.theta / (sides.high - sides.low))[sides.nominal :], []
-    for i in sides.places_of(c.at, c.suspect.name):
-        p = sides.parameters[i]
-        none = p.absent if c.at else 0.0
-        if none is not None:
-            share[i - sides.nominal] -= none / (p.high - p.low)
-            sizes.append(i - sides.nominal)
+    width, sizes = now.sides.high - now.sides.low, list[int]()
+    share = (now.theta / width)[now.sides.nominal :]
+    for i, none in _sizes(now.sides, x.column):
+        sizes.append(i - now.sides.nominal)
+        share[sizes[-1]] -= none / width[i]
     # When it was found nothing told how the parts of one log scatter.
     more = now.weighed.scatter[0] / now.weighed.inflation[[*now.weighed.kept]]
     if not sizes or not x.evidence > price * float(more[sizes].mean()):
         return not sizes
-    return evidence_of(now.weighed.beyond(share, sizes), c.numbers) > price
+    return evidence_of(now.weighed.beyond(share, sizes), x.column.numbers) > price
+
+
+def _sizes(sides: Sides, c: Column) -> Iterator[tuple[int, float]]:
+    """Yield which parameters are the sizes of a change, and where each is none."""
+    for i in sides.places_of(c.at, c.suspect.name):
+        none = sides.parameters[i].absent if c.at else 0.0
+        if none is not None:
+            yield i, none
 
 
 def _explained(
@@ -536,16 +541,14 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
 
 def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
     """Yield what fits as a change and differs by as much itself; laws of friction first."""
-    sides, friction = now.sides, [x for x in several if x.column.at and of_friction(x.column.at)]
-    for x in (*friction, *(x for x in several if x not in friction)):
-        for i in sides.places_of(x.column.at, x.column.suspect.name):
-            p = sides.parameters[i]
-            none = p.absent if x.column.at else 0.0
-            if none is not None:
-                values = none, float(now.theta[i])
-                one, other = values if sides.later[i] else values[::-1]
-                kind: ApartKind = 'friction' if x in friction else 'scatter'
-                yield Apart(kind, p.name.removesuffix(AFTER), one, other, p.unit)
+    told: dict[ApartKind, list[Apart]] = {'friction': [], 'scatter': []}
+    for c in (x.column for x in several):
+        for i, none in _sizes(now.sides, c):
+            p, values = now.sides.parameters[i], (none, float(now.theta[i]))
+            one, other = values if now.sides.later[i] else values[::-1]
+            kind: ApartKind = 'friction' if c.at and of_friction(c.at) else 'scatter'
+            told[kind].append(Apart(kind, p.name.removesuffix(AFTER), one, other, p.unit))
+    yield from chain(*told.values())
 
 
 def apart(
