@@ -111,12 +111,13 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
     """Write a table's column map by its header, and print it."""
     import yaml
 
+    from ros2_ident.machine.description import joints_in, judged_tree
     from ros2_ident.recording.headers import header_of
     from ros2_ident.recording.limits import printable
 
-    said = ' '.join(['', *args.column, *(f'"{x}"' for x in args.drives), description])
+    named = {*args.drives, *(joints_in(judged_tree(description)) if description else ())}
     # joints that have numbers are as many as the drives with or without such as are not driven
-    header = header_of(path).called(args.drives).driven(said).called(args.drives)
+    header = header_of(path).called(args.drives).driven(args.column, named).called(args.drives)
     header = header.assigned(args.column)
     effort = _bounded_by_effort(args)
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)

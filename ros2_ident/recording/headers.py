@@ -6,7 +6,7 @@ says whether it is a set-point, and the words that are left are the joint.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass, replace
@@ -284,6 +284,14 @@ def _is_unit(text: str) -> bool:
     return maps.plain_unit(text) in _KNOWN or all(x in _UNITS for x in plain)
 
 
+def _option(text: str) -> tuple[str, str, str, str]:
+    """Return name, joint, quantity and scale of NAME=JOINT.QUANTITY*SCALE; empty for none."""
+    name, _, place = text.rpartition('=')
+    place, _, factor = place.partition('*')
+    joint, _, quantity = place.rpartition('.')
+    return name, joint, quantity, factor
+
+
 @dataclass(frozen=True)
 class Header:
     """Layout of a table, and the meaning of its columns."""
@@ -341,9 +349,7 @@ class Header:
         """
         columns, names = list(self.columns), [x.name for x in self.columns]
         for text in given:
-            name, _, place = text.rpartition('=')
-            place, _, factor = place.partition('*')
-            joint, _, quantity = place.rpartition('.')
+            name, joint, quantity, factor = _option(text)
             scale = math.nan
             with suppress(ValueError):
                 scale = float(factor or 1.0)
@@ -382,11 +388,11 @@ class Header:
         names = {'': '', **dict(zip(ordered, drives, strict=True))}
         return replace(self, columns=tuple(replace(x, joint=names[x.joint]) for x in self.columns))
 
-    def driven(self, said: str) -> 'Header':
+    def driven(self, given: Sequence[str], named: Collection[str]) -> 'Header':
         """Return the header without joints that have no effort and no set-point beside efforts.
 
-        Poses of a tool are such. Joints that options (`NAME=JOINT.QUANTITY`) or the description
-        name, as `said`, stay.
+        Poses of a tool are such. Those of columns that are `given`, as to `assigned`, and those
+        `named` stay.
         """
         of: dict[str, set[str]] = {}
         for x in self.columns:
@@ -394,7 +400,7 @@ class Header:
         if not any('effort' in kinds for kinds in of.values()):
             return self
         idle = {x for x, kinds in of.items() if kinds <= {'position', 'velocity'}}
-        idle -= {x for x in idle if f'={x}.' in said or f'"{x}"' in said}
+        idle -= {*named, *(_option(text)[1] for text in given)}
         columns = list(self.columns)
         for n, x in enumerate(columns):
             if x.joint in idle:
