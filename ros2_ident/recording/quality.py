@@ -519,8 +519,8 @@ def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:
     friction = np.tanh(motion.velocity / (0.02 * np.abs(motion.velocity).max()))
     # Of a joint that turns, gravity is both; over less than a radian, the place and its square.
     weight = np.sin(motion.position), np.cos(motion.position)
-    rows = np.stack([motion.acceleration, motion.velocity, friction, *weight])
-    rows = np.vstack([rows, np.ones(rows.shape[1])])
+    constant = np.ones_like(friction)
+    rows = np.stack([motion.acceleration, motion.velocity, friction, *weight, constant])
     smooth = motion.slowly(fill_gaps(effort))
     lag, _, share = motions.best_lag(motion.slowly(rows).T, smooth, motion.period, 0.0)
     # a fit that is best at the very edge, or poor, knows nothing of a delay
