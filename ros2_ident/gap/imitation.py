@@ -106,6 +106,7 @@ def _own_share(fits: Fits, e: Hypothesis, at: EffectAt) -> float:
 
     In units of coloured noise: what drifts may be large and tell nothing.
     """
+    # Of whole logs: a block's first samples have no past, so that in blocks a drift would count.
     fitted = fits.split.fit.with_effects(e.effects)
     rows = rows_of(fitted.models, MOST // len(e.theta))
     left, jacobian = slopes_of(fitted, e.theta, rows)
