@@ -26,7 +26,7 @@ CORE = [
     'scipy>=1.11',
     'zstandard',
 ]
-PAGE = ['bokeh>=3', 'Jinja2', 'MarkupSafe', 'matplotlib']
+PAGE = ['bokeh>=3.5', 'Jinja2', 'MarkupSafe', 'matplotlib']
 EXTRAS = {
     'arms': ['pin'],
     'dask': ['distributed'],

@@ -2,31 +2,21 @@
 """Measured and simulated effort with residual and following error, quick with long logs, too.
 
 The page holds the samples in whole numbers of two bytes, and draws for each column of pixels the
-least and the largest of the samples in view: `page.js` does that at first and on every zoom.
+least and the largest of the samples in view: `page.js` does that at first and on every zoom. It
+makes Bokeh's models as well: their classes in Python take longer to import than a short search.
 """
 
+import base64
 from collections.abc import Mapping, Sequence
+import gzip
 import math
 from typing import Any
 
-from bokeh.layouts import gridplot
-from bokeh.models import (
-    BasicTicker,
-    ColumnDataSource,
-    CrosshairTool,
-    CustomJS,
-    DataRange1d,
-    PlainText,
-    Range1d,
-    WheelZoomTool,
-)
-from bokeh.models.annotations import Span
-from bokeh.plotting import figure
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.report.page.render import BLUE, Choice, GREY, INK, Key, ORANGE, Picture, RED, SKY
+from ros2_ident.report.page.render import Choice, INK, Key, ORANGE, Picture, RED, SKY
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.words.figures import compared
 
@@ -44,10 +34,6 @@ BEYOND = 10.0
 GAP = 0.02
 # A curve breaks where its next sample is so many times later than usual, and by so many s.
 LATE, LATE_SECONDS = 10.0, 0.02
-LINE, GRID = '#9aa5b1', '#e6eaee'
-# The ring of a plot that has the focus: the library's is faint, and dotted.
-RING = f'--outline-width: 3px; --outline-style: solid; --highlight-color: {BLUE}'
-FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 
 
 def effort_plot(
@@ -77,31 +63,26 @@ def effort_plot(
         unit, label = signals.unit, f'{drive}\n{compared(signals.unit)} [{signals.unit}]'
         top = plots.figure(d, 185, label, visible=shown)
         below = plots.figure(d, 105, f'residual [{unit}]', 4, visible=shown)
-        for side in (-2.0, 2.0) if drive in floor else ():
-            below.hspan(side * floor[drive], line_color=GREY, line_dash='dashed')
+        if drive in floor:
+            below['floor'] = 2.0 * floor[drive]
         scale, name = _scale(measured[d], simulated[:, d]), f'measured_{d}'
         plots.hold(name, measured[d], scale)
-        plots.line(top, name, scale, line_color=SKY, line_width=3.0)
+        plots.line(top, name, scale, colour=SKY, width=3.0)
         for m, colour in enumerate(_colours(signals)):
             look: dict[str, Any] = {'name': f'model-{m}', 'visible': signals.judged in (-1, m)}
             plots.hold(f'simulated_{d}_{m}', simulated[m, d], scale)
-            plots.line(top, f'simulated_{d}_{m}', scale, line_color=colour, **look)
+            plots.line(top, f'simulated_{d}_{m}', scale, colour=colour, **look)
             without = 0.0, scale[1]
-            plots.line(below, name, without, f'simulated_{d}_{m}', line_color=colour,
-                       line_width=0.7, **look)  # fmt: skip
+            plots.line(below, name, without, f'simulated_{d}_{m}', colour=colour,
+                       width=0.7, **look)  # fmt: skip
         if np.isfinite(tracking[d]).any():
             # in thousandths of the unit of travel
             scale = _scale(1e3 * tracking[d])
             plots.hold(f'tracking_{d}', 1e3 * tracking[d], scale)
             below = plots.figure(d, 85, f'following\nerror [m{signals.travel}]', 3, visible=shown)
-            plots.line(below, f'tracking_{d}', scale, line_color=ORANGE)
-        below.xaxis.axis_label = 'time [s]' + ', one recording after another' * (len(starts) > 1)
-        below.height += 44
-        below.xaxis.visible = True
-    layout = gridplot(
-        plots.figures, ncols=1, toolbar_options={'logo': None}, sizing_mode='stretch_width'
-    )
-    plots.fill_with_zoom()
+            plots.line(below, f'tracking_{d}', scale, colour=ORANGE)
+        below['below'] = 'time [s]' + ', one recording after another' * (len(starts) > 1)
+        below['height'] += 44
     named = zip(signals.models, _colours(signals), strict=True)
     models = [Key(f'simulated, {model}', colour, '1.5') for model, colour in named]
     choices, judged = list[Choice](), signals.judged
@@ -114,13 +95,13 @@ def effort_plot(
     told = 'following error: set-point minus measured position'
     tracked = [Key(told, ORANGE, '1.5')] * bool(np.isfinite(tracking).any())
     return Picture(
-        layout,
+        plots.drawn(),
         f'Measured and simulated {compared(signals.unit)} of '
         f'{", ".join(signals.drives)} over time, with the residual below',
         keys=(Key('measured', SKY, '3'), *models, *tracked),
         notes=tuple(_notes(recordings, rows, bool(floor))),
         choices=tuple(choices),
-        height=sum(made.height for made in plots.figures if made.visible),
+        height=sum(made['height'] for made in plots.figures if made['visible']),
         least=320,
     )
 
@@ -134,61 +115,27 @@ class _Plots:
 
     def __init__(self, time: Array, starts: Sequence[float]) -> None:
         self._time, self._starts = time, starts
-        self._data: dict[str, Any] = {'time': np.round(time / TICK).astype(np.int32)}
-        self._whole = Range1d(start=float(time[0]), end=float(time[-1]), bounds='auto')
-        line = Span(dimension='height', line_color=GREY)
-        self._cursor = CrosshairTool(dimensions='height', overlay=line)
-        self._views: list[dict[str, Any]] = []
-        self.figures: list[Any] = []
+        self._held: dict[str, npt.NDArray[np.int16]] = {}
+        self.figures: list[dict[str, Any]] = []
 
-    def fill_with_zoom(self) -> None:
-        """Have the curves filled with what is in view."""
-        full = ColumnDataSource(self._data)
-        refill = CustomJS(
-            args={'full': full, 'views': self._views, 'range': self._whole, 'tick': TICK},
-            code='identPage.refill(full.data, views, range, tick)',
-            name='refill',
-        )
-        self._whole.js_on_change('start', refill)
-        self._whole.js_on_change('end', refill)
+    def drawn(self) -> dict[str, Any]:
+        """Return what `page.js` draws; of the samples first the times, in four bytes each."""
+        ticks = np.round(self._time / TICK).astype('<i4')
+        held = b''.join(x.tobytes() for x in (ticks, *self._held.values()))
+        return {
+            'figures': self.figures, 'rows': ticks.size, 'columns': list(self._held), 'tick': TICK,
+            'start': float(self._time[0]), 'end': float(self._time[-1]), 'parts': self._starts[1:],
+            'packed': base64.b64encode(gzip.compress(held, mtime=0)).decode(),
+        }  # fmt: skip
 
-    def figure(self, d: int, height: int, label: str, ticks: int = 6, *, visible: bool) -> Any:
+    def figure(
+        self, d: int, height: int, label: str, ticks: int = 6, *, visible: bool
+    ) -> dict[str, Any]:
         """Add an empty plot of a drive below the others."""
-        wheel = WheelZoomTool(dimensions='width', modifiers='ctrl')
-        made: Any = figure(
-            output_backend='svg',
-            height=height,
-            x_range=self._whole,
-            y_range=DataRange1d(only_visible=True),
-            min_border=4,
-            min_border_left=76,
-            background_fill_color=None,
-            border_fill_color=None,
-            outline_line_color=None,
-            toolbar_location='above',
-            tools=['pan', 'box_zoom', wheel, 'reset', self._cursor],
-            active_drag='box_zoom',
-            active_scroll=wheel,
-            name=f'drive-{d}',
-            sizing_mode='stretch_width',
-            stylesheets=[f'.bk-Canvas {{ {RING} }}'],
-            visible=visible,
-        )
-        made.toolbar.update(autohide=True, logo=None)
-        for axis in made.axis:
-            axis.axis_label_text_font = axis.major_label_text_font = FONT
-            axis.axis_label_text_font_style = 'normal'
-            axis.axis_label_text_font_size = axis.major_label_text_font_size = '13px'
-            axis.axis_label_text_color = axis.major_label_text_color = INK
-            axis.axis_line_color = axis.major_tick_line_color = LINE
-            axis.update(axis_label_standoff=6, minor_tick_line_color=None, major_tick_in=0)
-        made.grid.grid_line_color = GRID
-        # A text alone could be markup: names may hold $$.
-        made.yaxis.axis_label = PlainText(text=label)
-        made.yaxis.ticker = BasicTicker(desired_num_ticks=ticks)
-        made.xaxis.visible = False
-        for start in self._starts[1:]:
-            made.vspan(start, line_color=GREY)
+        made = {
+            'name': f'drive-{d}', 'height': height, 'label': label, 'ticks': ticks,
+            'visible': visible, 'curves': [],
+        }  # fmt: skip
         self.figures.append(made)
         return made
 
@@ -197,23 +144,23 @@ class _Plots:
         offset, step = scale
         codes = np.clip(np.round((values - offset) / step), -32500, 32500)
         codes = np.where(np.isfinite(codes), codes, NOTHING)
-        self._data[column] = codes.astype(np.int16)
+        self._held[column] = codes.astype('<i2')
 
     def line(
-        self, made: Any, column: str, scale: tuple[float, float], minus: str = '', **look: Any
-    ) -> None:
-        """Add an empty line, and what fills it: a curve that is held, less another."""
-        source = ColumnDataSource({'x': [], 'y': []})
-        made.line('x', 'y', source=source, **look)
-        steps = np.diff(self._time[self._data[column] != NOTHING])
+        self, made: dict[str, Any], column: str, scale: tuple[float, float], minus: str = '',
+        *, colour: str, width: float = 1.0, name: str = '', visible: bool = True,
+    ) -> None:  # fmt: skip
+        """Add a line: a curve that is held, less another."""
+        steps = np.diff(self._time[self._held[column] != NOTHING])
         late = max(LATE * float(np.median(steps)) if steps.size else 0.0, LATE_SECONDS)
         others = len(self._starts) - 1
         if others:
             # it breaks between recordings
             late = min(late, 0.9 * GAP * float(self._time[-1]) / (1.0 + GAP * others))
-        self._views.append({
-            'source': source, 'column': column, 'minus': minus, 'offset': scale[0],
-            'step': scale[1], 'late': late / TICK,
+        made['curves'].append({
+            'column': column, 'minus': minus, 'offset': scale[0], 'step': scale[1],
+            'late': late / TICK, 'colour': colour, 'width': width, 'name': name,
+            'visible': visible,
         })  # fmt: skip
 
 

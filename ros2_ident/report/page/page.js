@@ -5,6 +5,8 @@ const identPage = {
   // Twice so many points a curve are drawn at most: about one pair for each column of pixels.
   COLUMNS: 1000,
   NOTHING: -32768,
+  INK: '#1c2733', BLUE: '#0072B2', GREY: '#666666', LINE: '#9aa5b1', GRID: '#e6eaee',
+  FONT: 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif',
 
   // First row whose time is not before a moment.
   rowAt(time, moment) {
@@ -55,19 +57,108 @@ const identPage = {
     }
   },
 
-  // Bokeh's document of each plot, by the plot's name.
+  // The samples of plots over time: times in four bytes each, then the other columns in two.
+  async unpacked({packed, rows, columns}) {
+    const bytes = Uint8Array.from(atob(packed), (sign) => sign.charCodeAt(0))
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip'))
+    const buffer = await new Response(stream).arrayBuffer()
+    const full = {time: new Int32Array(buffer, 0, rows)}
+    columns.forEach((name, k) => {
+      full[name] = new Int16Array(buffer, (4 + 2 * k) * rows, rows)
+    })
+    return full
+  },
+
+  // Bokeh's model of one plot, and its tools; what fills its curves is added to the views.
+  figure(made, parts, range, cursor, views) {
+    const M = Bokeh.require('models/index')
+    const figure = new M.Figure({
+      name: made.name, height: made.height, visible: made.visible, output_backend: 'svg',
+      x_range: range, y_range: new M.DataRange1d({only_visible: true}), min_border: 4,
+      min_border_left: 76, background_fill_color: null, border_fill_color: null,
+      outline_line_color: null, toolbar_location: null, sizing_mode: 'stretch_width',
+      // the library's ring of a plot that has the focus is faint, and dotted
+      stylesheets: [`.bk-Canvas { --outline-width: 3px; --outline-style: solid;
+        --highlight-color: ${this.BLUE} }`],
+    })
+    const look = {
+      axis_label_text_font: this.FONT, axis_label_text_font_style: 'normal',
+      axis_label_text_font_size: '13px', axis_label_text_color: this.INK, axis_label_standoff: 6,
+      axis_line_color: this.LINE, major_label_text_font: this.FONT,
+      major_label_text_font_size: '13px', major_label_text_color: this.INK,
+      major_tick_line_color: this.LINE, major_tick_in: 0, minor_tick_line_color: null,
+    }
+    const below = new M.LinearAxis({
+      ...look, axis_label: made.below ?? '', visible: made.below !== undefined})
+    const left = new M.LinearAxis({
+      ...look,
+      // a text alone could be markup: names may hold $$
+      axis_label: new M.PlainText({text: made.label}),
+      ticker: new M.BasicTicker({desired_num_ticks: made.ticks}),
+    })
+    figure.add_layout(below, 'below')
+    figure.add_layout(left, 'left')
+    for (const [dimension, axis] of [below, left].entries()) {
+      figure.add_layout(new M.Grid({axis, dimension, grid_line_color: this.GRID}))
+    }
+    const across = (glyph, values) => figure.add_glyph(
+      glyph, new M.ColumnDataSource({data: {at: values}}))
+    if (parts.length) across(new M.VSpan({x: {field: 'at'}, line_color: this.GREY}), parts)
+    if (made.floor) {
+      const dashed = {y: {field: 'at'}, line_color: this.GREY, line_dash: [6]}
+      across(new M.HSpan(dashed), [-made.floor, made.floor])
+    }
+    for (const curve of made.curves) {
+      const source = new M.ColumnDataSource({data: {x: [], y: []}})
+      const line = new M.Line({
+        x: {field: 'x'}, y: {field: 'y'}, line_color: curve.colour, line_width: curve.width})
+      figure.add_glyph(line, source, {name: curve.name, visible: curve.visible})
+      views.push({...curve, source})
+    }
+    const tools = [
+      new M.WheelZoomTool({dimensions: 'width', modifiers: {ctrl: true}}), cursor,
+      new M.PanTool(), new M.BoxZoomTool(), new M.ResetTool(),
+    ]
+    figure.add_tools(...tools)
+    return {figure, tools}
+  },
+
+  // Draws plots below one another that share a time axis, and fills their curves on every zoom.
+  async plot(name, drawn) {
+    const M = Bokeh.require('models/index')
+    const range = new M.Range1d({start: drawn.start, end: drawn.end, bounds: 'auto'})
+    const overlay = new M.Span({dimension: 'height', line_color: this.GREY})
+    const cursor = new M.CrosshairTool({dimensions: 'height', overlay})
+    const views = []
+    const made = drawn.figures.map(
+      (one) => this.figure(one, drawn.parts, range, cursor, views))
+    // one tool for all plots
+    const tools = made[0].tools.map(
+      (_, k) => new M.ToolProxy({tools: made.map((one) => one.tools[k])}))
+    const [wheel, , , box] = tools
+    const grid = new M.GridPlot({
+      children: made.map(({figure}, k) => [figure, k, 0]), sizing_mode: 'stretch_width',
+      toolbar: new M.Toolbar({
+        tools, logo: null, autohide: true, active_drag: box, active_scroll: wheel}),
+      toolbar_location: 'above',
+    })
+    const full = await this.unpacked(drawn)
+    this.fill[name] = () => this.refill(full, views, range, drawn.tick)
+    for (const end of ['start', 'end']) range.connect(range.properties[end].change, this.fill[name])
+    const {Document} = Bokeh.require('document/index')
+    const all = this.documents[name] = new Document()
+    all.add_root(grid)
+    await Bokeh.embed.add_document_standalone(all, document.getElementById(name))
+    this.fill[name]()
+  },
+
+  // Bokeh's document of each plot, and what fills its curves, by the plot's name.
   documents: {},
+  fill: {},
 
   models(name, type) {
     const all = [...this.documents[name]._all_models.values()]
     return all.filter((model) => model.type === type)
-  },
-
-  // Fills the curves of a plot over time; those behind a tab once more when they are shown.
-  fill(name) {
-    for (const callback of this.models(name, 'CustomJS')) {
-      if (callback.name === 'refill') callback.execute(callback)
-    }
   },
 
   // What the buttons above a plot do with their values.
@@ -77,7 +168,8 @@ const identPage = {
       for (const figure of identPage.models(name, 'Figure')) {
         figure.visible = figure.name === `drive-${value}`
       }
-      identPage.fill(name)
+      // those behind a tab once more when they are shown
+      identPage.fill[name]()
     },
     // Shows the curves of one simulation, or of all.
     model(name, value) {
@@ -136,10 +228,7 @@ const identPage = {
     // It warns of plots behind a tab, whose axes are set once they are shown.
     window.Bokeh?.set_log_level('error')
     for (const script of document.querySelectorAll('script.plot')) {
-      const item = JSON.parse(script.textContent)
-      await Bokeh.embed.embed_item(item)
-      this.documents[item.target_id] = Bokeh.documents.at(-1)
-      this.fill(item.target_id)
+      await this.plot(script.dataset.draws, JSON.parse(script.textContent))
       await new Promise((resolve) => setTimeout(resolve, 0))
       await this.painted()
     }

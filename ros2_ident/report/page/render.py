@@ -4,18 +4,23 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files as resources
+from importlib.util import find_spec
+import json
 from pathlib import Path
 from typing import Any
 
-from bokeh.core.json_encoder import serialize_json
-from bokeh.embed import json_item
-from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from ros2_ident import package_version
 from ros2_ident.files import make_directory, write_text
 from ros2_ident.report.page import numbers, steps
+
+# The script alone is used, so that its package is found, not imported.
+_BOKEH = find_spec('bokeh')
+if _BOKEH is None or not _BOKEH.submodule_search_locations:
+    raise ModuleNotFoundError("No module named 'bokeh'", name='bokeh')
+LIBRARY = Path(_BOKEH.submodule_search_locations[0], 'server/static/js/bokeh.min.js')
 
 # Colours of Okabe and Ito (2008), told apart by colour-blind readers too; what matters has marks
 # and places of its own as well.
@@ -41,7 +46,7 @@ class Picture:
     """A picture and what is said with it.
 
     Attributes:
-        drawn: SVG, or Bokeh's model of plots that zoom.
+        drawn: SVG, or what `page.js` makes plots of that zoom.
         summary: What it shows, for who cannot see it.
         choices: Groups of buttons above it: what they choose, what `page.js` does with their
             values, and of each button the text, the value, and whether it is pressed at first.
@@ -83,9 +88,9 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
         numbers.precision, numbers.prose, steps.undetermined,
     )  # fmt: skip
     environment.filters |= {x.__name__: x for x in named}
-    environment.filters |= {'item': _item, 'unit': numbers.unit_of}
+    environment.filters |= {'data': _data, 'unit': numbers.unit_of}
     folder = resources('ros2_ident.report.page')
-    library = Resources(mode='inline', components=['bokeh']).render() if plots else ''
+    library = LIBRARY.read_text(encoding='utf-8') if plots else ''
     page: str = environment.get_template(template).render(
         version=package_version(),
         css=Markup((folder / 'page.css').read_text(encoding='utf-8')),
@@ -96,7 +101,6 @@ def render(template: str, context: Mapping[str, Any], *, plots: bool = False) ->
     return page
 
 
-def _item(picture: Picture, name: str) -> Markup:
-    """Return a plot as JSON that may stand inside a script element."""
-    text = serialize_json(json_item(picture.drawn, name))  # type: ignore[arg-type]
-    return Markup(text.replace('<', '\\u003c'))
+def _data(drawn: Mapping[str, Any]) -> Markup:
+    """Return what plots are made of as JSON that may stand inside a script element."""
+    return Markup(json.dumps(drawn, allow_nan=False).replace('<', '\\u003c'))
