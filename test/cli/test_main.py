@@ -43,6 +43,12 @@ FITTED = f'identify {AXIS} --population 8 --generations 1 --quiet --out'
         ('check --machine config/emps.yaml', FILES),
         (f'check {AXIS}', FILES | NUMBERS),
         (FITTED + ' {} --no-overlay --no-report', FILES | NUMBERS | {'numba'}),
+        (
+            FITTED + ' {} --no-overlay',
+            FILES
+            | NUMBERS
+            | {'numba', 'jinja2', 'ros2_ident.gap.result', 'ros2_ident.report.page'},
+        ),
         (f'diagnose {AXIS} --seconds 0.01 --quiet', FILES | NUMBERS | {'numba', *GAP}),
     ],
 )

@@ -6,13 +6,12 @@ from contextlib import suppress
 import math
 from pathlib import Path
 import time
-from typing import Any, Self
+from typing import Any, Self, TYPE_CHECKING
 
 import numpy as np
 
 from ros2_ident.errors import IdentError
 from ros2_ident.files import write_text
-from ros2_ident.gap.diagnose import DiagnoseProgress
 from ros2_ident.identify.problem import Problem
 from ros2_ident.identify.settings import IdentifyProgress
 from ros2_ident.recording import Stream
@@ -23,6 +22,9 @@ from ros2_ident.report.page.numbers import quantity
 from ros2_ident.report.page.render import Picture, render
 from ros2_ident.report.signals import Curves, Signals
 from ros2_ident.words.figures import capital, duration
+
+if TYPE_CHECKING:
+    from ros2_ident.gap.diagnose import DiagnoseProgress
 
 # Seconds from one page to the next, and from one reload by the browser to the next.
 EVERY, RELOAD = 3.0, 3
@@ -71,9 +73,9 @@ class LivePage:
         """Address for the browser."""
         return self._page.resolve().as_uri()
 
-    def show(self, progress: IdentifyProgress | DiagnoseProgress) -> None:
+    def show(self, progress: 'IdentifyProgress | DiagnoseProgress') -> None:
         """Show how far a run is; a better explanation of a diagnosis at once."""
-        if not isinstance(progress, DiagnoseProgress):
+        if isinstance(progress, IdentifyProgress):
             self._identifying(progress)
             return
         best = progress.best_so_far
