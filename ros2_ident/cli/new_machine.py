@@ -51,7 +51,8 @@ def run(args: argparse.Namespace) -> int:
             text = new_file.one_joint_file(kind, args.drives, log, args.travel)
         known['log'] = log
     text = text or new_file.new_machine_file(kind, args.drives, **known)
-    unit = machine_from_mapping(yaml.safe_load(text), '--drives', folder).effort_unit
+    stated = yaml.safe_load(text)
+    unit = machine_from_mapping(stated, '--drives', folder).effort_unit
     if args.out is None:
         print(text, end='')
         return 0
@@ -63,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     write_text(path, text)
     command = shlex.join(['ident', 'check', '--machine', str(path)])
     key = STATED_FOR.get(unit)
-    first = f'state its {key}, as efforts are in {unit}, ' if key else ''
+    first = f'state its {key}, as efforts are in {unit}, ' if key in stated else ''
     print(f'written: {path}; {first}change its values, then: {command}')
     if log is not None and kind.joints is not None:
         print(new_file.ways(kind, log, freely))

@@ -112,7 +112,7 @@ def _effort_unit(kind: Kind, log: Recording | None, names: Sequence[str]) -> dic
     if not units:
         return {}
     constant = STATED_FOR.get(units[0])
-    own = {key.name: literal(key) for key in kind.keys if key.name == constant}
+    own = {x.name: literal(x) for x in kind.keys if (x.section, x.name) == ('', constant)}
     return {'effort_unit': units[0], **own}
 
 

@@ -111,6 +111,14 @@ def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path, capsys):
     assert '; state its torque_constant, as efforts are in A, ch' in capsys.readouterr().out
 
 
+def test_the_torque_constant_of_a_servo_is_a_parameter_of_its_own(tmp_path, capsys):
+    log, out = logged(tmp_path, '', 'time,pos [deg],current [A]'), tmp_path / 'm.yaml'
+    assert main(['new-machine', '--kind', 'servo', '--bag', str(log), '--out', str(out)]) == 0
+    assert load_machine(out).effort_unit == 'A'
+    assert 'torque_constant: [0.1, 1.0, N m/A]' in out.read_text()
+    assert 'state its torque_constant' not in capsys.readouterr().out
+
+
 def test_the_file_of_a_carriage_says_that_its_effort_is_a_force(tmp_path, capsys):
     log, out = logged(tmp_path, '', 'time,pos,current'), tmp_path / 'm.yaml'
     assert new_machine(log, out, '--travel', 'm') == 0
