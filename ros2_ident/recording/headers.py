@@ -26,7 +26,8 @@ from ros2_ident.recording.table import text_of
 # Words of names: English and German, textbooks' symbols, common drivers. Where another word names
 # a quantity, a faint one does not (`current_position`, `load.position`).
 _WORDS = {
-    'position': 'pos posn position positions angle angles winkel lage weg',
+    'position': 'pos posn position positions angle angles winkel lage weg '
+    'displacement displacements',
     'velocity': 'vel velo velocity velocities speed speeds omega dq qdot geschwindigkeit drehzahl',
     'effort': 'eff effort efforts torque torques tau tor tq trq currents curr amps iq force '
     'moment momenten drehmoment drehmomenten strom kraft',
@@ -85,6 +86,7 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     derived = any(re.search(r'(?<![a-z])(dq|qdot)(?![a-z])', name.lower()) for name in names)
     pairs = zip(names, units or [''] * len(names), strict=True)
     rows = [_Name(name, unit, derived) for name, unit in pairs]
+    _told_by_units(rows)
     for row in rows:
         partners = [x for x in rows if x.quantity and x.key == row.key and x is not row]
         if row.bare and row.quantity and not row.unit and not partners:
@@ -122,6 +124,36 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
         why = f'no column says how {short(out[n].joint)} moves'
         out[n] = replace(out[n], joint='', quantity='', why=why)
     return out
+
+
+def _told_by_units(rows: Sequence['_Name']) -> None:
+    """Let units say the quantities where no name says a motion, as of `x [mm], v [mm/s], F [N]`.
+
+    Where each is there once they are one joint's; else the names are those of joints.
+    """
+    if any(row.quantity in ('position', 'velocity') for row in rows):
+        return
+    silent = ((row, _of_unit(row.unit)) for row in rows if row.why == _NAMES_NONE)
+    told = {row: quantity for row, quantity in silent if quantity}
+    for row, quantity in told.items():
+        row.quantity, row.why = quantity, ''
+        row.scale = maps.units_of(quantity)[maps.plain_unit(row.unit)]
+    alone = len({*told.values()}) == len(told)
+    named = [row for row in rows if row.quantity not in ('', 'time')]
+    if told and alone and {row.key for row in named} <= {(), *(row.key for row in told)}:
+        for row in named:
+            row.key, row.joint = (), ''
+
+
+def _of_unit(unit: str) -> str:
+    """Return the quantity that alone has a unit; percent, counts and Hz are of anything."""
+    plain = maps.plain_unit(unit)
+    rate = plain != unit.strip().lower()
+    if maps.si_unit('effort', plain) in ('N m', 'N', 'A') and not rate:
+        return 'effort'
+    if not maps.si_unit('position', plain) or plain == 'hz':
+        return ''
+    return 'velocity' if rate or plain in maps.SPEEDS else 'position'
 
 
 class _Name:
