@@ -22,15 +22,13 @@ from ros2_ident.models import Machine
 from ros2_ident.models.registry import kind_of
 from ros2_ident.recording import Dataset, smooth_motion
 from ros2_ident.recording.limits import likewise
-from ros2_ident.recording.motion import allowed_cutoff, fill_gaps, low_pass
+from ros2_ident.recording.motion import allowed_cutoff, direction, fill_gaps, low_pass
 from ros2_ident.recording.quality import standing
 
 # Samples compared at most, for time: below 10 Hz more of them say the same. By hand.
 _MOST = 2000
 # Parts of a log of which one is left out in turn. By hand.
 _PARTS = 10
-# Friction turns over within this share of the top speed. By hand.
-_TURNS = 0.02
 # The best of gears, one spur stage, loses this share of what it transmits (textbooks: 1 to 3 %).
 _LOSES = 0.03
 # A weight that varies by less of itself cannot be told from a constant. By hand.
@@ -153,7 +151,7 @@ def _joints(machine: Machine, data: Dataset) -> Iterator[_Joint]:
         more = np.array(others)[:, d].T
         speed, rotor = motion[1:, d]
         slow = low_pass(fill_gaps(effort[d]), data.cycle, cutoff)[kept]
-        friction = np.stack([np.tanh(speed / (_TURNS * np.abs(speed).max())), speed], axis=1)
+        friction = np.stack([direction(speed), speed], axis=1)
         free = np.column_stack([np.ones_like(speed), more[:, 3:]])
         yield _Joint(drive, slow, inertia[d], weight[d], more[:, :3], rotor, friction, free)
 

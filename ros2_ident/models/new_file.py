@@ -29,7 +29,7 @@ from ros2_ident.models.registry import KINDS, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import cycle_of, sample_period, short_number
-from ros2_ident.recording.motion import fill_gaps, Motion, motion_of
+from ros2_ident.recording.motion import direction, fill_gaps, Motion, motion_of
 from ros2_ident.recording.streams import FloatArray, with_positions
 
 # Parameters that an MJCF states: element, attribute, and which of its numbers.
@@ -204,7 +204,7 @@ def _weight(motion: Motion, logged: FloatArray) -> float:
     """
     effort = motion.slowly(fill_gaps(logged))
     place = motion.position
-    friction = np.tanh(motion.velocity / (0.02 * np.abs(motion.velocity).max()))
+    friction = direction(motion.velocity)
     spring = place - place.mean()
     rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), spring])
     plain = motion.slowly(rows).T

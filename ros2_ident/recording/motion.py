@@ -25,6 +25,8 @@ REST = 0.01
 # The highest cutoff, in shares of the rate: the filter needs room below half of it.
 ROOM = 0.2
 _ORDER = 4
+# Friction turns over within this share of the top speed. By hand.
+_TURNS = 0.02
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,11 @@ def motion_in(data: Dataset, name: str) -> Motion:
     rows = [fill_gaps(row) for row in others if np.isfinite(row).sum() > 1]
     beside = low_pass(np.array(rows).reshape(len(rows), data.cycles), data.cycle, cutoff)
     return Motion(data.cycle, position, velocity, acceleration, reported, effort, beside)
+
+
+def direction(velocity: FloatArray) -> FloatArray:
+    """Return the direction (T,) of a velocity, from -1 to 1, as friction turns over with it."""
+    return np.asarray(np.tanh(velocity / (_TURNS * np.abs(velocity).max())))
 
 
 def count_reversals(velocity: FloatArray) -> int:
@@ -445,8 +452,8 @@ def _inertia(position: FloatArray, effort: FloatArray, cycle: float) -> float:
     cutoff = min(_SLOW, _HIGHEST / cycle)
     with suppress(IdentError):
         place, speed, change = (x[0] for x in smooth_motion(position, cycle, cutoff))
-        if still := 0.02 * float(np.abs(speed).max()):
-            columns = [change, np.tanh(speed / still), speed, np.sin(place), np.cos(place)]
+        if np.abs(speed).max() > 0.0:
+            columns = [change, direction(speed), speed, np.sin(place), np.cos(place)]
             system = np.stack([*columns, np.ones_like(place)], axis=1)
             slow = low_pass(effort, cycle, cutoff)
             return abs(float(np.linalg.lstsq(system, slow, rcond=1e-9)[0][0]))

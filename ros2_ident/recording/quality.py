@@ -516,7 +516,7 @@ def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
 
 def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:
     """Return the lag of an effort, s or NaN, and the share of it that the motion explains."""
-    friction = np.tanh(motion.velocity / (0.02 * np.abs(motion.velocity).max()))
+    friction = motions.direction(motion.velocity)
     # Of a joint that turns, gravity is both; over less than a radian, the place and its square.
     weight = np.sin(motion.position), np.cos(motion.position)
     constant = np.ones_like(friction)
