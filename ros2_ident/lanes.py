@@ -209,6 +209,16 @@ def store(typingctx, array, offset, value):
 
 
 @inlined
+def load_three(array, row):
+    """Return the rows of the flat float64 `array` from `row` on, three of them."""
+    return (
+        load(array, row * WIDTH),
+        load(array, (row + 1) * WIDTH),
+        load(array, (row + 2) * WIDTH),
+    )
+
+
+@inlined
 def parted(room, rows):
     """Return the first `rows` rows of the flat float64 array `room`, and the rest of it."""
     return room[: rows * WIDTH], room[rows * WIDTH :]

@@ -15,7 +15,7 @@ from pathlib import Path
 from ros2_ident.compiled import digest_of
 from ros2_ident.effects import DriveState, Hook, SOURCES
 from ros2_ident.kernel.rows import bit, effect_row, KEEPING_EFFECTS, KERNEL_EFFECTS, memory_row
-from ros2_ident.lanes import inlined, load, store, where, WIDTH
+from ros2_ident.lanes import inlined, load, load_three, store, where, WIDTH
 
 W = WIDTH
 
@@ -30,12 +30,7 @@ def _gather2(par, row):
     return (load(par, row * W), load(par, (row + 1) * W))
 
 
-@inlined
-def _gather3(par, row):
-    return (load(par, row * W), load(par, (row + 1) * W), load(par, (row + 2) * W))
-
-
-_GATHER = {1: _gather1, 2: _gather2, 3: _gather3}
+_GATHER = {1: _gather1, 2: _gather2, 3: load_three}
 
 
 def _of(effect):

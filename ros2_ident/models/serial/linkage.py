@@ -14,6 +14,7 @@ from ros2_ident.lanes import (
     cosine,
     inlined,
     load,
+    load_three,
     sine_and_cosine,
     spread,
     sqrt,
@@ -45,11 +46,6 @@ _TURN, _PLACE, _OMEGA, _ALPHA, _ACCELERATION, _FORCE, _MOMENT, _BODY = 0, 6, 9, 
 _ROWS = _BODY + INERTIALS
 # Rows for each joint that `mass_and_load` works in.
 ROOM = _ROWS + 3
-
-
-@inlined
-def _get(room, row):
-    return load(room, row * W), load(room, (row + 1) * W), load(room, (row + 2) * W)
 
 
 @inlined
@@ -95,7 +91,7 @@ def _axes(tree, room, j):
     at = j * _ROWS + _TURN
     turn = tree.turns[j]
     z = spread(turn[2]), spread(turn[5]), spread(turn[8])
-    return _get(room, at), _get(room, at + 3), z
+    return load_three(room, at), load_three(room, at + 3), z
 
 
 @inlined
@@ -103,9 +99,9 @@ def _forces(par, base, j, omega, alpha, acceleration):
     """Return force and moment that move a link, about its joint's origin."""
     at = base + j * INERTIALS
     mass = load(par, at * W)
-    centre = _get(par, at + 1)
-    xx, xy, yy = _get(par, at + 4)
-    xz, yz, zz = _get(par, at + 7)
+    centre = load_three(par, at + 1)
+    xx, xy, yy = load_three(par, at + 4)
+    xz, yz, zz = load_three(par, at + 7)
     turning = _cross(omega, centre)
     swung = _sum(_cross(alpha, centre), _cross(omega, turning))
     force = (
@@ -156,10 +152,10 @@ def _motions(par, base, tree, place, rate, room):
         moved = spread(-tree.fall[0]), spread(-tree.fall[1]), spread(-tree.fall[2])
         if parent >= 0:
             before = parent * _ROWS
-            omega = _get(room, before + _OMEGA)
-            alpha = _get(room, before + _ALPHA)
+            omega = load_three(room, before + _OMEGA)
+            alpha = load_three(room, before + _ALPHA)
             swung = _sum(_cross(alpha, r), _cross(omega, _cross(omega, r)))
-            moved = _sum(_get(room, before + _ACCELERATION), swung)
+            moved = _sum(load_three(room, before + _ACCELERATION), swung)
             omega = _outwards(x, y, z, omega)
             alpha = _outwards(x, y, z, alpha)
         moved = _outwards(x, y, z, moved)
@@ -182,9 +178,9 @@ def _motions(par, base, tree, place, rate, room):
 def _added(room, at, before, x, y, z, r):
     """Add a composite body to its parent's."""
     mass = load(room, (at + _BODY) * W)
-    centre = _inwards(x, y, z, _get(room, at + _BODY + 1))
-    xx, xy, yy = _get(room, at + _BODY + 4)
-    xz, yz, zz = _get(room, at + _BODY + 7)
+    centre = _inwards(x, y, z, load_three(room, at + _BODY + 1))
+    xx, xy, yy = load_three(room, at + _BODY + 4)
+    xz, yz, zz = load_three(room, at + _BODY + 7)
     # Rows of the inertia, then columns, into the parent's axes.
     first = _inwards(x, y, z, (xx, xy, xz))
     second = _inwards(x, y, z, (xy, yy, yz))
@@ -199,7 +195,7 @@ def _added(room, at, before, x, y, z, r):
     pz = (centre[2] + half[2]) * r[2]
     body = before + _BODY
     store(room, body * W, load(room, body * W) + mass)
-    _put(room, body + 1, _sum(_get(room, body + 1), half))
+    _put(room, body + 1, _sum(load_three(room, body + 1), half))
     upper = (
         a[0] + py + pz,
         a[1] - centre[0] * r[1] - half[1] * r[0],
@@ -210,8 +206,8 @@ def _added(room, at, before, x, y, z, r):
         b[2] - centre[1] * r[2] - half[2] * r[1],
         c[2] + px + py,
     )
-    _put(room, body + 4, _sum(_get(room, body + 4), upper))
-    _put(room, body + 7, _sum(_get(room, body + 7), lower))
+    _put(room, body + 4, _sum(load_three(room, body + 4), upper))
+    _put(room, body + 7, _sum(load_three(room, body + 7), lower))
 
 
 @inlined
@@ -238,7 +234,7 @@ def _column(tree, room, j, mass):
     while tree.parents[i] >= 0:
         x, y, z = _axes(tree, room, i)
         force = _inwards(x, y, z, force)
-        pulled = _cross(_get(room, i * _ROWS + _PLACE), force)
+        pulled = _cross(load_three(room, i * _ROWS + _PLACE), force)
         moment = _sum(_inwards(x, y, z, moment), pulled)
         i = tree.parents[i]
         shared = force[2] if tree.slides[i] else moment[2]
@@ -324,18 +320,18 @@ def mass_and_load(par, base, tree, place, rate, mass, asked, room):
     for back in range(drives):
         j = drives - 1 - back
         at = j * _ROWS
-        force = _get(room, at + _FORCE)
-        moment = _get(room, at + _MOMENT)
+        force = load_three(room, at + _FORCE)
+        moment = load_three(room, at + _MOMENT)
         store(asked, j * W, force[2] if tree.slides[j] else moment[2])
         _column(tree, room, j, mass)
         if tree.parents[j] >= 0:
             before = tree.parents[j] * _ROWS
             x, y, z = _axes(tree, room, j)
-            r = _get(room, at + _PLACE)
+            r = load_three(room, at + _PLACE)
             force = _inwards(x, y, z, force)
             moment = _sum(_inwards(x, y, z, moment), _cross(r, force))
-            _put(room, before + _FORCE, _sum(_get(room, before + _FORCE), force))
-            _put(room, before + _MOMENT, _sum(_get(room, before + _MOMENT), moment))
+            _put(room, before + _FORCE, _sum(load_three(room, before + _FORCE), force))
+            _put(room, before + _MOMENT, _sum(load_three(room, before + _MOMENT), moment))
             _added(room, at, before, x, y, z, r)
     _balance(par, base + drives * INERTIALS, tree, place, asked)
     if tree.joints.shape[0]:

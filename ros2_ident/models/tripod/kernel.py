@@ -21,6 +21,7 @@ from ros2_ident.lanes import (
     inlined,
     kernel,
     load,
+    load_three,
     parted,
     spread,
     store,
@@ -51,24 +52,18 @@ def _linkage(par, arms, place, rate, tool, frame, out):
 
 
 @inlined
-def _three(block, row):
-    """Return (3,) rows of a block from one on."""
-    return load(block, row * W), load(block, (row + 1) * W), load(block, (row + 2) * W)
-
-
-@inlined
 def _carriages(par, link, push, sway, sway_rate, frame, bend, at):
     """Write the accelerations of carriages and frame into `bend` from row `at` on."""
     f1 = load(push, 0) - load(link, 6 * W)
     f2 = load(push, W) - load(link, 7 * W)
     f3 = load(push, 2 * W) - load(link, 8 * W)
-    i11, i22, i33 = _three(link, 0)
-    i12, i13, i23 = _three(link, 3)
+    i11, i22, i33 = load_three(link, 0)
+    i12, i13, i23 = load_three(link, 3)
     a1 = i11 * f1 + i12 * f2 + i13 * f3
     a2 = i12 * f1 + i22 * f2 + i23 * f3
     a3 = i13 * f1 + i23 * f2 + i33 * f3
     if frame:
-        g1, g2, g3 = _three(link, 9)
+        g1, g2, g3 = load_three(link, 9)
         b1 = i11 * g1 + i12 * g2 + i13 * g3
         b2 = i12 * g1 + i22 * g2 + i23 * g3
         b3 = i13 * g1 + i23 * g2 + i33 * g3
@@ -209,7 +204,7 @@ def _build(digest):
                     start = command[d * count] if dk.closed_loop(mode, d) else motion[d * count]
                     store(place, (CARRIAGE + d) * W, spread(start))
                 still = zero, zero, zero
-                _linkage(par, arms, _three(place, CARRIAGE), still, tool, frame, link)
+                _linkage(par, arms, load_three(place, CARRIAGE), still, tool, frame, link)
                 for d in range(3):
                     first = MACHINE_COUNT + d * DRIVE_COUNT
                     own = d * MEMORY_COUNT
@@ -264,9 +259,9 @@ def _build(digest):
                         store(moves, (d * measurement.PIECE + piece) * W, z)
                         store(moves, ((3 + d) * measurement.PIECE + piece) * W, v)
                 # The middle of the cycle, as the present rates predict it.
-                s1, s2, s3 = _three(place, CARRIAGE)
-                w1, w2, w3 = _three(rate, CARRIAGE)
-                b1, b2, b3 = _three(drift, 0)
+                s1, s2, s3 = load_three(place, CARRIAGE)
+                w1, w2, w3 = load_three(rate, CARRIAGE)
+                b1, b2, b3 = load_three(drift, 0)
                 now = tool
                 if loaded:
                     start = load(par, MACHINE.payload_time * W)
