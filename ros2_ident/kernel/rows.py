@@ -162,9 +162,9 @@ def _of_drives(block: npt.NDArray[np.float64], row: int, drives: int) -> npt.NDA
     return block[:, MACHINE_COUNT + row : MACHINE_COUNT + drives * DRIVE_COUNT : DRIVE_COUNT]
 
 
-def neutral_rows(count: int, drives: int) -> npt.NDArray[np.float64]:
-    """Return (count, rows) candidates with every row at its neutral value."""
-    rows = np.zeros((count, MACHINE_COUNT + drives * DRIVE_COUNT))
+def neutral_rows(drives: int) -> npt.NDArray[np.float64]:
+    """Return (1, rows) a candidate with every row at its neutral value."""
+    rows = np.zeros((1, MACHINE_COUNT + drives * DRIVE_COUNT))
     for name, value in NEUTRAL.items():
         of(rows, name, drives)[:] = value
     for effect in KERNEL_EFFECTS:

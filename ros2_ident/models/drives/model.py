@@ -245,7 +245,7 @@ class DriveModel(MachineModel):
                     f'the log holds a set-point but the machine file no controller.{key}; add it, '
                     'or let the recorded motion drive the model: `--command-topic none`'
                 )
-        base = rows.neutral_rows(1, len(machine.drives))
+        base = rows.neutral_rows(len(machine.drives))
         of = functools.partial(rows.of, base, drives=len(machine.drives))
         for name in dict.fromkeys((*NEUTRAL, *machine.constants)):
             if name in SLOTS and SLOTS[name].row in rows.MACHINE_ROWS:

@@ -97,7 +97,7 @@ class Mujoco(MachineModel):
     @property
     def _base(self) -> Array:
         """(R,) neutral rows, gains as factors of the description's."""
-        base = rows.neutral_rows(1, len(self.machine.drives))
+        base = rows.neutral_rows(len(self.machine.drives))
         for name in (*_FACTORS, 'gear', 'motor_turn', 'regularisation'):
             rows.of(base, name, len(self.machine.drives))[:] = 1.0
         rows.of(base, 'torque_limit', len(self.machine.drives))[:] = math.inf
