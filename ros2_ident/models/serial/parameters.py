@@ -138,9 +138,7 @@ class Inertials:
         """
         terms, rotors = self._shown
         own = np.concatenate([rotors, terms[:, self._base]], axis=1)
-        scale = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
-        by = np.linalg.lstsq(own / scale, terms, rcond=1e-12)[0] / scale[:, None]
-        by[np.abs(by) < 1e-9] = 0.0
+        by = _made_of(own, terms)
         return by, np.linalg.norm(own @ by - terms, axis=0) / np.linalg.norm(terms)
 
     @functools.cached_property
@@ -293,13 +291,18 @@ def base_columns(terms: Array, given: Array) -> tuple[npt.NDArray[np.int64], Arr
             kept.append(int(number) - given.shape[1])
     columns = np.array([n for n in kept if n >= 0], dtype=np.int64)
     whole = np.concatenate([given, terms[:, columns]], axis=1)
-    scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
-    found = np.linalg.lstsq(whole / scale, terms, rcond=1e-12)[0] / scale[:, None]
-    found[np.abs(found) < 1e-9] = 0.0
-    beside, grouping = np.split(found, [given.shape[1]])
+    beside, grouping = np.split(_made_of(whole, terms), [given.shape[1]])
     grouping[:, columns] = np.eye(len(columns))
     beside[:, columns] = 0.0
     return columns, grouping, beside
+
+
+def _made_of(columns: Array, terms: Array) -> Array:
+    """Return (C, N) the shares of columns (M, C) in terms (M, N), what rounding leaves as 0."""
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    shares = np.linalg.lstsq(columns / scale, terms, rcond=1e-12)[0] / scale[:, None]
+    shares[np.abs(shares) < 1e-9] = 0.0
+    return np.asarray(shares)
 
 
 class Transmission:
