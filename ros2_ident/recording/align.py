@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -424,7 +425,7 @@ def interpolate_setpoint(
     # cycles and samples fall together to within rounding: the sample that shows a step is not held
     # over
     slack = 1e-6 * (wanted[1] - wanted[0]) if wanted.size > 1 else 0.0
-    for begin, end in zip(edges, edges[1:], strict=False):
+    for begin, end in pairwise(edges):
         low = int(np.searchsorted(wanted, time[begin] - slack)) if begin else 0
         high = int(np.searchsorted(wanted, time[end] - slack)) if end < time.size else wanted.size
         inside = wanted[low:high]
@@ -486,7 +487,7 @@ def find_steps(time: FloatArray, position: FloatArray) -> IntArray:
     change = np.abs(np.diff(position))
     speed = change / np.diff(time)
     # two neighbours on each side: one alone may be a plateau's corner or an accelerating start
-    padded = np.concatenate([speed[[0, 0]] * 0.0, speed, speed[[0, 0]] * 0.0])
+    padded = np.pad(speed, 2)
     around = np.maximum.reduce([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
     span = float(np.ptp(position))
     return np.flatnonzero((speed > _STEP_RATIO * around) & (change > 1e-3 * span))

@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -208,7 +209,7 @@ class RecordingBuilder:
             parts = _split_pauses(whole)
             found += [_in_range(part, warnings) for part in parts]
             if len(parts) > 1:
-                pauses = (b.begin - a.end for a, b in zip(parts, parts[1:], strict=False))
+                pauses = (b.begin - a.end for a, b in pairwise(parts))
                 longest = max(pauses) * 1e-9
                 said = f'nothing came for up to {longest:.4g} s: the recorder paused or its clock '
                 warnings.append(f'{said}was set; {len(parts)} stretches are taken one by one')

@@ -10,6 +10,7 @@ design).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,7 +69,7 @@ def choose_windows(
             continue
         density = effort_samples(recording, drives) / recording.duration
         features, edges, begin = _features(stream, drives)
-        for first, last in zip(edges, edges[1:], strict=False):
+        for first, last in pairwise(edges):
             part = features[:, first:last]
             step = round(_MEAN * 1e9)
             windows.append((number, begin + first * step, begin + last * step))
