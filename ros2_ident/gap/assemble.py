@@ -113,7 +113,6 @@ def assemble(
 
 
 def _facts(selector: Selector, found: Selection, verdict: Verdict, gates: Sequence[Gate]) -> Facts:
-    """Return the facts behind a verdict."""
     split, floor, base = selector.split, selector.floor, found.chain[0]
     model = split.fit.models[0]
     slow_noise = {
@@ -198,7 +197,6 @@ def _values(selector: Selector, e: Hypothesis, ends: Array) -> dict[str, Value]:
 
 
 def _steps(encoders: Sequence[EncoderSteps]) -> dict[str, Value]:
-    """Return the steps of the encoders named."""
     out = {}
     for r in encoders:
         (step,) = get_effect(r.at.effect).parameters

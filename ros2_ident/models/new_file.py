@@ -430,7 +430,6 @@ def _stated_by_joint(root: Any) -> dict[str, dict[str, float]]:
 
 
 def _followed(head: str, stated: str, compensation: str, boxes: _Boxes) -> str:
-    """Return the text of `followed_file`."""
     lines = [f'  {key}:' for key in boxes]
     for n, several in enumerate(boxes.values()):
         for low, high, unit in several:

@@ -137,7 +137,6 @@ def read_bags(
 
 
 def _read(path: Path, topics: Topics, drives: tuple[str, ...]) -> list[Recording]:
-    """Read a bag; see `read_bag`."""
     notes: tuple[str, ...] = ()
     roles, (files, warnings) = topics.roles(), storage_files(path)
     layouts = load_topics(topics.columns) if topics.columns else {}

@@ -18,13 +18,11 @@ LINKAGE = 14
 
 @inlined
 def _times(a, factor):
-    """Return a vector times a number."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
 @inlined
 def _dot(a, b):
-    """Return the product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
