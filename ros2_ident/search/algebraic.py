@@ -67,9 +67,7 @@ def solve(
     theta = np.maximum(middle + change, lowest)
     residual = left + slopes @ change
     cost = problem.cost_of(residual)
-    found = SearchResult(
-        theta, cost, theta[None], np.array([cost]), 0, 0, (), StopReason.SOLVED, 0.0
-    )
+    found = SearchResult(theta, cost, theta[None], np.array([cost]), 0, 0, (), StopReason.SOLVED)
     certain = intervals(
         columns * weights[:, None],
         (kept + columns @ change) * weights,

@@ -108,7 +108,6 @@ class SearchResult:
         generations: Generations completed.
         best_costs: Best cost after each generation completed in this call.
         stop: Why the search ended; `stop.value` is a sentence.
-        seconds: Wall time of this call, s.
     """
 
     theta: Array
@@ -119,7 +118,6 @@ class SearchResult:
     generations: int
     best_costs: tuple[float, ...]
     stop: StopReason
-    seconds: float
 
 
 class _Generation:
@@ -395,5 +393,4 @@ def minimise(
         generations=completed,
         best_costs=tuple(best_costs),
         stop=stop,
-        seconds=run.elapsed,
     )

@@ -36,7 +36,6 @@ class Intervals:
         correlation: (N, N) correlations of the estimates; NaN beside a parameter that is not
             fixed.
         at_bound: For each parameter '', 'lower' or 'upper'.
-        noise: Standard deviation of the residual, its unit, for each series.
     """
 
     half_width: Array
@@ -44,7 +43,6 @@ class Intervals:
     high: Array
     correlation: Array
     at_bound: tuple[str, ...]
-    noise: tuple[float, ...]
 
 
 def intervals(
@@ -125,7 +123,6 @@ def intervals(
             'lower' if p <= AT_BOUND else 'upper' if p >= 1.0 - AT_BOUND else ''
             for p in (theta - np.asarray(low)) / width
         ),
-        noise=tuple(math.sqrt(freedom * m.variance) for m in models),
     )
 
 
