@@ -33,7 +33,7 @@ def simulate_bag(
     log = twin.simulate(machine, parameters, motion.position, motion.velocity, effects)
     rng = np.random.default_rng(seed)
     streams = make_streams(log, motion, nuisance or nuisance_of(machine), rng)
-    return SimulatedBag(streams, log, motion)
+    return SimulatedBag(streams, log)
 
 
 def draw_parameters(machine: Machine, rng: np.random.Generator) -> dict[str, float]:

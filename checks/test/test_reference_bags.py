@@ -35,14 +35,17 @@ def test_torque_stays_well_inside_the_limit():
         assert np.max(np.abs(bag.log.torque)) < 4.0
 
 
+MOTION = draw_motion('mixed', MACHINE, 4.0, 1)
+
+
 @pytest.fixture(scope='module')
 def bag():
-    return simulate_bag(MACHINE, TRUTH, draw_motion('mixed', MACHINE, 4.0, 1), 1)
+    return simulate_bag(MACHINE, TRUTH, MOTION, 1)
 
 
 def test_same_seed_same_bag(bag):
-    again = simulate_bag(MACHINE, TRUTH, bag.motion, 1)
-    other = simulate_bag(MACHINE, TRUTH, bag.motion, 2)
+    again = simulate_bag(MACHINE, TRUTH, MOTION, 1)
+    other = simulate_bag(MACHINE, TRUTH, MOTION, 2)
     for topic, stream in bag.streams.items():
         assert np.array_equal(stream.stamp, again.streams[topic].stamp)
         assert not np.array_equal(stream.stamp, other.streams[topic].stamp)
@@ -51,7 +54,7 @@ def test_same_seed_same_bag(bag):
 
 def test_a_kind_without_a_reference_says_so(bag):
     with pytest.raises(IdentError, match='no reference of a mujoco'):
-        simulate_bag(replace(MACHINE, kind='mujoco'), TRUTH, bag.motion)
+        simulate_bag(replace(MACHINE, kind='mujoco'), TRUTH, MOTION)
 
 
 @pytest.mark.parametrize(

@@ -196,12 +196,10 @@ class SimulatedBag:
     Attributes:
         streams: Streams by topic: `/joint_states`, `/effort`, `/joint_command`.
         log: The log before noise, at every controller cycle.
-        motion: Its set-points.
     """
 
     streams: Mapping[str, Stream]
     log: Log
-    motion: Motion
 
 
 def nuisance_of(machine: Machine) -> Nuisance:
@@ -278,4 +276,4 @@ def simulate_bag(
     log = simulate(machine, parameters, motion, effects)
     rng = np.random.default_rng(seed)
     streams = make_streams(log, motion, nuisance or nuisance_of(machine), rng)
-    return SimulatedBag(streams, log, motion)
+    return SimulatedBag(streams, log)

@@ -46,9 +46,12 @@ def test_motion(kind, machine):
         assert np.ptp(motion.position) > 1e-3
 
 
+MOTION = draw_motion('mixed', MACHINE, 4.0, 1)
+
+
 @pytest.fixture(scope='module')
 def bag():
-    return simulate_bag(MACHINE, TRUTH, draw_motion('mixed', MACHINE, 4.0, 1), 1)
+    return simulate_bag(MACHINE, TRUTH, MOTION, 1)
 
 
 def test_streams_are_a_log(bag):
@@ -68,8 +71,8 @@ def test_streams_are_a_log(bag):
 
 
 def test_same_seed_same_bag(bag):
-    again = simulate_bag(MACHINE, TRUTH, bag.motion, 1)
-    other = simulate_bag(MACHINE, TRUTH, bag.motion, 2)
+    again = simulate_bag(MACHINE, TRUTH, MOTION, 1)
+    other = simulate_bag(MACHINE, TRUTH, MOTION, 2)
     for topic, stream in bag.streams.items():
         assert np.array_equal(stream.stamp, again.streams[topic].stamp)
         assert not np.array_equal(stream.stamp, other.streams[topic].stamp)
