@@ -79,7 +79,7 @@ def test_effects_of_a_diagnosis_are_in_the_model(logs, capsys):
     assert 0.1 < np.abs(alike[~np.eye(len(alike), dtype=bool)]).max() < 1.0
     torque = found['emps_axis.stribeck.torque']
     assert torque.low < 4.0 < torque.high
-    assert torque.high - torque.low < 3.9 * before.deviations[torque.name]
+    assert torque.high - torque.low < 3.9 * before.prior.deviations[torque.name]
     assert main(_words(logs, 'diagnose', 'worn_too', 'again', *known)) == 0
     capsys.readouterr()
     words = ['diff', f'{logs}/worn_too', '--after', f'{logs}/two', '--machine', str(AXIS)]

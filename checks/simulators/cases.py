@@ -18,6 +18,7 @@ from ros2_ident.export.content import Content, content_of
 from ros2_ident.export.laws import Law
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.problem import problem_of
+from ros2_ident.machine.prior import Prior
 from ros2_ident.models import EffectAt, machine_from_mapping, make_model
 from ros2_ident.models.drives.joints import Joint, PARTS
 from ros2_ident.models.new_file import new_machine_file
@@ -122,7 +123,7 @@ class Case:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the drives."""
-        return self.content.machine.drives
+        return self.content.model.machine.drives
 
     @functools.cached_property
     def _model(self) -> Any:
@@ -312,7 +313,8 @@ def case(
     problem = problem_of(machine, Data((data,), labels=('log',)), effects=there)
     names = [p.name for p in problem.parameters]
     sure = {p.name: SURE * (p.high - p.low) for p in problem.parameters}
-    estimate = Estimate({n: truth[n] for n in names}, sure, {}, problem.drives, {}, '')
+    known = {n: truth[n] for n in names}
+    estimate = Estimate(known, {}, problem.drives, {}, '', Prior(deviations=sure))
     states = np.stack([
         centre + rng.uniform(-0.5, 0.5, (STATES, count)),
         rng.choice([-1.0, 1.0], (STATES, count)) * rng.uniform(0.3, 1.5, (STATES, count)),

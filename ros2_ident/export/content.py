@@ -12,7 +12,6 @@ from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.laws import is_law, Law, laws_of
 from ros2_ident.identify.problem import Problem
-from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.joints import at_joints, Joint, joints_of, PARTS
 from ros2_ident.models.drives.model import DriveModel
@@ -26,7 +25,6 @@ class Content:
     """Content of an export.
 
     Attributes:
-        machine: The machine.
         joints: Its drives as simulators have them; of a joint with effects, the friction that
             comes closest to all of them.
         identified: The drives as they were identified.
@@ -43,7 +41,6 @@ class Content:
         fitted: (O, K) what was identified makes of it.
     """
 
-    machine: Machine
     joints: tuple[Joint, ...]
     identified: tuple[Joint, ...]
     beside: tuple[Joint, ...]
@@ -139,7 +136,9 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     theta = fit = np.array([estimate.values[name] for name in names])
     links = None
     if isinstance(model, Serial) and model.arm.bodies:
-        links = links_of(model, theta, information_of(model, theta, estimate.deviations), spread)
+        links = links_of(
+            model, theta, information_of(model, theta, estimate.prior.deviations), spread
+        )
         # without the negative sizes that links may have made
         negative = (links.theta < 0.0) & [p.low >= 0.0 for p in model.parameters]
         theta = np.where(negative, 0.0, links.theta)
@@ -176,7 +175,6 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     late = plain.candidates.of(plain.rows(own[None]), 'set_point_delay')[0]
     drives = zip(plain.machine.drives, late, strict=True)
     return Content(
-        problem.machine,
         joints,
         identified,
         beside,

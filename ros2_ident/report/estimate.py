@@ -45,14 +45,12 @@ class Estimate:
     """Parameters with their uncertainty.
 
     Attributes:
-        deviations: Standard deviations by name; inf where the log sets no limit.
         drives: Drives compared; all where empty.
         prior: What a later run may take as known.
         doubt: Why it may not; empty where it may.
     """
 
     values: Mapping[str, float]
-    deviations: Mapping[str, float]
     fixed: Mapping[str, float]
     drives: tuple[str, ...]
     settings: Mapping[str, Any]
@@ -101,21 +99,20 @@ def read_estimate(path: str | Path) -> Estimate:
         count = len(of.found.correlation)
         correlation[:count, :count] = of.found.correlation
         doubt = sentence(of.found) if of.found.facts.cause in _UNSOUND else ''
+    values = {name: v.value for name, v in known.items()}
     deviations = {name: _deviation(v.low, v.high) for name, v in known.items()}
     noise = {name: _deviation(v.noise_low, v.noise_high) for name, v in known.items()}
     # Not every number of a diagnosis has an interval by noise.
     noise = {name: min(noise[name], x) for name, x in deviations.items()}
     found = Estimate(
-        {name: v.value for name, v in known.items()},
-        deviations,
+        values,
         {name: float(value) for name, value in fixed.items()},
         drives,
         of.settings,
         of.provenance.source,
         Prior(
-            str(path), of.provenance.sha256, {name: v.value for name, v in known.items()},
-            deviations, noise, {name: v.unit for name, v in known.items()},
-            tuple(map(tuple, correlation.tolist())),
+            str(path), of.provenance.sha256, values, deviations, noise,
+            {name: v.unit for name, v in known.items()}, tuple(map(tuple, correlation.tolist())),
         ),
         doubt,
     )  # fmt: skip

@@ -30,6 +30,7 @@ from ros2_ident.gap.result import Value  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.machine.machine import Machine  # noqa: E402
+from ros2_ident.machine.prior import Prior  # noqa: E402
 from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
 from ros2_ident.models.drives.joints import Gains  # noqa: E402
 from ros2_ident.report.diagnosis import write_diagnosis  # noqa: E402
@@ -75,11 +76,11 @@ def known(problem, values: dict[str, float], deviation: float = 1e-3) -> Estimat
     names = list(middle)
     return Estimate(
         middle | values,
-        dict.fromkeys(names, deviation),
         {},
         problem.drives,
         {},
         '',
+        Prior(deviations=dict.fromkeys(names, deviation)),
     )
 
 
@@ -110,7 +111,7 @@ def by_pinocchio(text: str, found: Content) -> np.ndarray:
     """Return (D, K) what a URDF asks along the log: links, damping and friction."""
     model = pinocchio.buildModelFromXML(text)
     data = model.createData()
-    machine = found.machine
+    machine = found.model.machine
     model.gravity.linear = down(machine)
     place, speed, bend = found.model.motion
     order = [model.joints[model.getJointId(name)] for name in machine.drives]
@@ -142,7 +143,9 @@ def module_at(path: Path) -> ModuleType:
 
 def sliding(found: Content) -> np.ndarray:
     """Return (D, K) where friction has turned over altogether."""
-    return np.abs(found.model.motion[1]) > 20.0 * found.machine.number('coulomb_regularisation')
+    return np.abs(found.model.motion[1]) > 20.0 * found.model.machine.number(
+        'coulomb_regularisation'
+    )
 
 
 def test_a_urdf_asks_what_was_identified(tmp_path: Path) -> None:
@@ -367,7 +370,7 @@ def by_mujoco(mujoco, text, found: Content) -> np.ndarray:
     model = mujoco.MjModel.from_xml_string(text) if isinstance(text, str) else text
     data = mujoco.MjData(model)
     place, speed, bend = found.model.motion
-    joints = [model.joint(name) for name in found.machine.drives]
+    joints = [model.joint(name) for name in found.model.machine.drives]
     out = np.empty_like(place)
     for k in range(place.shape[1]):
         for d, joint in enumerate(joints):
@@ -394,7 +397,7 @@ def test_a_urdf_becomes_an_mjcf_that_asks_what_was_identified(tmp_path: Path, mu
     text = text.replace('<link name="hand">', f'<link name="hand">{mesh}')
     path, words = write(tmp_path, ('mjcf',), found, text)['mjcf']
     model = mujoco.MjModel.from_xml_string(path.read_text())
-    model.opt.gravity[:] = down(found.machine)
+    model.opt.gravity[:] = down(found.model.machine)
     asked, most = efforts(found), np.abs(efforts(found)).max()
     # MuJoCo writes six digits
     assert np.abs(by_mujoco(mujoco, model, found) - asked).max() < 1e-5 * most
@@ -644,8 +647,8 @@ def test_a_diagnosis_brings_its_effects(tmp_path: Path) -> None:
         EffectAt('stribeck', 'elbow'),
         EffectAt('effort_smoothing', 'all'),
     )
-    assert estimate.deviations['elbow.coulomb_torque'] == pytest.approx(0.5 / 1.96)
-    assert np.isinf(estimate.deviations['elbow.stribeck.size'])
+    assert estimate.prior.deviations['elbow.coulomb_torque'] == pytest.approx(0.5 / 1.96)
+    assert np.isinf(estimate.prior.deviations['elbow.stribeck.size'])
     assert estimate.fixed == {'payload_mass': 1.0}
     # Values of single recordings are none of the machine's.
     mass = {'payload_mass@log': Value(1.0, 'kg', 0.0, 2.0)}
