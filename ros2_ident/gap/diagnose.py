@@ -171,7 +171,6 @@ def diagnose(
     """Say where the gap lies, which effect causes it, and how far it closes with it.
 
     Args:
-        machine: The machine.
         fit: Part to fit on.
         check: Part held out; without them every second block of the fit recordings is held
             out.

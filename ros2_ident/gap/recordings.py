@@ -46,7 +46,6 @@ def recordings_of(
     """Return a machine's nominal model on each recording.
 
     Args:
-        machine: The machine.
         data: The recordings, on the controller's grid.
         drives: The drives compared; all by default.
         fixed: Parameters that are held; `gear_stiffness` means that of every drive.
@@ -98,10 +97,6 @@ class JointModel(Layout):
     """A model with some effects on every recording of a part, as one fit.
 
     The parameters of the effects are the last ones.
-
-    Args:
-        part: The part.
-        effects: The effects.
 
     Attributes:
         effects: The effects, in the order of their parameters.

@@ -68,7 +68,6 @@ class Misfit:
     """Residual of a model that no effect makes fit, on the worst drive.
 
     Attributes:
-        drive: The drive.
         quantity: Quantity compared.
         rms: RMS of the residual [output unit].
         share: The same over the standard deviation of the measured output.
@@ -160,7 +159,6 @@ class Value:
 
     Attributes:
         value: Estimate.
-        unit: Its unit.
         low: Lower end of the 95 % interval, within its search; NaN where not known.
         high: Upper end.
         at_bound: Whether it is the size of an effect and ended at a bound of its search.

@@ -67,7 +67,6 @@ def new_machine_file(
     """Return the text of a machine file, as far filled in as is known.
 
     Args:
-        kind: The kind of machine.
         drives: Joint names; where there are none, those that description and log have in common.
         description: URDF or MJCF.
         named: Where it can be found, for the file.
@@ -124,7 +123,6 @@ def one_joint_file(
     No controller is in it: a log does not say its gains.
 
     Args:
-        kind: The kind of machine.
         drives: Joint names; those of the log where there are none.
         log: A log with a measured motion.
         travel: Unit of its position, `rad` or `m`; empty for that which the log states.
@@ -229,7 +227,7 @@ def followed_file(
 
     Args:
         drives: Joint names; those that description and log have in common where there are none.
-        description: The description.
+        description: URDF or MJCF.
         named: Where it can be found, for the file.
         log: A log with a measured motion.
 
@@ -547,7 +545,6 @@ def machine_template(
     """Return the text of a machine file.
 
     Args:
-        kind: The kind of machine.
         drives: Joint names; those of the example where there are none.
         known: Values of keys by name, as YAML. Beside a file that describes it, a machine needs
             nothing of that section which belongs to single drives or has no default.

@@ -62,7 +62,6 @@ class Output:
 
     Attributes:
         name: Unique in the model: `drive_1`, `drive_1.position`.
-        unit: Its unit.
         weight: What its errors are multiplied with, so that outputs of several units can be
             summed (eq. 2 of Ludwig and Gerstmayr 2011).
         place: What it belongs to: the drive; the name itself where empty.

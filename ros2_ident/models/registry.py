@@ -216,7 +216,6 @@ def planned_model(
     """Return a model of set-points that the drives follow as well as the model lets them.
 
     Args:
-        machine: The machine.
         position: (D, K) set-points, rad or m.
         velocity: (D, K) their derivatives.
         quantities: Its outputs; all that its kind can simulate where None.

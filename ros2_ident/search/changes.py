@@ -317,7 +317,6 @@ class _Cell:
 
     Attributes:
         log: Which log.
-        pair: Its pair.
         fold: Which part.
         there: (Q,) which changes are on its side.
         sums: (M, M + 1) products of all columns, and with the residual.

@@ -129,7 +129,6 @@ def finite_differences(
         residuals: (S, N) physical -> (S, R), inf for a diverged candidate.
         unit: (N,) point in the unit cube.
         residual: (R,) residuals there, finite.
-        box: The box.
         central: Central differences instead of forward ones.
         step: Part of the box.
 

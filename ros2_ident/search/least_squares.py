@@ -44,7 +44,6 @@ class Point:
 
     Attributes:
         residuals: (S, N) physical -> (S, R), not finite for a diverged candidate.
-        box: The box.
         unit: (N,) parameters in shares of the box.
         residual: (R,) residual there.
         step: Step of the finite differences, see there.

@@ -50,7 +50,6 @@ class Added:
     """An effect with its numbers.
 
     Attributes:
-        effect: The effect.
         where: Drives that it sits on; all where empty.
         values: Its parameters by their short names, physical units.
     """
@@ -109,7 +108,6 @@ def simulate(
     """Simulate a log.
 
     Args:
-        machine: The machine.
         parameters: Parameters by name, SI units; `gear_stiffness` is that of every drive. What a
             description holds is as described where not given.
         motion: Set-points of the drives.
@@ -263,7 +261,6 @@ def simulate_bag(
     """Simulate a log and make streams of it.
 
     Args:
-        machine: The machine.
         parameters: Parameters by name, see `simulate`.
         motion: Set-points, from `draw_motion`.
         seed: Seed of noise, jitter and losses.

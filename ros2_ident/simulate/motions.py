@@ -274,7 +274,6 @@ def draw_motion(
 
     Args:
         kind: One of `KINDS`.
-        machine: The machine.
         seconds: Duration [s].
         seed: Seed, or source of chance.
         space: Workspace and limits; the machine's usual ones where not given.

@@ -57,7 +57,6 @@ class EncoderSteps:
     """An encoder whose steps show.
 
     Attributes:
-        drive: The drive.
         step: Period of the reading's error over the position [`unit`].
         error: What one period more or less over the whole way would change of it [`unit`].
         unit: Unit of the position.
@@ -112,7 +111,6 @@ def made_by_steps(encoders: Sequence[EncoderSteps], split: Split, theta: Array) 
     When a controller reacts to a step no simulation repeats; how much it reacts it does.
 
     Args:
-        encoders: The encoders.
         split: The recordings.
         theta: (N,) the nominal fit.
     """
@@ -150,7 +148,6 @@ def _missed(part: Part, theta: Array, drive: str) -> Iterator[tuple[Array, Array
     Args:
         part: The recordings.
         theta: (N,) the nominal fit, for how late the effort is logged.
-        drive: The drive.
     """
     joint = part.with_effects(())
     for number, model in enumerate(joint.models):

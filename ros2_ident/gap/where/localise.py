@@ -330,7 +330,6 @@ def region_of(coordinate: Coordinate, fitted: Array, weight: Array, noise: float
     """Return where along a coordinate a fitted residual lies.
 
     Args:
-        coordinate: The coordinate.
         fitted: (T,) part of the residual that it explains, in the effort's unit.
         weight: (T,) samples that each entry stands for.
         noise: Noise floor.

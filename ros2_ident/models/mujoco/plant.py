@@ -460,8 +460,6 @@ def close_loops(mj: Any, model: Any, data: Any, driven: Sequence[int]) -> None:
     By Newton's method from the pose in `data` on, so a loop's branch is that pose's.
 
     Args:
-        mj: MuJoCo.
-        model: The model.
         data: Its pose and speeds, which are changed.
         driven: Degrees of freedom that stay as they are.
     """

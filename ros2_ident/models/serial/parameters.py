@@ -37,10 +37,6 @@ _NEW, _NOTHING = 1e-7, 1e-10
 class Inertials:
     """Unknown inertial parameters of an arm, and the stated rest.
 
-    Args:
-        machine: The machine.
-        arm: Its arm.
-
     Attributes:
         parameters: Base parameters and payload by the names of the machine file's boxes.
         names: (B,) the base parameters.
@@ -312,9 +308,6 @@ class Transmission:
     a share of that joint's: theta = C q. Efforts of motors are C^-T times those of the joints, for
     the power is the same. A counterbalance pulls at two points, each at a distance from the
     joint's axis; its length l follows from the cosine rule, and it asks F dl/dq of the joint.
-
-    Args:
-        machine: The machine.
 
     Attributes:
         motors: (D, D) C, angles of the motors by those of the joints.
