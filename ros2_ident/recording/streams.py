@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The values a recording is made of: immutable, validated once, in the units of the log."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 import hashlib
 import math
@@ -21,6 +21,11 @@ LATEST_STAMP = 1 << 62
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 _fail = ErrorCode.BAD_VALUES.error
+
+
+def _there(of: object, names: Iterable[str]) -> dict[str, Any]:
+    """Return the attributes that are not None, by their names."""
+    return {name: x for name in names if (x := getattr(of, name)) is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +92,7 @@ class Stream:
     @property
     def fields(self) -> dict[str, FloatArray]:
         """Measured values (T, D), by their names."""
-        found = {field: getattr(self, field) for field in FIELDS}
-        return {field: values for field, values in found.items() if values is not None}
+        return _there(self, FIELDS)
 
     def values(self, field: str) -> FloatArray | None:
         """Return one field (T, D) by its name, None where it was never measured."""
@@ -157,8 +161,7 @@ class Recording:
     @property
     def streams(self) -> dict[str, Stream]:
         """The streams that exist, by role."""
-        found = {role: getattr(self, role) for role in ROLES}
-        return {role: stream for role, stream in found.items() if stream is not None}
+        return _there(self, ROLES)
 
     @property
     def begin(self) -> int:
@@ -319,17 +322,15 @@ class Dataset:
 
     @property
     def _arrays(self) -> dict[str, FloatArray]:
-        found = {name: getattr(self, name) for name in (*_SEEN, 'command_effort')}
-        return {name: values for name, values in found.items() if values is not None}
+        return _there(self, (*_SEEN, 'command_effort'))
 
     @property
     def digest(self) -> bytes:
         """Of all that a model may see: another one, other numbers."""
         total = hashlib.blake2b(repr((self.names, self.cycle, self.released)).encode())
-        for name, values in [*((x, getattr(self, x)) for x in _SEEN), *self.beside.items()]:
-            if values is not None:
-                total.update(name.encode())
-                total.update(np.ascontiguousarray(values).data)
+        for name, values in [*_there(self, _SEEN).items(), *self.beside.items()]:
+            total.update(name.encode())
+            total.update(np.ascontiguousarray(values).data)
         return total.digest()
 
     @property
@@ -346,9 +347,8 @@ class Dataset:
         if self.command_position is not None:
             return self
         there = np.zeros(self.cycles, dtype=bool)
-        for values in (self.position, self.velocity, self.effort):
-            if values is not None:
-                there |= np.isfinite(values).any(axis=0)
+        for values in _there(self, FIELDS).values():
+            there |= np.isfinite(values).any(axis=0)
         samples = np.flatnonzero(there)
         apart = int(np.gcd.reduce(np.diff(samples))) if samples.size > 1 else 1
         by = max(k for k in range(1, max(1, apart // least) + 1) if apart % k == 0)
