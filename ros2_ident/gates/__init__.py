@@ -2,6 +2,6 @@
 """Checks of a log against the machine file before any physics is fitted."""
 
 from ros2_ident.gates.examine import examine
-from ros2_ident.gates.finding import Gate, GateReport, Level, sentences
+from ros2_ident.gates.finding import Gate, GateReport, sentences
 
-__all__ = ['Gate', 'GateReport', 'Level', 'examine', 'sentences']
+__all__ = ['Gate', 'GateReport', 'examine', 'sentences']

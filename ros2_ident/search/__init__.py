@@ -4,7 +4,6 @@
 from ros2_ident.search.driver import Budget as Budget
 from ros2_ident.search.driver import minimise as minimise
 from ros2_ident.search.driver import Progress as Progress
-from ros2_ident.search.driver import SearchResult as SearchResult
 from ros2_ident.search.evaluators import ThreadedEvaluator as ThreadedEvaluator
 from ros2_ident.search.evaluators import Threads as Threads
 from ros2_ident.search.evaluators import Workers as Workers
@@ -14,8 +13,5 @@ from ros2_ident.search.genetic import MANY_MINIMA as MANY_MINIMA
 from ros2_ident.search.genetic import StopReason as StopReason
 from ros2_ident.search.jacobian import finite_differences as finite_differences
 from ros2_ident.search.refine import refine as refine
-from ros2_ident.search.refine import Refinement as Refinement
 from ros2_ident.search.refine import RefineStatus as RefineStatus
-from ros2_ident.search.refine import StartOutcome as StartOutcome
-from ros2_ident.search.uncertainty import Intervals as Intervals
 from ros2_ident.search.uncertainty import intervals as intervals
