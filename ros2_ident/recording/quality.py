@@ -388,7 +388,7 @@ def _judge_drives(
         if name not in integrated:
             judged += _of_counts(state.position[:, state.names.index(name)])
         findings += about(name, judged)
-    if off := _of_time(rates):
+    if off := _of_time(rates, sample_period(state.stamp)):
         findings = [x for x in findings if x.code != 'velocity']
         findings += about('state', off)
     if still := standing({x.drive: x.stroke for x in drives}):
@@ -477,24 +477,35 @@ def _velocity_fit(motion: Motion) -> _Fit | None:
     return lag, float(gain[0]), share
 
 
-def _of_time(rates: Sequence[float]) -> list[Said]:
+def _of_time(rates: Sequence[float], period: float) -> list[Said]:
     """Return what is said of the time where all joints' velocities are off by one factor.
 
     Args:
         rates: Their reported velocities over the derivatives of their positions.
+        period: From row to row, as the time was read, s.
     """
     middle = float(np.median(rates)) if len(rates) > 1 else 1.0
     off = not 0.9 < middle < 1.1 and all(0.9 * middle < x < 1.1 * middle for x in rates)
-    # Between units of angles the factor is that of all velocities.
-    if not off or any(0.97 < middle * x < 1.03 for x in _BETWEEN):
+    if not off or _between_units(middle):
         return []
     text = f'the reported velocities of all {len(rates)} joints are {middle:.4g} times the '
     text += 'derivatives of their positions: the time is '
     if unit := next((x for x, size in _PARTS.items() if 0.9 < middle * size < 1.1), ''):
         text += f'in {unit} and was read as s; state `unit: {unit}` of it in the column map, '
         return [('error', 'time', f'{text}unless all velocities are in another unit')]
-    text += f'no time in s (a number of the row: {middle:.4g} rows a second), or all velocities '
+    text += f'no time in s ({_fitting(middle, period)}), or all velocities '
     return [('warn', 'time', f'{text}are those of motors before a gear; correct the one')]
+
+
+def _between_units(factor: float) -> bool:
+    """Return whether a factor of velocities is one between units of angles."""
+    return any(0.97 < factor * x < 1.03 for x in _BETWEEN)
+
+
+def _fitting(factor: float, period: float) -> str:
+    """Return with which rate of rows, s apart as read, velocities off by a factor agree."""
+    rate = f'{factor / period:.4g}'
+    return f'with {rate} rows a second, in a column map `time: {{rate: {rate}}}`, they agree'
 
 
 def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
@@ -503,6 +514,9 @@ def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
     text += f'explains {100.0 * share:.0f} % of it'
     if share < 0.5 or not 0.9 < gain < 1.1:
         remedy = 'correct its unit, sign or source in the driver, or leave it out'
+        # Alone it does not show whether it is the velocity or the time that is off.
+        if share >= _KNOWN and gain > 0.0 and not _between_units(gain):
+            remedy += f', unless the time is no time in s ({_fitting(gain, motion.period)})'
         return 'warn', 'velocity', f'{text}; {remedy}'
     if abs(lag) > max(0.6 * motion.period, 1e-3):
         # the samples between which it is looked for

@@ -149,7 +149,8 @@ def _joints(factor, joints=2):
     ('factor', 'said'),
     [
         ((1000.0,), 'the time is in ms and was read as s; state `unit: ms` of it in the'),
-        ((125.0,), '(a number of the row: 125 rows a second), or all velocities are'),
+        ((125.0,), 'time in s (with 1.25e+05 rows a second, in a column map'),
+        ((0.1827,), '`time: {rate: 182.7}`, they agree), or all velocities are those of'),
         ((180.0 / np.pi,), ''),
         ((1000.0, 1.0), ''),
     ],
@@ -159,6 +160,17 @@ def test_a_factor_of_all_velocities_is_one_of_the_time(factor, said):
     sentences = [x.sentence for x in report.of('time')]
     assert len(sentences) == bool(said) and all(said in x for x in sentences)
     assert (not report.of('velocity')) == bool(said)
+
+
+def test_a_factor_of_one_velocity_may_be_one_of_the_time():
+    (said,) = check([recording(velocity=0.1827 * VELOCITY)]).of('velocity')
+    assert said.sentence.endswith(
+        'or leave it out, unless the time is no time in s (with 182.7 rows a second, in a column '
+        'map `time: {rate: 182.7}`, they agree)'
+    )
+    for unlike in (180.0 / np.pi * VELOCITY, -0.1827 * VELOCITY):
+        (said,) = check([recording(velocity=unlike)]).of('velocity')
+        assert said.sentence.endswith('leave it out')
 
 
 def test_excitation():
