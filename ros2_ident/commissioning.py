@@ -98,7 +98,7 @@ def check_both(
         if kind_of(machine).joints and len(machine.drives) > 1:
             alone |= {'effort', 'effort_unexplained'}
         findings = [x for x in findings if x.code not in alone]
-        logged = any(recording.command is not None for recording in recordings)
+        logged = any(recording.sets_positions for recording in recordings)
         gates = _gates(data, machine, file, drives)
         findings += (x for x in gates if logged or x.code != 'gains')
         findings += _too_few(data, machine, drives)

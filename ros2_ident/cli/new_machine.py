@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         known['named'] = os.path.relpath(args.description, folder)
     if args.kind is None and log is not None:
         text = new_file.followed_file(args.drives, known['description'], known['named'], log)
-    follows = log is not None and log.command is not None and log.command.position is not None
+    follows = log is not None and log.sets_positions
     kind = KINDS[args.kind] if args.kind else new_file.arm_kind(follows and text is None)
     if args.description is not None:
         new_file.description_key(kind)

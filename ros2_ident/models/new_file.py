@@ -238,7 +238,7 @@ def followed_file(
         IdentError: As `new_machine_file`, and as the model of the kind.
     """
     root = judged_tree(description)
-    if log.command is None or log.command.position is None:
+    if not log.sets_positions:
         return None
     log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None and log.command is not None
@@ -453,9 +453,8 @@ def arm_kind(simulator: bool) -> Kind:
 
 def ways(kind: Kind, log: Recording, freely: bool) -> str:
     """Return in which ways a log lets an arm be simulated, the file's first."""
-    state, command = log.state, log.command
-    effort = any(x is not None and x.effort is not None for x in (state, log.effort))
-    points = command is not None and command.position is not None
+    effort = any(x is not None and x.effort is not None for x in (log.state, log.effort))
+    points = log.sets_positions
     along = 'along its recorded motion (--kind serial), by the logged effort'
     free = 'freely under its controllers, by the logged set-points'
     if (freely or kind.extent is None) and points:

@@ -71,11 +71,13 @@ def align(
         raise ErrorCode.INVALID_GOAL.error(text)
     recording = streams.scale_effort(recording, effort_scale)
     asking = recording.command
-    only_efforts = asking is not None and asking.position is None and asking.effort is not None
-    if not follows or ('command' not in need and only_efforts):
+    speeds_alone = recording.sets_speeds_alone
+    if not follows or ('command' not in need and not recording.sets_positions):
         recording = replace(recording, command=None)
     recording, found = streams.with_positions(recording, names)
     lay = _Layout(recording, names, cycle)
+    if follows and speeds_alone:
+        lay.warnings.append(streams.SPEEDS_ALONE)
     if found:
         which = ', '.join(found)
         lay.warnings.append(f'state: the position of {which} is the integral of the speed, from 0')

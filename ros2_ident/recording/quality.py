@@ -20,7 +20,13 @@ from ros2_ident.recording.grid import missing_samples, sample_period
 from ros2_ident.recording.limits import likewise
 from ros2_ident.recording.maps import DIGITS
 from ros2_ident.recording.motion import fill_gaps, Motion
-from ros2_ident.recording.streams import FloatArray, Recording, Stream, with_positions
+from ros2_ident.recording.streams import (
+    FloatArray,
+    Recording,
+    SPEEDS_ALONE,
+    Stream,
+    with_positions,
+)
 
 # The sign of an effort: mean power where a drive passes the same positions both ways. There what
 # lifts a weight, strains a spring or accelerates a mass is given back: the power left is
@@ -316,6 +322,8 @@ def check(
             unread = any('--command-topic' in x for x in recording.notes)
             text += 'read the set-point, for which there is a topic' if unread else _RECORD
             findings.append(Finding('warn', 'no_command', 'command', text))
+        elif recording.sets_speeds_alone:
+            findings.append(Finding('warn', 'no_command', 'command', SPEEDS_ALONE))
         found, said = _judge_drives(number, recording, wanted, gravity)
         drives += found
         findings += said

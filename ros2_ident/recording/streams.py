@@ -126,6 +126,12 @@ class Stream:
         return self.taken(slice(int(low), int(high))) if low < high else None
 
 
+SPEEDS_ALONE = (
+    'command: holds speeds and no positions, so the recorded motion drives the model; record the '
+    'set-point of the position where there is one'
+)
+
+
 @dataclass(frozen=True)
 class Recording:
     """One uninterrupted stretch of a log.
@@ -162,6 +168,18 @@ class Recording:
     def streams(self) -> dict[str, Stream]:
         """The streams that exist, by role."""
         return _there(self, ROLES)
+
+    @property
+    def sets_positions(self) -> bool:
+        """Whether there are set-points of position: speeds or efforts alone drive no model."""
+        asked = self.command.position if self.command else None
+        return asked is not None and bool(np.isfinite(asked).any())
+
+    @property
+    def sets_speeds_alone(self) -> bool:
+        """Whether there are set-points of velocity, and none of position."""
+        speeds = self.command is not None and self.command.velocity is not None
+        return speeds and not self.sets_positions
 
     @property
     def begin(self) -> int:
@@ -223,14 +241,14 @@ def with_positions(
     """Integrate the speeds of joints without positions, by trapezia from 0.
 
     Args:
-        recording: The recording. Beside a set-point nothing is integrated: where the motion began
-            is not known.
+        recording: The recording. Beside set-points of position nothing is integrated: where the
+            motion began is not known.
 
     Returns:
         The recording with positions, and the joints whose positions are integrals.
     """
     state = recording.state
-    if state is None or state.velocity is None or recording.command is not None:
+    if state is None or state.velocity is None or recording.sets_positions:
         return recording, ()
     shape = state.velocity.shape
     position = np.full(shape, np.nan) if state.position is None else state.position.copy()

@@ -11,7 +11,7 @@ from reader_cases import add
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ros2_ident.errors import IdentError
-from ros2_ident.recording import align, Dataset, Recording, RecordingBuilder, Stream
+from ros2_ident.recording import align, check, Dataset, Recording, RecordingBuilder, Stream
 from ros2_ident.recording.align import interpolate_setpoint
 from ros2_ident.recording.grid import find_ticks
 
@@ -153,7 +153,7 @@ def test_errors_name_the_remedy():
         (Recording(good.state, command=stream(ticks + 10_000, fields='p')), 'NO_DATA',
          'command and state do not overlap in time, they are 4.9 s apart; record them', {}),
         (Recording(good.state, command=stream(ticks, fields='v')), 'MISSING_STREAM',
-         'command: holds no position of drive_1', {}),
+         'command: holds no position of drive_1', {'need': ('command',)}),
         (stream(ticks[:1]), 'NO_DATA', 'has a single sample of the drives', {}),
     ):  # fmt: skip
         recording = recording if isinstance(recording, Recording) else Recording(recording)
@@ -193,6 +193,16 @@ def test_set_points_between_samples_follow_a_quintic_and_hold_a_step():
     found, rate = interpolate_setpoint(TIME, np.where(TIME < 0.2, 0.0, 1.0), None, FINE)
     np.testing.assert_allclose(found, FINE > 0.2 - 1e-9, atol=1e-12)
     np.testing.assert_allclose(rate, 0.0, atol=1e-9)
+
+
+def test_set_points_of_speeds_alone_drive_no_model():
+    ticks = np.arange(200) * 2
+    recording = Recording(stream(ticks, fields='ve'), command=stream(ticks, fields='v'))
+    data = align(recording, NAMES, CYCLE)
+    assert data.command_position is None and data.position is not None
+    assert any('holds speeds and no positions, so the recorded' in x for x in data.warnings)
+    (said,) = check([recording], NAMES).of('no_command')
+    assert said.level == 'warn' and said.sentence in data.warnings
 
 
 def test_speeds_without_positions_are_integrated():
