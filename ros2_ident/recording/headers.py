@@ -96,8 +96,9 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
         if row.quantity:
             spelled.setdefault(row.key, Counter())[row.joint] += 1
     found, taken = dict[int, Meaning](), dict[str, str]()
-    # what was made of a quantity stands for it where it is not there itself
-    for n, row in sorted(enumerate(rows), key=lambda x: x[1].treated):
+    # what was made of a quantity stands for it where it is not there itself, and what a constant
+    # of the drive turns into it, as a current into a torque
+    for n, row in sorted(enumerate(rows), key=lambda x: (x[1].treated, x[1].asks)):
         joint, quantity, why = '', row.quantity, row.why
         if quantity not in ('', 'time'):
             joint = spelled[row.key].most_common(1)[0][0]
@@ -170,6 +171,16 @@ class _Name:
         if not self._read(text, stated or unit, derived) and behind and not stated:
             # what is no unit of it is a name's end
             self._read(whole, '', derived)
+
+    @property
+    def asks(self) -> int:
+        """How much its owner has to state: 0 for nothing, 1 perhaps, 2 a constant, 3 a scale."""
+        if math.isnan(self.scale):
+            return 3
+        if self.quantity != 'effort':
+            return 0
+        plain = maps.plain_unit(self.unit)
+        return 1 if not plain else 2 * (maps.si_unit('effort', plain) in ('A', 'percent'))
 
     def _read(self, text: str, unit: str, derived: bool) -> bool:
         """Take a name without its unit apart; return whether the unit is one of its quantity."""
