@@ -173,6 +173,16 @@ def test_a_factor_of_one_velocity_may_be_one_of_the_time():
         assert said.sentence.endswith('leave it out')
 
 
+def test_what_friction_holds_at_rest_need_not_be_explained():
+    # a controller's integral part lets the effort wander while friction holds the joint
+    wander = np.interp(TIME, np.arange(9), np.random.default_rng(4).normal(0.2, 3.0, 9))
+    resting = np.abs(VELOCITY) < 1e-3
+    held = check([recording(effort=np.where(resting, wander, EFFORT))])
+    assert resting.mean() > 0.3 and not held.of('effort_unexplained')
+    other = check([recording(effort=np.where(resting, EFFORT, RNG.normal(size=TIME.size)))])
+    assert other.of('effort_unexplained')
+
+
 def test_excitation():
     still = check([recording(position=np.zeros(TIME.size), velocity=None)], ('a',))
     assert 'no_motion' in codes(still, 'error')
