@@ -72,10 +72,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _log(args: argparse.Namespace, description: str) -> 'Recording':
-    """Return what a bag holds, of a table by its map, or one made from its header."""
+    """Return what a bag holds, of a table or arrays by their map, or one made from the names."""
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.columns import MAP_SUFFIX
-    from ros2_ident.recording.table import TABLES
+    from ros2_ident.recording.table import ARRAYS, TABLES
 
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
@@ -85,7 +85,8 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
             f'{made} says what the columns are, so that --column has no part in it; correct it '
             'there, or remove that file'
         )
-    if path.suffix.lower() in TABLES and path.is_file() and not (args.columns or where.exists()):
+    named = path.suffix.lower() in (*TABLES, *ARRAYS) and path.is_file()
+    if named and not (args.columns or where.exists()):
         _draft(path, where, args, description)
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
@@ -109,7 +110,7 @@ def _bounded_by_effort(args: argparse.Namespace) -> bool:
 
 
 def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) -> None:
-    """Write a table's column map by its header, and print it."""
+    """Write the column map of a table, or of arrays, by the names there, and print it."""
     import yaml
 
     from ros2_ident.machine.description import joints_in, judged_tree

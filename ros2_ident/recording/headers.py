@@ -14,6 +14,7 @@ import io
 from itertools import chain, islice, pairwise
 import json
 import math
+from os.path import commonprefix
 from pathlib import Path
 import re
 import shlex
@@ -21,7 +22,7 @@ import shlex
 from ros2_ident.errors import ErrorCode
 from ros2_ident.recording import columns as maps
 from ros2_ident.recording.limits import listed, printable, short
-from ros2_ident.recording.table import text_of
+from ros2_ident.recording.table import array_sizes, ARRAYS, text_of
 
 # Words of names: English and German, textbooks' symbols, common drivers. Where another word names
 # a quantity, a faint one does not (`current_position`, `load.position`).
@@ -341,7 +342,7 @@ class Header:
 
     columns: tuple[Meaning, ...]
     cells: tuple[str | int, ...]  # their names, or numbers from 1 where a name is not unique
-    delimiter: str  # between cells
+    delimiter: str  # between cells; empty for arrays
     decimal: str  # the decimal mark
     skip: int  # lines before the names
     units: bool  # whether a line of units follows the names
@@ -359,6 +360,8 @@ class Header:
                     by = {'unit': x.plain}
                 entry = cell if by == {'scale': 1.0} else {'column': cell, **by}
                 joints.setdefault(x.joint, {})[x.quantity] = entry
+        if not self.delimiter:
+            return {'time': time, 'joints': joints}
         layout = {'delimiter': self.delimiter, 'decimal': self.decimal, 'skip': self.skip}
         return {'time': time, 'joints': joints} | layout | {'skip_below': int(self.units)}
 
@@ -472,12 +475,14 @@ class Header:
 
 
 def header_of(path: Path) -> Header:
-    """Return a table's layout, and the meaning of its columns by their names.
+    """Return the layout of a table, or of a file of arrays, and its columns by their names.
 
     Raises:
         IdentError: INVALID_GOAL where there is no line of names above the numbers, or where the
             table holds one value a row, or a time for each channel.
     """
+    if path.suffix.lower() in ARRAYS:
+        return _of_arrays(path)
     lines = list(islice(io.StringIO(text_of(path), newline=''), _HEAD))
     delimiter = max(',;\t', key=lambda x: sum(line.count(x) for line in lines))
     if not any(delimiter in line for line in lines):
@@ -530,17 +535,54 @@ def header_of(path: Path) -> Header:
     for n in wordy:
         columns[n] = Meaning(names[n], why=_HOLDS_WORDS)
     _require_wide(path, columns, values)
-    there = {x.quantity for x in columns} - {''}
-    if 'time' not in there or len(there) < 2:
-        kind = 'position, velocity or effort' if 'time' in there else 'time'
+    if lacking := _lacking(columns):
         named = meanings(names, units)
         for n in (n for n in wordy if named[n].quantity):
             raise maps.refuse(path, _wordy(((names[n], x) for x in below[n]), decimal))
-        even = '; in a column map `time: {rate: HZ}` stands for none' * (kind == 'time')
-        raise maps.refuse(path, f'no column is named as a {kind}: {listed(names)}; {where}{even}')
+        raise maps.refuse(path, f'{lacking}: {listed(names)}; {where}{_even(lacking)}')
     unique = {x for x in names if x and names.count(x) == 1 and names is rows[top]}
     cells = tuple(x if x in unique else n for n, x in enumerate(names, 1))
     return Header(tuple(columns), cells, delimiter, decimal, top, bool(units))
+
+
+def _of_arrays(path: Path) -> Header:
+    """Return the meaning of arrays by their names, each column of several by its number."""
+    sizes = array_sizes(path)
+    # as many rows as there are times, or as most arrays have
+    times = [sizes[x.name][0] for x in meanings([*sizes]) if x.quantity == 'time']
+    often = Counter(rows for rows, _ in sizes.values() if rows > 1)
+    rows = next((x for x in times if x > 1), max(often, key=lambda x: often[x], default=0))
+    each = {
+        name: [name] if width == 1 else [f'{name}[{n}]' for n in range(width)]
+        for name, (long, width) in sizes.items()
+        if long == rows > 0
+    }
+    cells = [x for name in each for x in each[name]]
+    # The structure or group that all lie in is none of a joint.
+    within = re.match('(.*[./])?', commonprefix([*each]))
+    begin = within.end() if within else 0
+    read = zip(meanings([x[begin:] for x in cells]), cells, strict=True)
+    columns = [replace(x, name=cell) for x, cell in read]
+    if lacking := _lacking(columns):
+        where = f'write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
+        raise maps.refuse(path, f'{lacking}: {listed([*sizes], 20)}; {where}{_even(lacking)}')
+    others = [x for x in sizes if x not in each]
+    columns += [Meaning(x, why='it has no row of numbers for each time') for x in others]
+    return Header(tuple(columns), (*cells, *others), '', '.', 0, False)
+
+
+def _lacking(columns: Iterable[Meaning]) -> str:
+    """Return that no column is a time, or none a quantity of a joint; empty where both are."""
+    there = {x.quantity for x in columns} - {''}
+    if 'time' in there and len(there) > 1:
+        return ''
+    kind = 'position, velocity or effort' if 'time' in there else 'time'
+    return f'no column is named as a {kind}'
+
+
+def _even(lacking: str) -> str:
+    """Return what stands for a time in a column map, where it is the time that is lacking."""
+    return '; in a column map `time: {rate: HZ}` stands for none' * lacking.endswith('time')
 
 
 def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Sequence[str]]) -> None:

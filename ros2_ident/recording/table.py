@@ -75,12 +75,18 @@ def _read_table(path: Path, where: Path) -> list[Recording]:
     if not where.exists():
         names = listed(text[: 1 << 12].split('\n', 1)[0].strip().split(','), 8)
         text = f'is a table and {where} is missing; write this map as in docs/logs.md, or by '
-        command = shlex.join(['ident', 'new-machine', '--kind', 'KIND', '--bag', str(path)])
-        text += f'`{command}`, or give that of another log, --columns FILE; the first line is: '
+        text += (
+            f'`{_draft(path)}`, or give that of another log, --columns FILE; the first line is: '
+        )
         text += names
         raise refuse(path, text)
     layout = maps.load_columns(where)
     return _recorded(path, where, '', layout, *_parse(path, text, layout))
+
+
+def _draft(path: Path) -> str:
+    """Return the command that writes a log's column map by its names."""
+    return shlex.join(['ident', 'new-machine', '--kind', 'KIND', '--bag', str(path)])
 
 
 def _recorded(
@@ -234,14 +240,31 @@ _CELL = re.compile(r'(.*?)(?:\[(-?\d+)\]|\[(-?\d*):(-?\d*)\])?', re.DOTALL)
 _MOST_NAMES = 100_000
 
 
+def array_sizes(path: Path) -> dict[str, tuple[int, int]]:
+    """Return rows and columns of a file's arrays by their names; 0 of what is no table of numbers.
+
+    Raises:
+        IdentError: DAMAGED_BAG for a file that cannot be read, INVALID_GOAL without its library.
+    """
+    found = {}
+    with _careful(path), _OPEN[path.suffix.lower()](path) as (names, get, _):
+        for name in names:
+            array = get(name)
+            table = array.ndim in (1, 2) and array.dtype.kind in 'biufM'
+            plain = array.ndim < 2 or array.shape[0] == 1
+            shape = (array.size, 1) if plain else array.shape
+            found[name] = (shape[0], shape[1]) if table else (0, 0)
+    return found
+
+
 def _read_arrays(path: Path, where: Path) -> list[Recording]:
     found = []
     with ExitStack() as stack:
         with _careful(path):
             names, get, warnings = stack.enter_context(_OPEN[path.suffix.lower()](path))
         if not where.exists():
-            text = f'needs the column map {where}, as in docs/logs.md; it holds '
-            raise refuse(path, text + listed(names, 20))
+            text = f'needs the column map {where}; write it as in docs/logs.md, or by '
+            raise refuse(path, f'{text}`{_draft(path)}`; it holds {listed(names, 20)}')
         layout = maps.load_columns(where, arrays=True)
         for key in _keys(path, layout, names):
             cells = [str(x.cell).replace('*', key) for x in layout.columns]

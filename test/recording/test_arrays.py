@@ -8,6 +8,7 @@ import pytest
 from reader_cases import equal
 import scipy.io
 
+from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import read_bag, Topics
 from ros2_ident.recording.matlab import arrays_of
@@ -126,6 +127,35 @@ def test_a_file_of_arrays_is_read_as_a_csv_file_is(tmp_path, suffix):
     assert read.warnings == () and len(read.sha256) == 64
 
 
+@pytest.mark.parametrize('suffix', FORMATS)
+def test_a_map_is_written_by_the_names_of_arrays(tmp_path, capsys, suffix):
+    values = samples()
+    values['q_d'] = values.pop('goal')
+    path, out = tmp_path / f'log{suffix}', tmp_path / 'm.yaml'
+    short = {'short': np.zeros(7)} if suffix == '.npz' else {}
+    FORMATS[suffix](path, values | {'temperature': values['tau'], **short})
+    words = ['new-machine', '--kind', 'linear_axis', '--drives', 'joint_1', '--bag', str(path)]
+    assert main([*words, '--out', str(out)]) == 0
+    (read,) = read_bag(path)
+    assert read.state.names == read.command.names == ('joint_0', 'joint_1')
+    np.testing.assert_array_equal(read.state.position, values['q'])
+    np.testing.assert_array_equal(read.state.velocity, values['dq'])
+    np.testing.assert_array_equal(read.command.position, values['q_d'])
+    np.testing.assert_array_equal(read.effort.effort, values['tau'])
+    assert 'drives: [joint_1]' in out.read_text()
+    said = capsys.readouterr().err
+    assert 'temperature[0]' in said
+    assert ('short           - (it has no row of numbers for each time)' in said) == bool(short)
+
+
+def test_arrays_without_a_time_are_refused_with_the_remedy(tmp_path, capsys):
+    np.savez(tmp_path / 'log.npz', data=np.zeros((ROWS, 7)), gain=2.0)
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.npz')]
+    assert main(words) == 2
+    said = 'no column is named as a time: data, gain; write log.columns.yaml, as in docs/logs.md; '
+    assert f'{said}in a column map `time: {{rate: HZ}}`' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize('packed', [False, True])
 def test_matlab_arrays_are_those_that_scipy_reads(tmp_path, packed):
     rng = np.random.default_rng(1)
@@ -171,7 +201,7 @@ def test_rows_are_chosen_by_what_stands_there(tmp_path, wanted):
     [
         (
             'INVALID_GOAL',
-            'needs the column map .*logs.md; it holds time, q, dq',
+            'needs the column map .*or by `ident new-machine --kind .*; it holds time, q, dq',
             None,
         ),
         ('MISSING_STREAM', "has no array 'x', its arrays are time, q, dq, tau", 'a: {effort: x}'),
