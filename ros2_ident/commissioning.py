@@ -100,7 +100,7 @@ def check_both(
         findings = [x for x in findings if x.code not in alone]
         logged = any(recording.sets_positions for recording in recordings)
         gates = _gates(data, machine, file, drives)
-        findings += (x for x in gates if logged or x.code != 'gains')
+        findings += (x for x in gates if logged or x.code != 'command')
         findings += _too_few(data, machine, drives)
     return replace(report, findings=tuple(findings))
 

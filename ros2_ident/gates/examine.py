@@ -169,8 +169,9 @@ def _of_motion(
         # A law that is fed with another drive's motion, or in other units, says nothing new.
         return GateReport((*found, *apart))
     if data.command_position is None:
-        # A kind that follows none needs none.
-        missed = [NO_COMMAND if knows_gains(machine) else NO_GAINS] if follows(machine) else []
+        # Gains are of no use without set-points; a kind that follows none needs none.
+        gains = data.commanded and not knows_gains(machine)
+        missed = [NO_GAINS if gains else NO_COMMAND] if follows(machine) else []
         return GateReport((*found, *missed))
     if not (machine.known('position_gain') and machine.known('velocity_gain')):
         return GateReport((*found, *apart))

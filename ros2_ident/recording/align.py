@@ -71,7 +71,7 @@ def align(
         raise ErrorCode.INVALID_GOAL.error(text)
     recording = streams.scale_effort(recording, effort_scale)
     asking = recording.command
-    speeds_alone = recording.sets_speeds_alone
+    commanded, speeds_alone = recording.sets_positions, recording.sets_speeds_alone
     if not follows or ('command' not in need and not recording.sets_positions):
         recording = replace(recording, command=None)
     recording, found = streams.with_positions(recording, names)
@@ -100,7 +100,7 @@ def align(
             beside[name] = _between(state, values, begin, grid)
     arrived = {role: lay.quality(x) for role, x in lay.placed.items()}
     said, efforts = tuple(dict.fromkeys(lay.warnings)), _asked(asking, names, begin, grid)
-    shown = (*set_point, *measured.values(), arrived, said, beside, off, efforts)
+    shown = (*set_point, *measured.values(), arrived, said, beside, off, efforts, commanded)
     return Dataset(names, float(cycle), begin, *shown)
 
 

@@ -306,6 +306,7 @@ class Dataset:
         released: Cycle from which on the motors are switched off; None where they never are.
         command_effort: Effort asked for (D, K), in the unit of `effort`, NaN for drives that are
             told a motion; None where all are. No model is driven by it.
+        commanded: Whether the log has set-points of position, though none may drive a model.
     """
 
     names: tuple[str, ...]
@@ -321,6 +322,7 @@ class Dataset:
     beside: Mapping[str, FloatArray] = field(default_factory=dict)
     released: int | None = None
     command_effort: FloatArray | None = None
+    commanded: bool = False
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""

@@ -11,7 +11,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from ros2_ident.commissioning import check_both
-from ros2_ident.gates.examine import check_streams
+from ros2_ident.gates.examine import check_streams, examine
+from ros2_ident.identify.data import gather
 from ros2_ident.models.registry import read_machine_file
 from ros2_ident.recording import align, check, read_bag, Recording, render, Stream
 from ros2_ident.recording.grid import cycle_of, missing_samples
@@ -265,7 +266,11 @@ def test_gains_are_asked_for_where_there_is_a_set_point(tmp_path):
     file = read_machine_file(tmp_path / 'm.yaml')
     (read,) = read_bag(REPO / 'bags' / 'axis_reversals')
     for log, count in ((read, 1), (replace(read, command=None), 0)):
-        assert len(check_both([log], file).of('gains')) == count
+        report = check_both([log], file)
+        assert len(report.of('gains')) == count and not report.of('command')
+        # an identification shows the gates alone
+        gates = examine(file.machine, gather([log], file.machine).datasets)
+        assert len(gates.of('gains')) == count and len(gates.of('command')) == 1 - count
 
 
 @pytest.mark.parametrize(
