@@ -39,8 +39,9 @@ _FOLDS = 4
 # Of a column of which the parameters imitate all but this share (RMS), the motion cannot tell
 # whether it is there: then a parameter is known as one that may stand for it as well. By hand.
 OWN = 0.05
-# Share of what the rows hold from which on coefficients may well follow noise.
-_MUCH = 0.25
+# Share of what the rows hold from which on coefficients may well follow noise, and from which on
+# they do: they took more than they left. By hand.
+_MUCH, _MOST = 0.25, 0.5
 # Logarithm of the evidence that chance alone may gain.
 _CHANCE = 3.0
 # From here on it is clear that something is predicted.
@@ -182,12 +183,15 @@ def weigh(
     found = data.weighed(data.first_noise(), blocks)
     place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
-    if found.sums.taken(found.sizes) > _MUCH * len(residual):
+    taken = found.sums.taken(found.sizes) / len(residual)
+    if taken > _MUCH:
         # As many columns as rows follow any noise: then all of it may be noise.
         plain = data.noise(
             residual - jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0]
         )
-        if data.plain(plain, len(jacobian.T)) > found.evidence:
+        if taken > _MOST:
+            found = data.weighed(plain, blocks)
+        elif data.plain(plain, len(jacobian.T)) > found.evidence:
             found = max(found, data.weighed(plain, blocks), key=lambda one: one.evidence)
     unseen = data.unseen(found, blocks)
     # With what a fit takes from the noise put back.

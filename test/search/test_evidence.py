@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, filtfilt, lfilter
 
 from ros2_ident.search.evidence import weigh
 from ros2_ident.search.noise import Run
@@ -49,6 +49,17 @@ def test_what_a_column_predicts_is_no_noise(rho):
     # Coloured noise covers a part of it.
     assert 0.75 * 0.01 < seen.predicted[0] < 1.1 * 0.01
     assert seen.floor[0] == pytest.approx(drawn.std(), rel=0.03)
+
+
+def test_a_few_smooth_rows_that_columns_follow_wholly_may_be_noise():
+    # Smoothed as a motion of 11 Hz is: such noise has no innovations, and its likelihood no limit.
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        smooth = filtfilt(*butter(2, 0.4), rng.standard_normal((80, 100)))[:, 25:75].T
+        residual, columns = smooth[:, 0], smooth[:, 1:]
+        seen = weigh(residual, columns[:, :4], columns[:, 4:], [Run(0, 50, 0)], np.arange(50) // 3)
+        assert seen.floor[0] > 0.8 * residual.std()
+        assert seen.gain < 30.0
 
 
 @pytest.mark.parametrize('rho', [0.0, 0.9])
