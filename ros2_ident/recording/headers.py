@@ -74,6 +74,7 @@ class Meaning:
     scale: float = 1.0  # to the unit that is read; NaN where the header's unit does not say it
     why: str = ''  # it is left out
     perhaps: str = ''  # JOINT.QUANTITY, were it told by the order of the columns
+    stated: bool = False  # whether an option says the scale, and the header's unit no more
 
     @property
     def plain(self) -> str:
@@ -356,7 +357,7 @@ class Header:
                 time = {'column': cell, 'unit': maps.TIME_UNITS.get(x.plain, 's')}
             elif x.quantity:
                 by: dict[str, object] = {'scale': x.scale}
-                if x.scale == maps.units_of(x.quantity).get(x.plain):
+                if not x.stated and x.scale == maps.units_of(x.quantity).get(x.plain):
                     by = {'unit': x.plain}
                 entry = cell if by == {'scale': 1.0} else {'column': cell, **by}
                 joints.setdefault(x.joint, {})[x.quantity] = entry
@@ -412,7 +413,7 @@ class Header:
                 if (x.joint, x.quantity) == (joint, quantity):
                     other = 'another column was given for it'
                     columns[n] = replace(x, joint='', quantity='', why=other)
-            columns[at] = Meaning(name, joint, quantity, before.unit, scale)
+            columns[at] = Meaning(name, joint, quantity, before.unit, scale, stated=bool(factor))
         moving = dict.fromkeys(x.joint for x in columns if x.quantity in ('position', 'velocity'))
         lost = [x for x in columns if x.quantity == 'effort' and moving and x.joint not in moving]
         if lost:
@@ -464,7 +465,7 @@ class Header:
             IdentError: INVALID_GOAL with the option that states it.
         """
         for x in self.columns:
-            asked = effort and x.quantity == 'effort' and x.scale == maps.EFFORT.get(x.plain)
+            asked = effort and x.quantity == 'effort' and not x.stated
             asked = asked and maps.si_unit('effort', x.plain) in ('A', 'percent')
             if x.quantity and (math.isnan(x.scale) or asked):
                 per = 'N m or N' if asked else 'N m, N, A or percent'

@@ -108,6 +108,16 @@ def test_a_column_that_is_given_wrongly_is_refused(tmp_path, given):
         header_of(tmp_path / 'log.csv').assigned([given])
 
 
+def test_a_scale_of_one_is_a_scale_that_is_stated(tmp_path):
+    rows(tmp_path / 'log.csv', 'time,pos,i [A]', '{t},{a},{b}')
+    header = header_of(tmp_path / 'log.csv')
+    with pytest.raises(IdentError, match='say how many N m or N one is'):
+        header.require_scales(effort=True)
+    header = header.assigned(['i [A]=joint_1.effort*1'])
+    header.require_scales(effort=True)
+    assert header.map()['joints'] == {'joint_1': {'position': 'pos', 'effort': 'i [A]'}}
+
+
 def test_an_effort_of_a_joint_that_no_column_moves_is_refused(tmp_path):
     rows(tmp_path / 'log.csv', 'time,q11,Im1 (A)', '{t},{a},{b}')
     with pytest.raises(IdentError, match="effort of 'joint_1', which no .* one of joint_11"):
