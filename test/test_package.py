@@ -58,7 +58,7 @@ OPTIONAL |= {'pxr', 'urdf_usd_converter', 'usdex'}
 
 
 def imported(*folders: str) -> set[str]:
-    """Return the modules from elsewhere that source files import, also inside functions."""
+    """Return the modules from elsewhere that source files import or find, inside functions, too."""
     found = set()
     for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
@@ -66,6 +66,8 @@ def imported(*folders: str) -> set[str]:
                 found |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 found.add(node.module)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'find_spec':
+                found |= {x.value for x in node.args if isinstance(x, ast.Constant)}
     tops = {name.partition('.')[0] for name in found}
     return tops - set(sys.stdlib_module_names) - {'ros2_ident'}
 

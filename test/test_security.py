@@ -161,4 +161,5 @@ def test_names_in_a_result_are_only_text_on_its_page(tmp_path):
     assert evil not in pages[evil]
     assert Tags(pages[evil]).found == Tags(pages['drivex']).found
     assert markupsafe.escape(evil) in pages[evil]
-    assert '"name":"PlainText"' in pages[evil]  # a text with $$ would be MathML
+    # a text with $$ would be MathML
+    assert 'axis_label: new M.PlainText({text: made.label})' in pages[evil]
