@@ -58,7 +58,7 @@ OPTIONAL |= {'pxr', 'urdf_usd_converter', 'usdex'}
 
 
 def imported(*folders: str) -> set[str]:
-    """Return the modules from elsewhere that source files import or find, inside functions, too."""
+    """Return the modules from elsewhere that sources import or find, also inside functions."""
     found = set()
     for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
