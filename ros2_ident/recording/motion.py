@@ -3,6 +3,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 import sys
 
@@ -45,6 +46,16 @@ class Motion:
     def resting(self) -> NDArray[np.bool_]:
         """Where the drive rests (T,)."""
         return np.asarray(np.abs(self.velocity) < REST * np.abs(self.velocity).max())
+
+    @cached_property
+    def regressors(self) -> FloatArray:
+        """Columns (T, 6) of inertia, friction and gravity, smoothed as the effort is."""
+        friction = direction(self.velocity)
+        # Gravity of a joint that turns is both; within a radian, the place and its square.
+        weight = np.sin(self.position), np.cos(self.position)
+        constant = np.ones_like(friction)
+        rows = np.stack([self.acceleration, self.velocity, friction, *weight, constant])
+        return self.slowly(rows).T
 
     def slowly(self, rows: FloatArray) -> FloatArray:
         """Return rows (..., T) without what is faster than the motion that is judged."""

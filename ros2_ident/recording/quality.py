@@ -536,20 +536,10 @@ def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
     return 'ok', 'velocity', text
 
 
-def _explaining(motion: Motion) -> FloatArray:
-    """Return the columns (T, P) of inertia, friction and gravity, smoothed as the effort is."""
-    friction = motions.direction(motion.velocity)
-    # Of a joint that turns, gravity is both; over less than a radian, the place and its square.
-    weight = np.sin(motion.position), np.cos(motion.position)
-    constant = np.ones_like(friction)
-    rows = np.stack([motion.acceleration, motion.velocity, friction, *weight, constant])
-    return motion.slowly(rows).T
-
-
 def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:
     """Return the lag of an effort, s or NaN, and the share of it that the motion explains."""
     smooth = motion.slowly(fill_gaps(effort))
-    lag, _, share = motions.best_lag(_explaining(motion), smooth, motion.period, 0.0)
+    lag, _, share = motions.best_lag(motion.regressors, smooth, motion.period, 0.0)
     # a fit that is best at the very edge, or poor, knows nothing of a delay
     known = lag <= motions.LATEST - 2.0 * motion.period and share >= _KNOWN
     return lag if known else math.nan, share
@@ -561,7 +551,7 @@ def _explained_moving(motion: Motion, effort: FloatArray, lag: float) -> float:
     At rest friction holds whatever is asked of it, up to its most. 0 where it hardly moves.
     """
     late = 0 if math.isnan(lag) else round(lag / motion.period)
-    columns, moving = _explaining(motion), ~motion.resting
+    columns, moving = motion.regressors, ~motion.resting
     moving[moving.size - late :] = False
     at = np.flatnonzero(moving)
     if at.size < _FEWEST * columns.shape[1]:
