@@ -19,7 +19,7 @@ from pathlib import Path
 import re
 import shlex
 
-from ros2_ident.errors import ErrorCode
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import columns as maps
 from ros2_ident.recording.limits import listed, printable, short
 from ros2_ident.recording.table import array_sizes, ARRAYS, text_of
@@ -151,12 +151,10 @@ def _told_by_units(rows: Sequence['_Name']) -> None:
 def _of_unit(unit: str) -> str:
     """Return the quantity that alone has a unit; percent, counts and Hz are of anything."""
     plain = maps.plain_unit(unit)
-    rate = plain != unit.strip().lower()
-    if maps.si_unit('effort', plain) in ('N m', 'N', 'A') and not rate:
-        return 'effort'
-    if not maps.si_unit('position', plain) or plain == 'hz':
+    if plain == 'hz' or maps.si_unit('effort', plain) == 'percent':
         return ''
-    return 'velocity' if rate or plain in maps.SPEEDS else 'position'
+    factors = ((x, maps.factor_of(x, unit)) for x in ('position', 'velocity', 'effort'))
+    return next((x for x, factor in factors if math.isfinite(factor or math.nan)), '')
 
 
 class _Name:
@@ -540,7 +538,7 @@ def header_of(path: Path) -> Header:
         named = meanings(names, units)
         for n in (n for n in wordy if named[n].quantity):
             raise maps.refuse(path, _wordy(((names[n], x) for x in below[n]), decimal))
-        raise maps.refuse(path, f'{lacking}: {listed(names)}; {where}{_even(lacking)}')
+        raise _unnamed(path, lacking, listed(names), where)
     unique = {x for x in names if x and names.count(x) == 1 and names is rows[top]}
     cells = tuple(x if x in unique else n for n, x in enumerate(names, 1))
     return Header(tuple(columns), cells, delimiter, decimal, top, bool(units))
@@ -566,24 +564,24 @@ def _of_arrays(path: Path) -> Header:
     columns = [replace(x, name=cell) for x, cell in read]
     if lacking := _lacking(columns):
         where = f'write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
-        raise maps.refuse(path, f'{lacking}: {listed([*sizes], 20)}; {where}{_even(lacking)}')
+        raise _unnamed(path, lacking, listed([*sizes], 20), where)
     others = [x for x in sizes if x not in each]
     columns += [Meaning(x, why='it has no row of numbers for each time') for x in others]
     return Header(tuple(columns), (*cells, *others), '', '.', 0, False)
 
 
 def _lacking(columns: Iterable[Meaning]) -> str:
-    """Return that no column is a time, or none a quantity of a joint; empty where both are."""
+    """Return which kind no column is, a time or a quantity of a joint; empty where both are."""
     there = {x.quantity for x in columns} - {''}
-    if 'time' in there and len(there) > 1:
-        return ''
-    kind = 'position, velocity or effort' if 'time' in there else 'time'
-    return f'no column is named as a {kind}'
+    if 'time' not in there:
+        return 'time'
+    return '' if len(there) > 1 else 'position, velocity or effort'
 
 
-def _even(lacking: str) -> str:
-    """Return what stands for a time in a column map, where it is the time that is lacking."""
-    return '; in a column map `time: {rate: HZ}` stands for none' * lacking.endswith('time')
+def _unnamed(path: Path, kind: str, names: str, where: str) -> IdentError:
+    """Return the error of a file of whose names none is of a kind, and what to write where."""
+    even = '; in a column map `time: {rate: HZ}` stands for none' * (kind == 'time')
+    return maps.refuse(path, f'no column is named as a {kind}: {names}; {where}{even}')
 
 
 def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Sequence[str]]) -> None:
