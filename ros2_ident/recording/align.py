@@ -72,7 +72,7 @@ def align(
     recording = streams.scale_effort(recording, effort_scale)
     asking = recording.command
     commanded, speeds_alone = recording.sets_positions, recording.sets_speeds_alone
-    if not follows or ('command' not in need and not recording.sets_positions):
+    if not follows or ('command' not in need and not commanded):
         recording = replace(recording, command=None)
     recording, found = streams.with_positions(recording, names)
     lay = _Layout(recording, names, cycle)
