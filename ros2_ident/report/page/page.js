@@ -5,6 +5,7 @@ const identPage = {
   // Twice so many points a curve are drawn at most: about one pair for each column of pixels.
   COLUMNS: 1000,
   NOTHING: -32768,
+  // Colours as in render.py, and those of axes and grid.
   INK: '#1c2733', BLUE: '#0072B2', GREY: '#666666', LINE: '#9aa5b1', GRID: '#e6eaee',
   FONT: 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif',
 
