@@ -46,12 +46,14 @@ def test_motion(kind, machine):
         assert np.ptp(motion.position) > 1e-3
 
 
-MOTION = draw_motion('mixed', MACHINE, 4.0, 1)
+@pytest.fixture(scope='module')
+def motion():
+    return draw_motion('mixed', MACHINE, 4.0, 1)
 
 
 @pytest.fixture(scope='module')
-def bag():
-    return simulate_bag(MACHINE, TRUTH, MOTION, 1)
+def bag(motion):
+    return simulate_bag(MACHINE, TRUTH, motion, 1)
 
 
 def test_streams_are_a_log(bag):
@@ -70,9 +72,9 @@ def test_streams_are_a_log(bag):
     assert np.abs(np.mean(residual)) < 5e-4
 
 
-def test_same_seed_same_bag(bag):
-    again = simulate_bag(MACHINE, TRUTH, MOTION, 1)
-    other = simulate_bag(MACHINE, TRUTH, MOTION, 2)
+def test_same_seed_same_bag(bag, motion):
+    again = simulate_bag(MACHINE, TRUTH, motion, 1)
+    other = simulate_bag(MACHINE, TRUTH, motion, 2)
     for topic, stream in bag.streams.items():
         assert np.array_equal(stream.stamp, again.streams[topic].stamp)
         assert not np.array_equal(stream.stamp, other.streams[topic].stamp)
