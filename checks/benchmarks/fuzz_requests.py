@@ -40,6 +40,7 @@ from identify_cases import axis, axis_data  # noqa: E402
 from reader_cases import COLUMNS, damage, make_recording, raw_messages, table_text  # noqa: E402
 from report_cases import write_diagnosed, write_identified  # noqa: E402
 
+from ros2_ident.cli.main import main as ident  # noqa: E402
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
@@ -301,13 +302,13 @@ class Goals:
     """Goals with odd values."""
 
     def __init__(self, room: Path) -> None:
-        from ros2_ident_msgs.action import Diagnose, Identify
+        from ros2_ident_msgs.action import Diagnose, Diff, Identify
 
         from ros2_ident.ros.goals import wanted_of
         from ros2_ident.ros.parameters import BY_NAME
 
         self.ask = wanted_of
-        self.kinds = Identify.Goal, Diagnose.Goal
+        self.kinds = Identify.Goal, Diagnose.Goal, Diff.Goal
         values: dict[str, Any] = {name: entry.default for name, entry in BY_NAME.items()}
         values |= {'machine_file': str(ROOT / 'config' / 'emps.yaml'), 'drives': []}
         self.parameters = [values, values | {'allowed_directory': str(room)}]
@@ -340,25 +341,29 @@ class Goals:
 
 
 class Results:
-    """Damaged files of an identification and a diagnosis."""
+    """Damaged files of an identification and a diagnosis, and of a comparison of two logs."""
 
     def __init__(self, room: Path) -> None:
-        self.room = room / 'run'
+        self.room, change = room / 'run', room / 'change'
         write_identified(self.room)
         write_diagnosed(self.room)
-        self.whole = {path: path.read_bytes() for path in sorted(self.room.iterdir())}
+        bag = str(ROOT / 'bags' / 'axis_reversals')
+        made = ['diff', bag, '--after', bag, '--machine', str(ROOT / 'config' / 'emps.yaml')]
+        ident([*made, '--out', str(change), '--quiet'])
+        rooms = sorted(self.room.iterdir()), [change / 'change.json']
+        self.whole = {path: path.read_bytes() for paths in rooms for path in paths}
 
     def __call__(self, generator: random.Random) -> str:
         """Make page or estimate."""
         for path, data in self.whole.items():
             path.write_bytes(data)
-        path = generator.choice([*self.whole, *self.room.glob('*.json')])
+        path = generator.choice([*self.whole, *(x for x in self.whole if x.suffix == '.json')])
         if path.suffix == '.json' and generator.random() < 0.8:
             path.write_text(json.dumps(swapped(json.loads(self.whole[path]), generator)))
         else:
             path.write_bytes(damage(self.whole[path], generator))
         readers = write_report, read_estimate, lambda room: write_comparison([room, room])
-        generator.choice(readers)(self.room)
+        generator.choice(readers)(path.parent)
         return 'taken'
 
 
