@@ -285,6 +285,8 @@ def found_at(tree: Mapping[str, Any], path: Path) -> list[Any]:
     for name, index in path:
         below: list[Any] = []
         for node in nodes:
+            if not isinstance(node, Mapping) or name not in node:
+                raise ValueError(f'no {name} where it belongs')
             entry: Any = index
             value: Any = node[name]
             several: Any = value if isinstance(value, list) else [value]

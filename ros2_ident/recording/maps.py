@@ -217,8 +217,8 @@ def parser(
                     raise ValueError(f'{len(joints)} names but an array of {where.size} values')
                 number, every = VALUES.index(name), np.arange(where.size)
                 picks.append(Pick(number, every, where, form, source.scale, source.absent))
-        parts = ((forms.found_at(tree, path)[0], factor) for path, factor in about.stamp)
-        stamp = tuple((x.places.start, x.format, factor) for x, factor in parts)
+        parts = ((_numbers(forms.found_at(tree, path)), factor) for path, factor in about.stamp)
+        stamp = tuple((int(places[0]), form, factor) for (places, form), factor in parts)
         layout = Layout(joints, tuple(picks), cursor.fixed, cursor.big, stamp)
         return _present(layout) if titles else layout
 

@@ -310,13 +310,14 @@ def best_lag(
     x = columns[max(0, -low) : target.size - max(0, high)]
     y = target[max(0, low) : target.size - max(0, -high)]
     size = np.sqrt((x**2).sum(axis=0)) + 1e-300
+    x = x / size
     inside = slice(len(x) - 1, y.size)
-    found = np.stack([correlation(y, row)[inside] for row in (x / size).T])
-    inverse = np.linalg.pinv(x.T @ x / np.outer(size, size), rcond=1e-12, hermitian=True)
+    found = np.stack([correlation(y, row)[inside] for row in x.T])
+    inverse = np.linalg.pinv(x.T @ x, rcond=1e-12, hermitian=True)
     solution = inverse @ found
     mean, square = (correlation(y**k, np.ones(len(x)))[inside] / len(x) for k in (1, 2))
     left = square - (solution * found).sum(axis=0) / len(x)
-    off = mean - x.mean(axis=0) / size @ solution
+    off = mean - x.mean(axis=0) @ solution
     shares = 1.0 - (left - off**2) / np.maximum(square - mean**2, 1e-300)
     best = int(np.argmax(shares))
     # a parabola gives the lag to a fraction of a sample

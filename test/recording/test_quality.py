@@ -128,6 +128,12 @@ def test_a_lag_of_a_slow_log_is_no_latest_one():
     assert re.search(r'reported velocity is 1[789](\.\d)? ms late; ', said.sentence)
 
 
+def test_values_too_small_to_square_are_judged():
+    # 1e-309 is subnormal; it stands in a damaged table of a number in single precision
+    report = check([recording(position=1e-309 * POSITION, velocity=None)])
+    assert report.of('effort_sign')
+
+
 def test_positions_in_counts_are_seen():
     counts = np.round(1e4 * POSITION)
     (said,) = check([recording(position=counts, velocity=None)]).of('position_unit')
