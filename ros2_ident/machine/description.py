@@ -23,6 +23,8 @@ _TURN, SLIDE = ('revolute', 'continuous', 'hinge'), ('prismatic', 'slide')
 _ATTRIBUTE = re.compile(r"""=\s*("[^"]*"|'[^']*')""")
 # SI units: a limit of none is 1e16, squares are far from overflow; what may be a rounded 0.
 _LARGEST, _NOTHING = 1e30, -1e-9
+# Ways of an MJCF to say how something is turned, of which an element has one.
+_TURNS = 'quat', 'euler', 'axisangle', 'xyaxes', 'zaxis'
 _INERTIAS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 _NEEDED = {'inertial/mass': ('value',), 'inertial/inertia': _INERTIAS}
 _NUMBERS = frozenset((
@@ -108,6 +110,8 @@ def judged(
 ) -> ET.Element:
     """Return the root that it is given, if nothing is wrong in it, else as `judged_tree`."""
     problem = None
+    if root.tag == 'mujoco':
+        _state_defaults(root)
     if not shapes and root.tag != 'robot':
         problem = next(_of_shapes(root), None)
         _leave_out_shapes(root)
@@ -134,40 +138,59 @@ def declared(root: ET.Element, tag: str, name: str) -> dict[str, list[float]]:
     Those for which neither they nor their class of defaults state it are left out.
     """
     return {
-        element.get('joint', element.get('name', '')): [float(x) for x in value.split()]
-        for *_, element, value in _stated(root, tag, name)
-        if value
+        element.get('joint', element.get('name', '')): [
+            float(x) for x in element.attrib[name].split()
+        ]
+        for _, element in _elements(root)
+        if element.tag == tag and element.get(name)
     }
 
 
-def _stated(
-    root: ET.Element, tag: str, name: str
-) -> Iterator[tuple[list[ET.Element], ET.Element, str | None]]:
-    """Yield the bodies about each element, outermost first, itself, and its attribute or None."""
-    classes: dict[str, str | None] = {}
-    level: list[tuple[ET.Element, str | None]] = [(x, None) for x in root.iterfind('default')]
-    while level:
-        default, above = level.pop()
-        own = next((x.get(name) for x in default.findall(tag) if x.get(name)), above)
-        classes[default.get('class', 'main')] = own
-        level += [(x, own) for x in default.findall('default')]
-    bodies: list[tuple[ET.Element, list[ET.Element], str]] = [
-        (x, [], 'main') for x in root if x.tag in ('worldbody', 'actuator')
+def _elements(root: ET.Element) -> Iterator[tuple[list[ET.Element], ET.Element]]:
+    """Yield what is in the bodies of an MJCF and among its actuators, after the bodies about it.
+
+    These are the outermost first.
+    """
+    bodies: list[tuple[ET.Element, list[ET.Element]]] = [
+        (x, []) for x in root if x.tag in ('worldbody', 'actuator')
     ]
     while bodies:
-        body, about, usual = bodies.pop()
-        usual = body.get('childclass', usual)
+        body, about = bodies.pop()
         inside = [*about, body]
         for child in body:
             if child.tag in ('body', 'frame'):
-                bodies.append((child, inside, usual))
-            elif child.tag == tag:
-                yield inside, child, child.get(name) or classes.get(child.get('class', usual))
+                bodies.append((child, inside))
+            else:
+                yield inside, child
+
+
+def _state_defaults(root: ET.Element) -> None:
+    """Write into the elements of an MJCF what their classes of defaults state for them."""
+    classes: dict[str, dict[str, dict[str, str]]] = {'': {}}
+    level = [(x, '') for x in root.iterfind('default')]
+    while level:
+        default, above = level.pop(0)
+        # The outermost ones are one class, and need no name.
+        name = default.get('class', '') if default not in list(root) else ''
+        own = {tag: dict(stated) for tag, stated in classes[above].items()}
+        for child in default:
+            if child.tag != 'default':
+                own[child.tag] = {**own.get(child.tag, {}), **child.attrib}
+        classes[name] = own
+        level += [(x, name) for x in default.findall('default')]
+    for about, element in _elements(root):
+        usual = next((x.get('childclass', '') for x in reversed(about) if x.get('childclass')), '')
+        stated = classes.get(element.get('class', usual), classes['']).get(element.tag, {})
+        turned = any(x in element.attrib for x in _TURNS)
+        for key, value in stated.items():
+            if key != 'class' and not (turned and key in _TURNS):
+                element.attrib.setdefault(key, value)
 
 
 def _of_shapes(root: ET.Element) -> Iterator[str]:
     """Judge whether a moving body's mass is that of a shape in a file."""
-    for bodies, _, mesh in _stated(root, 'geom', 'mesh'):
+    for bodies, geom in _elements(root):
+        mesh = geom.get('mesh') if geom.tag == 'geom' else None
         body = next((x for x in reversed(bodies) if x.tag != 'frame'), root)
         moves = any(x.tag in ('joint', 'freejoint') for y in bodies for x in y)
         if mesh and moves and body.find('inertial') is None:

@@ -159,6 +159,34 @@ def test_an_mjcf_whose_base_is_turned_weighs_where_it_hangs(tmp_path: Path) -> N
     assert 'axisangle, which pinocchio passes over' in said
 
 
+# Masses by hand: of a class, of a class within one, of the density of all, of a stated one.
+HEAVY = """<mujoco><default class="robot"><geom density="500" size="0.1"/>
+  <default class="rod"><geom type="sphere" mass="3" contype="0" conaffinity="0"/>
+    <default class="tip"><geom mass="2"/></default></default></default>
+  <worldbody><body><joint name="lies" axis="0 1 0"/>{geom}</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    'geom, mass',
+    [
+        ('<geom class="rod" pos="0.2 0 0"/>', 3.0),
+        ('<geom class="tip" pos="0.2 0 0"/>', 2.0),
+        ('<geom type="box" pos="0.2 0 0" size="0.1 0.1 0.1"/>', 4.0),
+        ('<geom class="rod" mass="1" pos="0.2 0 0"/>', 1.0),
+    ],
+)
+def test_a_shape_of_an_mjcf_weighs_what_its_class_states(tmp_path: Path, geom, mass) -> None:
+    path = tmp_path / 'heavy.yaml'
+    text = 'machine: serial\ndrives: [lies]\ngeometry: {description: heavy.xml}\n'
+    path.write_text(
+        f'{text}controller: {{cycle: 0.01}}\nparameters: {{drive_inertia: [0, 1, kg m^2]}}\n'
+    )
+    (tmp_path / 'heavy.xml').write_text(HEAVY.format(geom=geom))
+    nothing = np.zeros((1, 1))
+    effort = arm_of(load_machine(path)).efforts(nothing, nothing, nothing)
+    assert effort == pytest.approx(-mass * 9.81 * 0.2, rel=1e-12)
+
+
 def test_an_mjcf_is_read_and_joints_that_are_not_listed_stand_still(tmp_path: Path) -> None:
     text = """<mujoco><worldbody><body name="a" pos="0 0 1">
       <inertial mass="2" pos="0.1 0 0" diaginertia="0.1 0.2 0.3"/>

@@ -7,6 +7,7 @@ its mass, first moments and inertias xx, xy, yy, xz, yz, zz about the frame of i
 # mypy: disable-error-code="no-any-return"
 
 from collections.abc import Iterator, Sequence
+import copy
 from dataclasses import dataclass
 import math
 import os
@@ -252,7 +253,7 @@ def arm_of(machine: Machine) -> Arm:
     text = machine.described(None).text('description')
     bodies: tuple[Body, ...] = ()
     if text:
-        whole = _whole(pin, judged_tree(text), machine.drives)
+        whole = _whole(pin, judged_tree(text, shapes=False), machine.drives)
         bodies = tuple(_body(pin, whole, name) for name in machine.drives)
         model = _reduced(pin, whole, machine.drives)
     else:
@@ -367,10 +368,17 @@ def _from_mjcf(pin: Any, root: ET.Element) -> Any:
             raise ValueError(
                 f'{min(odd)}, which pinocchio passes over: write what mujoco.mj_saveLastXML makes'
             )
-    # The first body loses its place where it is fixed, and bodies beside it are lost.
+    # The first body loses its place where it is fixed, and bodies beside it are lost; so is a body
+    # without a name, its joint, and the mass of a shape that touches nothing or has it by class.
     base = ET.Element('body', name='ident base')
     whole = ET.Element(root.tag, root.attrib)
-    whole.extend(x for x in root if x.tag != 'worldbody')
+    root = copy.deepcopy(root)
+    for number, element in enumerate(root.iter()):
+        if element.tag in ('body', 'joint'):
+            element.attrib.setdefault('name', f'{element.tag} {number}')
+        for name in ('class', 'childclass', 'contype', 'conaffinity'):
+            element.attrib.pop(name, None)
+    whole.extend(x for x in root if x.tag not in ('worldbody', 'default'))
     for world in root.iterfind('worldbody'):
         base.extend(x for x in world if x.tag in ('body', 'frame'))
     ET.SubElement(whole, 'worldbody').append(base)
