@@ -269,7 +269,8 @@ def _aligned(
         follows=follows(machine) and knows_gains(machine),
     )
     where = recording.source or 'recording'
-    for name in chosen if 'effort' in quantities else ():
+    idle = undriven(dataset) if chosen == machine.drives else ()
+    for name in (x for x in chosen if x not in idle) if 'effort' in quantities else ():
         if dataset.effort is None:
             raise ErrorCode.MISSING_STREAM.error(
                 f"{where}: no stream holds an effort; record the drives' effort, "
@@ -294,6 +295,18 @@ def _aligned(
             f'{where}: no drive moves; record a motion that accelerates every drive'
         )
     return dataset.coarse(POINTS)
+
+
+def undriven(dataset: Dataset) -> tuple[str, ...]:
+    """Return the drives whose effort is 0 in every sample, beside others of which it is not.
+
+    What swings freely is so, and what was not measured.
+    """
+    if dataset.effort is None:
+        return ()
+    there = np.nan_to_num(dataset.effort).any(axis=1)
+    idle = ~there & np.isfinite(dataset.effort).any(axis=1)
+    return tuple(np.array(dataset.names)[idle].tolist()) if there.any() else ()
 
 
 def _starts_in_motion(dataset: Dataset, machine: Machine) -> bool:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ros2_ident.arrays import Array
 from ros2_ident.compiled import result_digest
 from ros2_ident.errors import ErrorCode
-from ros2_ident.identify.data import chosen_drives, Data
+from ros2_ident.identify.data import chosen_drives, Data, undriven
 from ros2_ident.identify.layout import check_overrides, Conditions, expanded, held_of, Layout
 from ros2_ident.identify.outputs import checked, Outputs, weights_of
 from ros2_ident.identify.result import DriveResidual, Quality
@@ -347,16 +347,20 @@ def problem_of(
         asked: Other attributes of `Setup`.
 
     Raises:
-        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `make_model`.
+        IdentError: INVALID_GOAL, UNKNOWN_PARAMETER, NO_DATA, or as `at_rest` and `make_model`.
     """
     differ, compared = conditions or Conditions(), checked(outputs, compared_of(machine))
     differ.check(data.labels)
     setup = Setup(machine, data, conditions=differ, outputs=compared, **asked)
     machine, drives = at_rest(machine, data.datasets, setup.drives)
-    if machine.stands and drives != setup.drives:
-        names = ', '.join(machine.stands)
-        said = f'{names} stood still: nothing is found of their friction and rotors; their links '
-        data = replace(data, warnings=(*data.warnings, f'{said}count as they stood'))
+    left = [x for x in chosen_drives(machine, setup.drives) if x not in drives]
+    for still, why, links in (
+        (True, 'stood still', 'stood'),
+        (False, 'had no effort but 0', 'moved'),
+    ):
+        if names := ', '.join(x for x in left if (x in machine.stands) == still):
+            said = f'{names} {why}: nothing is found of their friction and rotors; their links '
+            data = replace(data, warnings=(*data.warnings, f'{said}count as they {links}'))
     return replace(setup, machine=machine, data=data, drives=drives).problem()
 
 
@@ -365,8 +369,11 @@ def at_rest(
 ) -> tuple[Machine, tuple[str, ...]]:
     """Return a machine that knows where drives stand in all data, and the drives to compare.
 
-    What a drive's effort is at rest, friction decides: where no drive is chosen, or all are, those
-    that stand are not compared.
+    What a drive's effort is at rest, friction decides, and one that is 0 throughout was not
+    measured, or nothing drives it: where no drive is chosen, or all are, these are not compared.
+
+    Raises:
+        IdentError: INVALID_GOAL as `chosen_drives`, BAD_VALUES where no drive is left.
     """
     chosen = chosen_drives(machine, drives)
     rows = {}
@@ -378,7 +385,13 @@ def at_rest(
     strokes = {name: float(np.nanmax(x) - np.nanmin(x)) for name, x in rows.items()}
     still = standing(strokes)
     if chosen == machine.drives:
-        chosen = tuple(name for name in chosen if name not in still)
+        idle = datasets if compared_of(machine) == ('effort',) else ()
+        left = {*still, *(name for d in idle for name in undriven(d))}
+        chosen = tuple(name for name in chosen if name not in left)
+    if not chosen:
+        raise ErrorCode.BAD_VALUES.error(
+            'every drive that moves has an effort of 0 throughout; switch its measurement on'
+        )
     stands = {n: float(np.nanmedian(rows[n])) for n in still if n not in chosen}
     return replace(machine, stands=stands), chosen
 

@@ -5,7 +5,7 @@ Did the streams arrive whole, is there enough motion, and can the effort be a to
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Literal
 
@@ -66,7 +66,7 @@ _WHOLE = 5
 _EARLIEST = -0.02
 # Share of an effort's variance from which on the motion is known to explain it.
 _KNOWN = 0.85
-_NOT_DRIVEN = 'switch its measurement on, or leave this drive out: what swings freely has none'
+_NOT_DRIVEN = 'switch its measurement on, where it is driven; what swings freely has none'
 
 
 def sign_of(motion: Motion, alone: bool = False) -> Sign:
@@ -396,6 +396,10 @@ def _judge_drives(
         if name not in integrated:
             judged += _of_counts(state.position[:, state.names.index(name)])
         findings += about(name, judged)
+    idle = [x for x in findings if x.code == 'effort_constant']
+    if len(idle) < len(drives):
+        # beside others an effort of 0 is not compared
+        findings = [replace(x, level='warn') if x in idle else x for x in findings]
     if off := _of_time(rates, sample_period(state.stamp)):
         findings = [x for x in findings if x.code != 'velocity']
         findings += about('state', off)

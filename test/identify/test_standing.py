@@ -8,7 +8,8 @@ import pytest
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
-from ros2_ident.identify.data import Data  # noqa: E402
+from ros2_ident.errors import IdentError  # noqa: E402
+from ros2_ident.identify.data import Data, gather  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
 from ros2_ident.models import machine_from_mapping, make_model  # noqa: E402
@@ -80,3 +81,31 @@ def test_what_stands_is_said_once_before_a_fit_and_is_no_error():
     stream = Stream(ARM.drives, stamp, place, None, np.gradient(place, axis=0))
     said = [f for f in check([Recording(stream, None, None)]).findings if f.code == 'no_motion']
     assert [(f.level, f.subject) for f in said] == [('warn', 'column, elbow')]
+
+
+def test_what_nothing_drives_is_not_compared_and_counts_as_it_moves():
+    other = 0.5 * np.sin(2.1 * TIME)
+    whole = logged(0.8 * np.sin(0.7 * TIME), WAVE, other)
+    data = replace(whole, effort=whole.effort * [[1.0], [1.0], [0.0]])
+    result = found(data)
+    assert result.drives == ('column', 'shoulder')
+    values = {p.name: p.value for p in result.parameters}
+    assert values['shoulder.coulomb_torque'] == pytest.approx(0.5, rel=0.05)
+    assert 'elbow.link_inertia_zz' in values and 'elbow.coulomb_torque' not in values
+    assert max(x.rms for x in result.residuals) < 0.015
+    (said,) = [w for w in result.quality.warnings if 'no effort but 0' in w]
+    assert said.startswith('elbow had no effort but 0: ')
+    with pytest.raises(IdentError, match='is 0 in every sample'):
+        identify(ARM, gather([recorded(data)], ARM, ('elbow',)))
+    dead = replace(data, effort=0.0 * data.effort)
+    with pytest.raises(IdentError, match='is 0 in every sample'):
+        gather([recorded(dead)], ARM)
+    assert gather([recorded(data)], ARM).datasets[0].effort is not None
+    (code,) = [f for f in check([recorded(data)]).findings if f.code == 'effort_constant']
+    assert (code.level, code.subject) == ('warn', 'elbow')
+
+
+def recorded(data):
+    """Return a recording of a log's positions and efforts."""
+    stamp = np.round(TIME * 1e9).astype(np.int64)
+    return Recording(Stream(data.names, stamp, data.position.T, None, data.effort.T), None, None)

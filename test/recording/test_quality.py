@@ -88,7 +88,7 @@ def test_a_good_recording_is_ok():
             np.where(np.arange(TIME.size) % 10, 0.0, EFFORT),
             'effort_idle',
             'warn',
-            'exactly 0 in (89|90|91) % of the samples .*leave this drive out: what swings',
+            'exactly 0 in (89|90|91) % of the samples .*where it is driven; what swings',
         ),
     ],
 )
