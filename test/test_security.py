@@ -107,7 +107,7 @@ def test_an_element_has_no_more_attributes_than_any_that_is_known():
 
 
 def test_a_body_has_no_more_joints_than_directions():
-    """Of 300 joints of one body pinocchio makes a joint of 7 GB."""
+    """Of hundreds of joints in a row pinocchio makes a model of gigabytes."""
     joints = [f'<joint name="j{k}" axis="0 0 1"/>' for k in range(7)]
     text = '<mujoco><worldbody><body name="arm">{}</body></worldbody></mujoco>'
     judged_tree(text.format(''.join(joints[:6])))

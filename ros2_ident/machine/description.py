@@ -311,7 +311,7 @@ def _problems(root: ET.Element, shapes: bool) -> Iterator[str]:
         if count > _BODIES:
             yield f'has {count} elements {tag} and may have {_BODIES}; leave some out'
     for body in root.iter('body'):
-        # Joints of one body are one in pinocchio, whose memory grows with their number squared.
+        # A body moves in six directions; pinocchio's memory grows with joints in a row squared.
         count = len(body.findall('joint'))
         if count > _JOINTS:
             yield (

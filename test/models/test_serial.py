@@ -159,6 +159,28 @@ def test_an_mjcf_whose_base_is_turned_weighs_where_it_hangs(tmp_path: Path) -> N
     assert 'axisangle, which pinocchio passes over' in said
 
 
+def test_joints_of_one_body_are_joints_one_after_the_other(tmp_path: Path) -> None:
+    # A cart of 3 kg at the end of a beam: 0.5 m and as far as it has slid, turned by the beam.
+    text = """<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/>
+      <joint name="slide" type="slide" axis="1 0 0"/>
+      <inertial mass="3" pos="0.5 0 0" diaginertia="0.1 0.1 0.1"/></body></worldbody></mujoco>"""
+    machine = (
+        'machine: serial\ndrives: [turn, slide]\ngeometry: {description: beam.xml}\n'
+        'controller: {cycle: 0.01}\nparameters: {drive_inertia: [0, 1, kg m^2]}\n'
+    )
+    (tmp_path / 'beam.xml').write_text(text)
+    (tmp_path / 'beam.yaml').write_text(machine)
+    still, place = np.zeros((2, 1)), np.array([[0.3], [0.2]])
+    effort = arm_of(load_machine(tmp_path / 'beam.yaml')).efforts(place, still, still)
+    weight = 3.0 * 9.81
+    expected = -weight * 0.7 * np.cos(0.3), -weight * np.sin(0.3)
+    np.testing.assert_allclose(effort[:, 0], expected, rtol=1e-12)
+    (tmp_path / 'beam.xml').write_text(
+        text.replace('<worldbody', '<compiler eulerseq="XYZ"/><worldbody')
+    )
+    assert 'eulerseq, which' in refused(arm_of, load_machine(tmp_path / 'beam.yaml')).message
+
+
 # Masses by hand: of a class, of a class within one, of the density of all, of a stated one.
 HEAVY = """<mujoco><default class="robot"><geom density="500" size="0.1"/>
   <default class="rod"><geom type="sphere" mass="3" contype="0" conaffinity="0"/>

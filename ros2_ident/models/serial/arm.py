@@ -364,6 +364,8 @@ def _from_mjcf(pin: Any, root: ET.Element) -> Any:
     """Return the model of an MJCF; pinocchio takes files only, this one is in memory."""
     for element in root.iter():
         odd = _PASSED_OVER & {element.tag, *element.attrib}
+        if not element.get('eulerseq', 'xyz').islower():
+            odd |= {'eulerseq'}
         if odd:
             raise ValueError(
                 f'{min(odd)}, which pinocchio passes over: write what mujoco.mj_saveLastXML makes'
@@ -373,11 +375,20 @@ def _from_mjcf(pin: Any, root: ET.Element) -> Any:
     base = ET.Element('body', name='ident base')
     whole = ET.Element(root.tag, root.attrib)
     root = copy.deepcopy(root)
-    for number, element in enumerate(root.iter()):
+    for number, element in enumerate(list(root.iter())):
         if element.tag in ('body', 'joint'):
             element.attrib.setdefault('name', f'{element.tag} {number}')
         for name in ('class', 'childclass', 'contype', 'conaffinity'):
             element.attrib.pop(name, None)
+    for body in list(root.iter('body')):
+        # Joints of one body would be one joint: the body hangs by the last of them.
+        outer, joints = body, body.findall('joint')
+        for joint in joints[:-1]:
+            inner = ET.Element('body', name=outer.attrib['name'])
+            inner.extend(x for x in outer if x is not joint)
+            outer[:] = [joint, inner]
+            outer.set('name', f'{inner.attrib["name"]} by {joint.attrib["name"]}')
+            outer = inner
     whole.extend(x for x in root if x.tag not in ('worldbody', 'default'))
     for world in root.iterfind('worldbody'):
         base.extend(x for x in world if x.tag in ('body', 'frame'))
