@@ -11,6 +11,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
 from ros2_ident.files import mark
+from ros2_ident.machine.description import name_all
 from ros2_ident.models.drives.joints import Gains, Joint
 from ros2_ident.models.mujoco.plant import mjcf_of
 
@@ -124,6 +125,7 @@ def mjcf(text: str, content: Content) -> str:
         if compiler.get('inertiafromgeom') == 'true':
             compiler.set('inertiafromgeom', 'auto')
     remedy = 'name it there as the bag does'
+    name_all(root)
     for name, mass, centre, inertia in () if described else content.inertials():
         full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         new = ET.Element('inertial', pos=_numbers(centre), mass=_number(mass))

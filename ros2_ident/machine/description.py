@@ -187,6 +187,13 @@ def _state_defaults(root: ET.Element) -> None:
                 element.attrib.setdefault(key, value)
 
 
+def name_all(root: ET.Element) -> None:
+    """Give the bodies and joints of an MJCF that have no name one by their place in it."""
+    for path in ('.//body', './/body/joint'):
+        for number, element in enumerate(root.iterfind(path), 1):
+            element.attrib.setdefault('name', f'{element.tag} {number}')
+
+
 def _of_shapes(root: ET.Element) -> Iterator[str]:
     """Judge whether a moving body's mass is that of a shape in a file."""
     for bodies, geom in _elements(root):

@@ -60,8 +60,8 @@ MJCF = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/>
   </body></body></body></body></worldbody></mujoco>"""
 
 
-def in_mjcf(folder: Path, **parameters: object) -> Machine:
-    (folder / 'arm.xml').write_text(MJCF)
+def in_mjcf(folder: Path, text: str = MJCF, **parameters: object) -> Machine:
+    (folder / 'arm.xml').write_text(text)
     boxes = ''.join(f'  {name}: {box}\n' for name, box in parameters.items())
     (folder / 'arm.yaml').write_text(
         f'machine: serial\ndrives: [{", ".join(JOINTS)}]\n'
@@ -382,9 +382,11 @@ def by_mujoco(mujoco, text, found: Content) -> np.ndarray:
     return out
 
 
-def test_an_mjcf_asks_what_was_identified(tmp_path: Path, mujoco) -> None:
-    found = content(in_mjcf(tmp_path, **SMOOTH, **ROTOR), **{'elbow.link_moment_x': 0.9})
-    path, words = write(tmp_path, ('mjcf',), found, MJCF)['mjcf']
+@pytest.mark.parametrize('gone', ['no name', ' name="upper"'])
+def test_an_mjcf_asks_what_was_identified(tmp_path: Path, mujoco, gone) -> None:
+    text = MJCF.replace(gone, '')
+    found = content(in_mjcf(tmp_path, text, **SMOOTH, **ROTOR), **{'elbow.link_moment_x': 0.9})
+    path, words = write(tmp_path, ('mjcf',), found, text)['mjcf']
     off = by_mujoco(mujoco, path.read_text(), found) - efforts(found)
     assert np.abs(off).max() < 1e-9
     assert [w for w in words if 'no place' in w] == []

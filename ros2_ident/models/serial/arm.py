@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
-from ros2_ident.machine.description import judged_tree
+from ros2_ident.machine.description import judged_tree, name_all
 from ros2_ident.machine.kind import Figure, Remark, Space
 from ros2_ident.machine.machine import Machine
 
@@ -375,9 +375,8 @@ def _from_mjcf(pin: Any, root: ET.Element) -> Any:
     base = ET.Element('body', name='ident base')
     whole = ET.Element(root.tag, root.attrib)
     root = copy.deepcopy(root)
-    for number, element in enumerate(list(root.iter())):
-        if element.tag in ('body', 'joint'):
-            element.attrib.setdefault('name', f'{element.tag} {number}')
+    name_all(root)
+    for element in root.iter():
         for name in ('class', 'childclass', 'contype', 'conaffinity'):
             element.attrib.pop(name, None)
     for body in list(root.iter('body')):
