@@ -32,7 +32,7 @@ QUANTITIES = {
     'command_velocity': ('command', 'velocity'),
 }
 # A map is short; so is a row.
-_LARGEST_MAP, _MOST_COLUMNS = 1 << 20, 1 << 16
+_LARGEST_MAP, _MOST_COLUMNS, _MOST_LINES = 1 << 20, 1 << 16, 1 << 31
 
 Cell = str | int
 
@@ -112,8 +112,8 @@ _OPTIONS: Mapping[str, tuple[Any, Callable[[Any], bool]]] = {
     'where': ({}, lambda x: isinstance(x, Mapping) and all(map(np.isscalar, x.values()))),
     'delimiter': (',', lambda x: isinstance(x, str) and len(x) == 1 and x not in '\r\n\0"'),
     'decimal': ('.', ('.', ',').__contains__),
-    'skip': (0, lambda x: type(x) is int and x >= 0),
-    'skip_below': (0, lambda x: type(x) is int and x >= 0),
+    'skip': (0, lambda x: type(x) is int and x in range(_MOST_LINES)),
+    'skip_below': (0, lambda x: type(x) is int and x in range(_MOST_LINES)),
     'header': (True, lambda x: isinstance(x, bool)),
 }
 OPTIONS = ('time', 'joints', *_OPTIONS)

@@ -71,8 +71,9 @@ def test_columns_are_added_rows_chosen_and_lines_of_units_left_out(tmp_path):
         read(tmp_path, text, '', joints)
     with pytest.raises(IdentError, match='no row of values with what `where` asks for'):
         read(tmp_path, text, 'where: {joint: 3}\nskip_below: 1\n', joints)
-    with pytest.raises(IdentError):  # more than there are were counted to their end, for ever
-        read(tmp_path, text, f'skip_below: {1 << 63}\n', joints)
+    for key in ('skip', 'skip_below'):
+        with pytest.raises(IdentError, match=f'{key} is 9223372036854775808; write'):
+            read(tmp_path, text, f'{key}: {1 << 63}\n', joints)
 
 
 def test_rows_without_a_time_are_even(tmp_path, monkeypatch):
