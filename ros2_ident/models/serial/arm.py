@@ -376,6 +376,8 @@ def _from_mjcf(pin: Any, root: ET.Element) -> Any:
     whole = ET.Element(root.tag, root.attrib)
     root = copy.deepcopy(root)
     name_all(root)
+    for number, site in enumerate(root.iter('site')):
+        site.set('name', f'site {number}')  # another thing may have its name
     for element in root.iter():
         for name in ('class', 'childclass', 'contype', 'conaffinity'):
             element.attrib.pop(name, None)
