@@ -382,15 +382,15 @@ def at_rest(
                 if d.position is not None and name in d.names]  # fmt: skip
         if here and np.isfinite(here[0]).any():
             rows[name] = np.concatenate(here)
+    compared = datasets if compared_of(machine) == ('effort',) else ()
+    idle = {name for d in compared for name in undriven(d)}
     strokes = {name: float(np.nanmax(x) - np.nanmin(x)) for name, x in rows.items()}
-    still = standing(strokes)
+    still = standing(strokes, idle)
     if chosen == machine.drives:
-        idle = datasets if compared_of(machine) == ('effort',) else ()
-        left = {*still, *(name for d in idle for name in undriven(d))}
-        chosen = tuple(name for name in chosen if name not in left)
+        chosen = tuple(name for name in chosen if name not in {*still, *idle})
     if not chosen:
         raise ErrorCode.BAD_VALUES.error(
-            'every drive that moves has an effort of 0 throughout; switch its measurement on'
+            'no drive has an effort other than 0 in every log; leave out the logs that lack it'
         )
     stands = {n: float(np.nanmedian(rows[n])) for n in still if n not in chosen}
     return replace(machine, stands=stands), chosen

@@ -4,7 +4,7 @@
 Did the streams arrive whole, is there enough motion, and can the effort be a torque?
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import Literal
@@ -376,6 +376,7 @@ def _judge_drives(
     drives: list[DriveSummary] = []
     findings: list[Finding] = []
     rates: list[float] = []
+    idle = set[str]()
     for name in (x for x in (state.names if wanted is None else wanted) if x in state.names):
         try:
             motion = motions.motion_of(recording, name)
@@ -386,6 +387,7 @@ def _judge_drives(
         if effort is not None:
             rest = motion.resting & np.isfinite(effort)
             at_rest = float(np.mean(effort[rest])) if rest.sum() >= _FEWEST else math.nan
+            idle |= {name} if not np.nan_to_num(effort).any() else set()
         drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
         # An integrated speed says nothing of the speed.
         fit = None if name in integrated else _velocity_fit(motion)
@@ -396,14 +398,16 @@ def _judge_drives(
         if name not in integrated:
             judged += _of_counts(state.position[:, state.names.index(name)])
         findings += about(name, judged)
-    idle = [x for x in findings if x.code == 'effort_constant']
     if len(idle) < len(drives):
-        # beside others an effort of 0 is not compared
-        findings = [replace(x, level='warn') if x in idle else x for x in findings]
+        # Beside others an effort of 0 is not compared.
+        there = [x.code == 'effort_constant' and x.subject in idle for x in findings]
+        findings = [
+            replace(x, level='warn') if y else x for x, y in zip(findings, there, strict=True)
+        ]
     if off := _of_time(rates, sample_period(state.stamp)):
         findings = [x for x in findings if x.code != 'velocity']
         findings += about('state', off)
-    if still := standing({x.drive: x.stroke for x in drives}):
+    if still := standing({x.drive: x.stroke for x in drives}, idle):
         said_of = ', '.join(still)
         text = 'stood still, so nothing is found of what moves there; the others count'
         findings = [f for f in findings if f.subject not in still]
@@ -411,9 +415,12 @@ def _judge_drives(
     return drives, findings
 
 
-def standing(strokes: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the drives that stand while others move, by the strokes of all."""
-    longest = max(strokes.values(), default=0.0)
+def standing(strokes: Mapping[str, float], idle: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the drives that stand while others move, by the strokes of all.
+
+    Those that are idle, driven by nothing, may go round: they are no measure for others.
+    """
+    longest = max((x for name, x in strokes.items() if name not in idle), default=0.0)
     return tuple(name for name, stroke in strokes.items() if stroke < STANDS * longest)
 
 
