@@ -65,6 +65,7 @@ def test_classes_of_defaults_and_bounds_hold_what_they_state() -> None:
     assert [*declared(root, 'joint', 'frictionloss').values()] == [[6.0]]
     assert [*declared(root, 'joint', 'armature').values()] == [[0.15], [0.15]]
     boxes = yaml.safe_load(new_machine_file(KINDS['mujoco'], (), text, 'arm.xml'))['parameters']
+    assert [*KINDS['mujoco'].joints(root)] == ['shoulder']  # no actuator turns the elbow
     for name, value in (('armature', 0.15), ('damping', 7), ('frictionloss', 6), ('kp', 3500)):
         low, high, _ = boxes[name]
         assert low < value < high

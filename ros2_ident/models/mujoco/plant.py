@@ -62,14 +62,16 @@ def loaded() -> Any:
 
 
 def joints_of(root: ET.Element) -> tuple[str, ...]:
-    """Return the joints of an MJCF that turn about or slide along one axis.
+    """Return the joints of an MJCF that actuators turn about or slide along one axis.
 
-    Its shapes are left out.
+    All that move so where there are no such actuators. Its shapes are left out.
 
     Raises:
         IdentError: BAD_MACHINE_FILE for a URDF, or as `judged_tree`.
     """
-    return joints_in(_of_mjcf(judged(root, shapes=False)))
+    found = joints_in(_of_mjcf(judged(root, shapes=False)))
+    driven = {actuator.get('joint') for actuator in root.iterfind('actuator/*')}
+    return tuple(name for name in found if name in driven) or found
 
 
 def _mjcf(text: str) -> str:
