@@ -298,15 +298,14 @@ def _aligned(
 
 
 def undriven(dataset: Dataset) -> tuple[str, ...]:
-    """Return the drives whose effort is 0 in every sample, beside others of which it is not.
+    """Return the drives that have no effort, or 0 in every sample, beside others that have one.
 
     What swings freely is so, and what was not measured.
     """
     if dataset.effort is None:
         return ()
     there = np.nan_to_num(dataset.effort).any(axis=1)
-    idle = ~there & np.isfinite(dataset.effort).any(axis=1)
-    return tuple(np.array(dataset.names)[idle].tolist()) if there.any() else ()
+    return tuple(np.array(dataset.names)[~there].tolist()) if there.any() else ()
 
 
 def _starts_in_motion(dataset: Dataset, machine: Machine) -> bool:

@@ -356,7 +356,7 @@ def problem_of(
     left = [x for x in chosen_drives(machine, setup.drives) if x not in drives]
     for still, why, links in (
         (True, 'stood still', 'stood'),
-        (False, 'had no effort but 0', 'moved'),
+        (False, 'had no effort', 'moved'),
     ):
         if names := ', '.join(x for x in left if (x in machine.stands) == still):
             said = f'{names} {why}: nothing is found of their friction and rotors; their links '
@@ -369,8 +369,9 @@ def at_rest(
 ) -> tuple[Machine, tuple[str, ...]]:
     """Return a machine that knows where drives stand in all data, and the drives to compare.
 
-    What a drive's effort is at rest, friction decides, and one that is 0 throughout was not
-    measured, or nothing drives it: where no drive is chosen, or all are, these are not compared.
+    What a drive's effort is at rest, friction decides, and where it is 0 throughout, or missing,
+    nothing drives it, or it was not measured: where no drive is chosen, or all are, these are not
+    compared.
 
     Raises:
         IdentError: INVALID_GOAL as `chosen_drives`, BAD_VALUES where no drive is left.

@@ -340,14 +340,15 @@ class _Layout:
         return None if np.isnan(out).all() else out
 
     def check_need(self, measured: Mapping[str, FloatArray | None], need: Collection[str]) -> None:
-        """Refuse data without a field that is needed."""
+        """Refuse data without a field that is needed, of all drives or, an effort, of one."""
         if 'command' in need and 'command' not in self.placed:
             text = 'holds no command stream; record it, or let the recorded motion drive the model'
             raise self.error(text)
         for field in filter(need.__contains__, FIELDS):
             if (values := measured[field]) is not None:
                 pairs = zip(self.names, values, strict=True)
-                if silent := ', '.join(name for name, x in pairs if np.isnan(x).all()):
+                silent = ', '.join(name for name, x in pairs if np.isnan(x).all())
+                if silent and field != 'effort':
                     text = f'no {field} of {silent}; leave these out, or record theirs too'
                     raise self.error(text)
                 continue

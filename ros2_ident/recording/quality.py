@@ -387,7 +387,8 @@ def _judge_drives(
         if effort is not None:
             rest = motion.resting & np.isfinite(effort)
             at_rest = float(np.mean(effort[rest])) if rest.sum() >= _FEWEST else math.nan
-            idle |= {name} if not np.nan_to_num(effort).any() else set()
+        if effort is None or not np.nan_to_num(effort).any():
+            idle.add(name)
         drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
         # An integrated speed says nothing of the speed.
         fit = None if name in integrated else _velocity_fit(motion)
@@ -398,12 +399,10 @@ def _judge_drives(
         if name not in integrated:
             judged += _of_counts(state.position[:, state.names.index(name)])
         findings += about(name, judged)
-    if len(idle) < len(drives):
-        # Beside others an effort of 0 is not compared.
-        there = [x.code == 'effort_constant' and x.subject in idle for x in findings]
-        findings = [
-            replace(x, level='warn') if y else x for x, y in zip(findings, there, strict=True)
-        ]
+    # Beside others one without an effort is not compared.
+    idle = idle if len(idle) < len(drives) else set()
+    there = [x.code == 'effort_constant' and x.subject in idle for x in findings]
+    findings = [replace(x, level='warn') if y else x for x, y in zip(findings, there, strict=True)]
     if off := _of_time(rates, sample_period(state.stamp)):
         findings = [x for x in findings if x.code != 'velocity']
         findings += about('state', off)

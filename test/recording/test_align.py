@@ -134,17 +134,15 @@ def test_errors_name_the_remedy():
     ticks = np.arange(100) * 2
     good = Recording(stream(ticks), source='log')
     still = stream(ticks, fields='pv')
-    silent, half = (
-        Stream(NAMES, still.stamp, still.position, None, np.full((100, 2), effort))
-        for effort in (np.nan, [1.0, np.nan])
-    )
+    silent = Stream(NAMES, still.stamp, still.position, None, np.full((100, 2), np.nan))
+    half = Stream(NAMES, still.stamp, still.position * [1.0, np.nan], None, None)
     for recording, code, text, more in (
         (good, 'INVALID_GOAL', 'drives are .*; name at least one', {'drives': ()}),
         (good, 'MISSING_STREAM', 'log: state has no joint x, it holds drive_1, drive_2; name',
          {'drives': ('drive_1', 'x')}),
         (still, 'MISSING_STREAM', 'holds effort; record it, or name its topic or column', {}),
         (silent, 'BAD_VALUES', 'every effort of the drives is NaN; switch', {}),
-        (half, 'MISSING_STREAM', 'no effort of drive_2; leave these out', {}),
+        (half, 'MISSING_STREAM', 'no position of drive_2; leave', {'need': ('position',)}),
         (stream(ticks, fields='e'), 'MISSING_STREAM', 'no stream holds position; record it',
          {'need': ('position',)}),
         (good, 'MISSING_STREAM', 'holds no command stream', {'need': ('command',)}),
@@ -161,6 +159,11 @@ def test_errors_name_the_remedy():
             align(recording, cycle=CYCLE, **{'drives': NAMES, **more})
         assert caught.value.code.name == code and '\n' not in caught.value.message
     assert align(Recording(still), NAMES, CYCLE, need=()).effort is None
+    half = Stream(NAMES, still.stamp, still.position, None, np.ones((100, 2)) * [1.0, np.nan])
+    assert np.isnan(align(Recording(half), NAMES, CYCLE).effort).all(axis=1).tolist() == [
+        False,
+        True,
+    ]
 
 
 def test_a_data_set_refuses_wrong_shapes():
