@@ -288,7 +288,7 @@ def check_streams(data: Dataset) -> list[Gate]:
 def check_effort(machine: Machine, data: Dataset, drive: str) -> list[Gate]:
     """Judge whether a drive's effort has the sign and the size of a torque that moves it."""
     d = data.names.index(drive)
-    if data.effort is None or data.position is None:
+    if data.effort is None or data.position is None or np.isnan(data.effort[d]).all():
         return []
     found = []
     limit = machine.number('torque_limit', drive)

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from ros2_ident.errors import IdentError  # noqa: E402
+from ros2_ident.gates.examine import check_effort  # noqa: E402
 from ros2_ident.identify.data import Data, gather  # noqa: E402
 from ros2_ident.identify.run import identify  # noqa: E402
 from ros2_ident.identify.settings import IdentifySettings  # noqa: E402
@@ -108,6 +109,7 @@ def test_what_nothing_drives_is_not_compared_and_counts_as_it_moves(effort):
     assert not said.of('no_motion')
     (code,) = said.of('effort_constant' if effort == 0.0 else 'nan')
     assert code.level == 'warn' and 'elbow' in code.sentence
+    assert not any(x.drive == 'elbow' for x in check_effort(ARM, data, 'elbow')) or effort == 0.0
 
 
 def recorded(data):
