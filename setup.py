@@ -61,7 +61,7 @@ def parts() -> dict[str, Any]:
         'cli': ['*.yaml'],
         'machine': ['*.yaml'],
         'recording': ['maps/*.yaml'],
-        'export': ['loaders/*.txt'],
+        'export': ['texts/*.txt'],
     }
     data = {f'{NAME}.{room}': names for room, names in files.items()}
     main = f'{NAME}.cli.main:main'

@@ -10,7 +10,7 @@ import numpy as np
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
-from ros2_ident.export.laws import is_law, Law, laws_of
+from ros2_ident.export.laws import is_law, Law, laws_of, taken
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.joints import at_joints, Joint, joints_of, PARTS
@@ -81,9 +81,9 @@ class Content:
             at_joints(self.model, self.theta, effort)
             for effort in (self.measured, self.fitted, self.model.simulate(self.theta)[0])
         )
-        rows = _rows(self.model, self.joints)
-        asked = effort_of(self.model, self.links)
-        described = self.model.links_effort(np.zeros((len(asked), 10)))[rows]
+        rows = list(self.model.signals.places)
+        asked = effort_of(self.model, self.links)[rows]
+        described = self.model.links_effort(np.zeros_like(self.links.inertials))[rows]
         place, speed, accel = self.model.motion[:, rows]
         joints, laws = (self.beside, self.laws) if 'laws' in holds else (self.joints, {})
 
@@ -91,7 +91,7 @@ class Content:
             each = zip(joints, speed, accel, strict=True)
             return np.array([joint.effort(v, a, of) for joint, v, a in each])
 
-        exported = asked[rows] + effort(holds) + _taken(laws, joints, place, speed)
+        exported = asked + effort(holds) + taken(laws, joints, place, speed)
         exported, described = map(self.model.in_band, (exported, described))
         lost = {name: self.model.in_band(effort([name])) for name in PARTS if name not in holds}
         return {
@@ -154,24 +154,21 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         effects = tuple(at for at in effects if at not in plain.loads)
     laws = laws_of(plain, own, effects)
     if links is not None and effects and isinstance(plain, Serial):
-        rows = _rows(plain, joints)
+        rows = list(plain.signals.places)
         whole = at_joints(plain, own, plain.simulated_effort(own)) - effort_of(plain, links)[rows]
         place, speed, accel = plain.motion[:, rows]
 
         def closest(effort: Array, to: Sequence[EffectAt]) -> tuple[Joint, ...]:
             """Return friction and armature closest to all that acts on joints with effects."""
+            there, each = {at.where for at in to}, zip(beside, effort, speed, accel, strict=True)
             return tuple(
-                joint.closest(effort[o], speed[o], accel[o])
-                if any(at.where in (joint.name, 'all') for at in to)
-                else joint
-                for o, joint in enumerate(beside)
+                joint.closest(*felt) if {joint.name, 'all'} & there else joint
+                for joint, *felt in each
             )
 
         lawless = [at for at in effects if not is_law(get_effect(at.effect))]
-        joints, beside = (
-            closest(whole, effects),
-            closest(whole - _taken(laws, joints, place, speed), lawless),
-        )
+        lawful = taken(laws, joints, place, speed)
+        joints, beside = closest(whole, effects), closest(whole - lawful, lawless)
     late = plain.candidates.of(plain.rows(own[None]), 'set_point_delay')[0]
     drives = zip(plain.machine.drives, late, strict=True)
     return Content(
@@ -189,22 +186,6 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         model.measured - (model.simulate(fit)[0] - fitted),
         fitted,
     )
-
-
-def _rows(model: DriveModel, joints: Sequence[Joint]) -> list[int]:
-    """Return where joints are among a machine's drives."""
-    return [model.machine.drives.index(joint.name) for joint in joints]
-
-
-def _taken(
-    laws: Mapping[str, Sequence[Law]], joints: Sequence[Joint], place: Array, speed: Array
-) -> Array:
-    """Return (D, K) what effects take of joints at positions and speeds (D, K)."""
-    out = []
-    for joint, q, v in zip(joints, place, speed, strict=True):
-        own = [law.effort(q, v) for law in laws.get(joint.name, ())]
-        out.append(np.sum([0.0 * v, *own], axis=0))
-    return np.array(out)
 
 
 def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:

@@ -15,6 +15,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import Effect, get_effect, Hook
 from ros2_ident.kernel.rows import of_effect
 from ros2_ident.models import EffectAt
+from ros2_ident.models.drives.joints import Joint
 from ros2_ident.models.drives.model import DriveModel
 
 # What kernels call, by its name in numpy.
@@ -71,9 +72,9 @@ def _kernel(effect: Effect) -> Callable[..., Any]:
 
 
 def _definition(effect: Effect) -> ast.FunctionDef:
-    tree = ast.parse(textwrap.dedent(inspect.getsource(_kernel(effect))))
-    assert isinstance(tree.body[0], ast.FunctionDef)
-    return tree.body[0]
+    (found,) = ast.parse(textwrap.dedent(inspect.getsource(_kernel(effect)))).body
+    assert isinstance(found, ast.FunctionDef)
+    return found
 
 
 def is_law(effect: Effect) -> bool:
@@ -83,8 +84,7 @@ def is_law(effect: Effect) -> bool:
     code = _kernel(effect).__code__
     if code.co_freevars or not _STATE | _FUNCTIONS.keys() >= {*code.co_names}:
         return False
-    last = _definition(effect).body[-1]
-    term = last.value if isinstance(last, ast.Return) else None
+    term = getattr(_definition(effect).body[-1], 'value', None)
     while isinstance(term, ast.BinOp) and isinstance(term.op, ast.Add | ast.Sub):
         term = term.left
     return isinstance(term, ast.Name) and term.id == code.co_varnames[0]
@@ -95,21 +95,28 @@ def laws_of(
 ) -> dict[str, tuple[Law, ...]]:
     """Return the laws of a candidate (N,), by joint; none of joints without."""
     block, drives = model.rows(np.atleast_2d(theta)), model.machine.drives
-
-    def law(effect: Effect, d: int) -> Law:
-        def row(name: str) -> float:
-            return float(model.candidates.of(block, name)[0, d])
-
-        count = range(len(effect.parameters))
-        values = [float(of_effect(block, effect.id, n, len(drives))[0, d]) for n in count]
-        takes = {Hook.FRICTION: row('gear'), Hook.TORQUE: -row('gear')}.get(effect.hook, -1.0)
-        state = {name: row(name) for name in _CONSTANT} | {'turn': row('motor_turn')}
-        return Law(effect.id, takes, tuple(values), state)
-
-    every = [(at.where, get_effect(at.effect)) for at in effects]
+    numbers = {name: model.candidates.of(block, name)[0] for name in (*_CONSTANT, 'motor_turn')}
+    numbers['turn'] = numbers.pop('motor_turn')
     found = {}
     for d in model.signals.places:
-        own = [effect for where, effect in every if where in (drives[d], 'all')]
-        if laws := tuple(law(effect, d) for effect in own if is_law(effect)):
-            found[drives[d]] = laws
+        state, laws = {name: float(row[d]) for name, row in numbers.items()}, []
+        takes = {Hook.FRICTION: state['gear'], Hook.TORQUE: -state['gear']}
+        own = [get_effect(at.effect) for at in effects if at.where in (drives[d], 'all')]
+        for effect in filter(is_law, own):
+            count = range(len(effect.parameters))
+            rows = [of_effect(block, effect.id, n, len(drives)) for n in count]
+            values = tuple(float(row[0, d]) for row in rows)
+            laws.append(Law(effect.id, takes.get(effect.hook, -1.0), values, state))
+        if laws:
+            found[drives[d]] = tuple(laws)
     return found
+
+
+def taken(
+    laws: Mapping[str, Sequence[Law]], joints: Sequence[Joint], place: Array, speed: Array
+) -> Array:
+    """Return (D, K) what effects take of joints, N m or N, at positions and speeds (D, K)."""
+    return np.array([
+        sum((law.effort(q, v) for law in laws.get(joint.name, ())), 0.0 * v)
+        for joint, q, v in zip(joints, place, speed, strict=True)
+    ])  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
-from ros2_ident.export.descriptions import drake, followers, gazebo, is_urdf, massless, mjcf, urdf
+from ros2_ident.export.descriptions import drake, gazebo, is_urdf, mjcf, odd, urdf
 from ros2_ident.export.laws import is_law
 from ros2_ident.export.usd import can_write, usd
 from ros2_ident.files import make_directory, mark, require_ours, write_text
@@ -23,50 +23,31 @@ from ros2_ident.models.drives.joints import Joint, PARTS
 from ros2_ident.models.mujoco.plant import can_convert
 from ros2_ident.words.figures import joined
 
-_ISAAC = (
-    '# Keyword arguments of isaaclab.actuators.ImplicitActuatorCfg of Isaac Lab 3. Efforts in\n'
-    '# N m or N; friction too, in PhysX: in OVPhysX it is a coefficient. What is missing or null\n'
-    '# is taken from the USD.\n'
-)
-_ROS2_CONTROL = (
-    '# Gains of a joint_trajectory_controller that commands efforts, and limits of the joints.\n'
-    '# Efforts at the joint, N m or N: where the hardware takes that of the motor, divide by the\n'
-    '# gear factor.\n'
-)
+
+def _text(name: str) -> str:
+    return resources.files(__package__).joinpath(f'texts/{name}.txt').read_text('utf-8')
 
 
-def loader(text: str, content: Content, name: str) -> str:
-    """Return a module in Python that loads `robot.urdf` and adds what it has no place for.
+def _marked(*parts: str) -> str:
+    return ''.join((f'# {mark("export")}\n', *parts))
 
-    Args:
-        text: The URDF.
-        content: What was identified.
-        name: Of a file in `loaders/`.
-    """
+
+def _loader(text: str, content: Content, name: str) -> str:
+    """Return a module in Python that loads a description and adds what it has no place for."""
     of = content.beside if 'laws' in TARGETS[name].holds else content.joints
-    rows = {j.name: {part: float(getattr(j, part)) for part in PARTS} for j in of}
-    joints = ''.join(f'    {joint!r}: {row},\n' for joint, row in rows.items())
-    template = resources.files(__package__).joinpath(f'loaders/{name}.txt').read_text('utf-8')
-    filled = template.replace(
-        'JOINTS = {}', f'# N m s/rad, N m, kg m^2; N s/m, N, kg\nJOINTS = {{\n{joints}}}'
-    )
-    if is_urdf(text):
-        filled = filled.replace('MASSLESS = []', f'MASSLESS = {[*massless(text)]}')
-    laws = resources.files(__package__).joinpath('loaders/laws.txt').read_text('utf-8')
-    filled = filled.replace('LAWS = []\n', laws.replace('LAWS = []', _laws(content)))
-    return f'# {mark("export")}\n{filled}'
-
-
-def _laws(content: Content) -> str:
-    """Return functions of effects, and by joint what each is called with."""
-    each = [(joint, law) for joint, laws in content.laws.items() for law in laws]
-    functions = dict.fromkeys(f'\n\n{law.source}\n' for _, law in each)
-    rows = ''.join(
-        f'    ({joint!r}, {law.effect}, {law.takes!r}, {law.values!r}, {dict(law.state)!r}),\n'
-        for joint, law in each
-    )
-    head = '# Joint, effect, its effort at the joint, N m or N, by value; parameters, constants.\n'
-    return f'{"".join(functions)}\n\n{head}LAWS = [\n{rows}]' if each else 'LAWS = []'
+    every = [(joint, law) for joint, laws in content.laws.items() for law in laws]
+    functions = dict.fromkeys(f'\n\n{law.source}\n' for _, law in every)
+    filled = _text(name).replace('LAWS = []\n', ''.join((*functions, _text('laws'))))
+    filled = filled.replace('MASSLESS = []', f'MASSLESS = {odd(text)["links without mass"]}')
+    laws = [
+        f'({joint!r}, {law.effect}, {law.takes!r}, {law.values!r}, {dict(law.state)!r})'
+        for joint, law in every
+    ]
+    joints = [f'{j.name!r}: { {x: float(getattr(j, x)) for x in PARTS} }' for j in of]
+    for empty, rows in (('JOINTS = {}', joints), ('LAWS = []', laws)):
+        inside = ''.join(f'    {row},\n' for row in rows)
+        filled = filled.replace(empty, f'{empty[:-1]}\n{inside}{empty[-1]}' if rows else empty)
+    return _marked(filled)
 
 
 def isaac(_: str, content: Content) -> str:
@@ -87,35 +68,31 @@ def isaac(_: str, content: Content) -> str:
         values = {exact[j.name]: float(v) for j in content.joints if (v := of(j)) is not None}
         # Without a value the class wants a null there.
         data |= {name: values} if values else dict.fromkeys({name} & {'stiffness', 'damping'})
-    return f'# {mark("export")}\n{_ISAAC}' + written(data)
+    return _marked(_text('isaac'), written(data))
 
 
 def ros2_control(_: str, content: Content) -> str:
     """Return gains and limits as controllers of ros2_control read them."""
-    gains = {j.name: j.gains for j in content.joints if j.gains is not None}
+    gains = {
+        # The controller's D sees the whole set-point's speed; what the machine's does not see of
+        # it is taken off again.
+        j.name: {'p': g.p, 'i': g.i, 'd': g.d, 'ff_velocity_scale': g.d * (g.share - 1.0)}
+        for j in content.joints
+        if (g := j.gains) is not None
+    }
     controller = {
         'joints': [*gains],
         'command_interfaces': ['effort'],
         'state_interfaces': ['position', 'velocity'],
-        # The controller's D sees the whole set-point's speed; what the machine's does not see of
-        # it is taken off again.
-        'gains': {
-            name: {
-                **{x: float(getattr(g, x)) for x in 'pid'},
-                'ff_velocity_scale': float(g.d * (g.share - 1.0)),
-            }
-            for name, g in gains.items()
-        },
+        'gains': gains,
     }
     data: dict[str, Any] = {'joint_trajectory_controller': {'ros__parameters': controller}}
-    limits = {
-        j.name: {'has_effort_limits': True, 'max_effort': float(j.limit)}
-        for j in content.joints
-        if math.isfinite(j.limit)
-    }
+    limits = {j.name: j.limit for j in content.joints if math.isfinite(j.limit)}
     if limits:
-        data['joint_limits'] = limits
-    return f'# {mark("export")}\n{_ROS2_CONTROL}' + written(data)
+        data['joint_limits'] = {
+            name: {'has_effort_limits': True, 'max_effort': most} for name, most in limits.items()
+        }
+    return _marked(_text('ros2_control'), written(data))
 
 
 # ---------------------------------------------------------------------- files
@@ -140,58 +117,47 @@ class Target:
     title: str
     file: str
     write: Callable[[str, Content], str]
-    of: frozenset[str]
-    holds: frozenset[str]
+    of: tuple[str, ...]
+    holds: tuple[str, ...]
     massless: str = ''
     follows: str = ''
     beside: tuple[str, ...] = ()
 
 
-def _loaded(title: str, massless: str, follows: str, *holds: str) -> tuple[str, Target]:
-    """Return a simulator that a module in Python loads `robot.urdf` into, and its name."""
-    name = title.lower()
-    return name, Target(
-        title, f'load_{name}.py', partial(loader, name=name), _URDF,
-        frozenset({'viscous', 'coulomb', *holds}), massless, follows, ('urdf',),
-    )  # fmt: skip
+def _loaded(title: str, massless: str, follows: str, *holds: str) -> Target:
+    """Return a simulator that a module in Python loads `robot.urdf` into."""
+    name, held = title.lower(), ('viscous', 'coulomb', *holds)
+    load, file = partial(_loader, name=name), f'load_{name}.py'
+    return Target(title, file, load, ('urdf',), held, massless, follows, beside=('urdf',))
 
 
-_URDF, _ANY = frozenset({'urdf'}), frozenset({'urdf', 'mjcf'})
+_URDF, _ANY, _DRY = ('urdf',), ('urdf', 'mjcf'), ('viscous', 'coulomb')
+_SERVO = *PARTS, 'p', 'd'
 TARGETS = {
-    'urdf': Target('URDF', 'robot.urdf', urdf, _URDF, frozenset({'viscous', 'coulomb'})),
+    'urdf': Target('URDF', 'robot.urdf', urdf, _URDF, _DRY),
     'mjcf': Target(
-        'MuJoCo', 'robot.xml', mjcf, _ANY, frozenset({*PARTS, 'p', 'd', 'command_delay'}),
+        'MuJoCo', 'robot.xml', mjcf, _ANY, (*_SERVO, 'command_delay'),
         'weigh 1e-9 kg', 'are coupled by a soft constraint',
     ),
     'mjcf_effects': Target(
-        'MuJoCo with effects', 'load_mujoco.py', partial(loader, name='mjcf_effects'), _ANY,
-        frozenset({*PARTS, 'p', 'd', 'command_delay', 'laws'}), beside=('mjcf',),
+        'MuJoCo with effects', 'load_mujoco.py', partial(_loader, name='mjcf_effects'), _ANY,
+        (*_SERVO, 'command_delay', 'laws'), beside=('mjcf',),
     ),
     'drake': Target(
-        'Drake', 'drake.urdf', drake, _URDF, frozenset({'viscous', 'armature'}),
+        'Drake', 'drake.urdf', drake, _URDF, ('viscous', 'armature'),
         'weigh 0 kg', 'are coupled, in discrete time only',
     ),
     'gazebo': Target(
-        'Gazebo', 'gazebo.urdf', gazebo, _URDF, frozenset({'viscous', 'coulomb'}),
-        'weigh 1e-5 kg', 'are coupled',
+        'Gazebo', 'gazebo.urdf', gazebo, _URDF, _DRY, 'weigh 1e-5 kg', 'are coupled'
     ),
-    **dict((
-        _loaded('pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'),
-        _loaded('PyBullet', 'weigh 0 kg', 'move by themselves'),
-        _loaded('SAPIEN', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature', 'laws'),
-        _loaded('Genesis', 'weigh almost nothing', 'are coupled', 'armature'),
-        _loaded('Newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws'),
-    )),
-    'usd': Target(
-        'USD', 'robot.usda', usd, _URDF, frozenset({*PARTS, 'p', 'd'}),
-        'weigh 1e-5 kg', 'are coupled',
-    ),
-    'isaac': Target(
-        'Isaac Lab', 'isaac.yaml', isaac, frozenset(), frozenset({*PARTS, 'p', 'd'})
-    ),
-    'ros2_control': Target(
-        'ros2_control', 'ros2_control.yaml', ros2_control, frozenset(), frozenset('pidf')
-    ),
+    'pinocchio': _loaded('pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'),
+    'pybullet': _loaded('PyBullet', 'weigh 0 kg', 'move by themselves'),
+    'sapien': _loaded('SAPIEN', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature', 'laws'),
+    'genesis': _loaded('Genesis', 'weigh almost nothing', 'are coupled', 'armature'),
+    'newton': _loaded('Newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws'),
+    'usd': Target('USD', 'robot.usda', usd, _URDF, _SERVO, 'weigh 1e-5 kg', 'are coupled'),
+    'isaac': Target('Isaac Lab', 'isaac.yaml', isaac, (), _SERVO),
+    'ros2_control': Target('ros2_control', 'ros2_control.yaml', ros2_control, (), tuple('pidf')),
 }  # fmt: skip
 SUMMARY = 'export.json'
 
@@ -205,7 +171,7 @@ def _lack(name: str, content: Content, description: str) -> str:
     """Return why a target cannot be filled, with the remedy; empty where it can."""
     of, own = TARGETS[name].of, 'urdf' if is_urdf(description) else 'mjcf'
     if of and not (description and own in of):
-        kinds = ' or '.join(sorted(of)).upper()
+        kinds = ' or '.join(reversed(of)).upper()
         return (
             f'there is no {kinds} to write into; give one with --into, or as '
             'geometry.description of the machine file'
@@ -247,10 +213,9 @@ def write(
     require_ours([*paths.values(), Path(directory) / SUMMARY])
     read = [x for x in paths.values() if x.is_file() and x.read_text('utf-8') == description]
     require_ours(read, read)
-    folder = make_directory(directory)
+    folder, links = make_directory(directory), content.links
     missed = {x: content.missed(TARGETS[x].holds) for x in names}
     told = {x: tuple(sentences(content, TARGETS[x], description, missed[x])) for x in names}
-    links = content.links
     whole = {
         'schema': 'ros2_ident.export',
         'version': 1,
@@ -260,9 +225,9 @@ def write(
             x: {'file': TARGETS[x].file, 'left_out': told[x], 'joints': missed[x]} for x in names
         },
     }
-    files = {name: write_text(paths[name], text) for name, text in texts.items()}
+    files = {x: (write_text(paths[x], text), told[x]) for x, text in texts.items()}
     write_text(folder / SUMMARY, json.dumps(whole, indent=1) + '\n')
-    return {name: (files[name], told[name]) for name in names}
+    return files
 
 
 def sentences(
@@ -274,47 +239,44 @@ def sentences(
         missed: What `Content.missed` returns for it.
     """
     rows = missed if target.of else {}
-    lacking = list(_lacking(content, target, rows))
-    if lacking:
+    if lacking := [*_lacking(content, target, rows)]:
         yield f'{target.title} has no place for {joined(lacking)}'
-    if rows and not target.beside:
-        kept = {joint: _kept(row) for joint, row in rows.items()}
-        least = min(kept, key=lambda joint: kept[joint])
-        worse = [joint for joint in rows if kept[joint] < 0.0]
-        says = f'it keeps {100 * kept[least]:.1f} % or more of the improvement on each joint'
-        row = rows[least]
-        yield (
-            f'{f"it is worse than as described on {joined(worse)}" if worse else says}; '
-            f'least on {least}, RMS in {row["unit"]}: {row["missed_as_described"]:.3g} as '
-            f'described, {row["missed_as_exported"]:.3g} exported, '
-            f'{row["missed_as_identified"]:.3g} identified'
+    if not target.beside:  # else the file beside it says so
+        if rows:
+            yield _improvement(rows)
+        if content.logged:
+            logged = joined(sorted({at.effect for at in content.logged}))
+            yield f'{logged}: left out, as it describes the log, not the machine'
+        if content.effects and rows:
+            yield (
+                'friction of joints with effects is the best approximation of friction and '
+                'effects together along this log'
+            )
+    if target.massless:
+        made = target.massless, target.follows
+        for (kind, names), how in zip(odd(description).items(), made, strict=True):
+            if names:
+                yield f'{kind} {how}: {joined(names)}'
+
+
+def _improvement(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Say how much of the improvement over the description each joint keeps at least."""
+    kept = {}
+    for joint, row in rows.items():
+        described, exported, identified = (
+            row[f'missed_as_{x}'] ** 2 for x in ('described', 'exported', 'identified')
         )
-    if content.logged and not target.beside:
-        logged = joined(sorted({at.effect for at in content.logged}))
-        yield f'{logged}: left out, as it describes the log, not the machine'
-    if content.effects and rows and not target.beside:
-        yield (
-            'friction of joints with effects is the best approximation of friction and effects '
-            'together along this log'
-        )
-    if target.massless and is_urdf(description):
-        if names := massless(description):
-            yield f'links without mass {target.massless}: {joined(names)}'
-        if names := followers(description):
-            yield f'joints that follow others {target.follows}: {joined(names)}'
-
-
-def _kept(missed: Mapping[str, Any]) -> float:
-    """Return the share of the improvement over the description that a joint keeps.
-
-    Below zero where it is worse than described.
-    """
-    described, exported, identified = (
-        missed[f'missed_as_{x}'] ** 2 for x in ('described', 'exported', 'identified')
+        better = described - identified  # below zero: worse than described
+        kept[joint] = min((described - exported) / better, 1.0) if better > 0.0 else 1.0
+    least = min(kept, key=lambda joint: kept[joint])
+    worse, row = [joint for joint in rows if kept[joint] < 0.0], rows[least]
+    says = f'it keeps {100 * kept[least]:.1f} % or more of the improvement on each joint'
+    return (
+        f'{f"it is worse than as described on {joined(worse)}" if worse else says}; '
+        f'least on {least}, RMS in {row["unit"]}: {row["missed_as_described"]:.3g} as '
+        f'described, {row["missed_as_exported"]:.3g} exported, '
+        f'{row["missed_as_identified"]:.3g} identified'
     )
-    if described <= identified:
-        return 1.0
-    return min(float((described - exported) / (described - identified)), 1.0)
 
 
 _PARTS = {
@@ -328,19 +290,16 @@ def _lacking(
     content: Content, target: Target, rows: Mapping[str, Mapping[str, Any]]
 ) -> Iterator[str]:
     """Yield what a target has no place for, with what it costs on the joint where most."""
-    joints = content.identified
+    joints, holds = content.identified, target.holds
     for part in PARTS if target.of else ():
-        if part in target.holds or not any(getattr(j, part) > 0.0 for j in content.joints):
-            continue
-        if not rows:
-            yield _PARTS[part]
-            continue
-        most = max(rows, key=lambda name: rows[name]['cost'][part] / rows[name]['effort'])
-        row = rows[most]
-        yield (
-            f'{_PARTS[part]} ({row["cost"][part]:.3g} of {row["effort"]:.3g} {row["unit"]} RMS on '
-            f'{most}, the largest share)'
-        )
+        if part not in holds and any(getattr(j, part) > 0.0 for j in content.joints):
+            price = ''
+            if rows:
+                most = max(rows, key=lambda name: rows[name]['cost'][part] / rows[name]['effort'])
+                row = rows[most]
+                told = f'{row["cost"][part]:.3g} of {row["effort"]:.3g} {row["unit"]}'
+                price = f' ({told} RMS on {most}, the largest share)'
+            yield f'{_PARTS[part]}{price}'
     least = min(joints, key=lambda j: j.armature)
     if least.armature < 0.0:
         unit = 'kg m^2' if least.travel == 'rad' else 'kg'
@@ -353,17 +312,14 @@ def _lacking(
         unit = 'N m' if shifted.travel == 'rad' else 'N'
         yield f'a constant in the effort ({shifted.name} {shifted.offset:.3g} {unit}, the largest)'
     for at in content.effects:
-        if at.effect in target.holds or ('laws' in target.holds and is_law(get_effect(at.effect))):
-            continue
-        yield f'{at.effect} of {at.where}' if at.where != 'all' else at.effect
-    if not target.holds & {*'pidf'}:
+        if not (at.effect in holds or ('laws' in holds and is_law(get_effect(at.effect)))):
+            yield f'{at.effect} of {at.where}' if at.where != 'all' else at.effect
+    if not {*'pidf'} & {*holds}:
         return
-    controlled = [j for j in joints if j.gains is not None]
-    if 'i' not in target.holds and any(j.gains and j.gains.i for j in controlled):
+    gains = [j.gains for j in joints if j.gains is not None]
+    if 'i' not in holds and any(g.i for g in gains):
         yield "the integral part of the controllers' law"
-    ahead = [j for j in controlled if j.gains and j.gains.share * j.gains.d]
-    if 'f' not in target.holds and ahead:
+    if 'f' not in holds and any(g.share * g.d for g in gains):
         yield "the set-point's speed in the controllers' law"
-    known = {'command_delay'} & {*target.holds, *(at.effect for at in content.effects)}
-    if content.delays and not known:
+    if content.delays and 'command_delay' not in {*holds, *(at.effect for at in content.effects)}:
         yield 'how late controllers take their set-points up'
