@@ -185,9 +185,7 @@ CELLS = """
   gravity, and at rest with it, by how far they went.
 
 In brackets is the error against our own model without what the target has no place for. It is
-printed bold above {torque:g} % for torques and {travel:g} % for motions. PyBullet brakes by the
-speed before a step: axis 6 of the KR 300, whose inertia is all in its motor and gear, chatters
-there, as 25 N m s/rad at 0.1 ms are more than twice its 4e-5 kg m^2.
+printed bold above {torque:g} % for torques and {travel:g} % for motions.
 
 With `--device cuda:0`, `python -m checks.simulators` runs MuJoCo Warp and Newton, also of USD, on
 a GPU. On 2026-11-29 an NVIDIA H200 gave all torques within 0.001 %, and all motions within

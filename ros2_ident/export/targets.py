@@ -151,9 +151,9 @@ TARGETS = {
         'Gazebo', 'gazebo.urdf', gazebo, _URDF, _DRY, 'weigh 1e-5 kg', 'are coupled'
     ),
     'pinocchio': _loaded('pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'),
-    'pybullet': _loaded('PyBullet', 'weigh 0 kg', 'move by themselves'),
+    'pybullet': _loaded('PyBullet', 'weigh 0 kg', 'move by themselves', 'laws'),
     'sapien': _loaded('SAPIEN', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature', 'laws'),
-    'genesis': _loaded('Genesis', 'weigh almost nothing', 'are coupled', 'armature'),
+    'genesis': _loaded('Genesis', 'weigh almost nothing', 'are coupled', 'armature', 'laws'),
     'newton': _loaded('Newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws'),
     'usd': Target('USD', 'robot.usda', usd, _URDF, _SERVO, 'weigh 1e-5 kg', 'are coupled'),
     'isaac': Target('Isaac Lab', 'isaac.yaml', isaac, (), _SERVO),

@@ -10,6 +10,7 @@ from pathlib import Path
 import re
 import sys
 from types import ModuleType
+from unittest.mock import MagicMock
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -257,6 +258,57 @@ def test_a_law_asks_what_it_does_in_our_own_model(effect: str, tmp_path: Path) -
         v[joint.idx_v], a[joint.idx_v] = rate, bend
     asked = loaded.torque(model, model.createData(), q, v, a)[rows[d].idx_v]
     assert asked == pytest.approx(efforts(found)[d, k], abs=1e-6)
+
+
+def with_laws(folder: Path, name: str, simulator: MagicMock, monkeypatch) -> tuple:
+    """Return what was exported of an elbow with effects, and the module that loads it."""
+    there = [EffectAt(effect, 'elbow') for effect in ('stribeck', 'torque_ripple')]
+    values = {f'elbow.{at.effect}.{x}': v for at in there for x, v in LAWFUL[at.effect].items()}
+    found = content(described(folder, **BOXES), effects=there, **values)
+    monkeypatch.setitem(sys.modules, name, simulator)
+    text = (folder / 'arm.urdf').read_text()
+    path, words = write(folder / 'out', (name,), found, text)[name]
+    assert not [word for word in words if 'stribeck' in word or 'ripple' in word]
+    return found, module_at(path)
+
+
+PLACES, SPEEDS = np.array([0.1, 0.2, -0.4, 0.3]), np.array([0.5, -0.2, 0.3, -0.8])
+
+
+def friction(found: Content, place: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Return (D,) what Coulomb friction and effects take of the joints."""
+    laws = [sum(law.effort(q, v) for law in found.laws.get(j.name, ()))
+            for j, q, v in zip(found.beside, place, speed, strict=True)]  # fmt: skip
+    return np.array(laws) + np.sign(speed) * [j.coulomb for j in found.beside]
+
+
+def test_a_velocity_motor_in_pybullet_is_all_friction(tmp_path: Path, monkeypatch) -> None:
+    bullet = MagicMock()
+    found, loaded = with_laws(tmp_path, 'pybullet', bullet, monkeypatch)
+    bullet.getNumJoints.return_value = len(JOINTS)
+    bullet.getJointInfo.side_effect = lambda _, n: (n, JOINTS[n].encode())
+    bullet.getJointState.side_effect = lambda _, n: (PLACES[n], SPEEDS[n])
+    loaded.act(0)
+    calls = [(x.args[1], x.args[2], x.kwargs['force'])
+             for x in bullet.setJointMotorControl2.mock_calls]  # fmt: skip
+    most = np.array([f for _, kind, f in calls if kind is bullet.VELOCITY_CONTROL])
+    added = np.array([f for _, kind, f in calls if kind is bullet.TORQUE_CONTROL])
+    asked = friction(found, PLACES, SPEEDS) + SPEEDS * [j.viscous for j in found.beside]
+    np.testing.assert_allclose(most * np.sign(SPEEDS) - added, asked, atol=1e-12)
+    assert np.abs(added).max() > 0.1
+
+
+def test_genesis_gets_effects_as_efforts(tmp_path: Path, monkeypatch) -> None:
+    found, loaded = with_laws(tmp_path, 'genesis', MagicMock(), monkeypatch)
+    robot = MagicMock()
+    robot.get_joint.side_effect = lambda name: MagicMock(dofs_idx_local=[JOINTS.index(name)])
+    robot.get_dofs_position().cpu().numpy.return_value = np.stack([PLACES, 2.0 * PLACES])
+    robot.get_dofs_velocity().cpu().numpy.return_value = np.stack([SPEEDS, -SPEEDS])
+    loaded.set_up(robot)
+    losses = np.concatenate([x.args[0] for x in robot.set_dofs_frictionloss.mock_calls])
+    for row, scale, turn in zip(loaded.effort(robot), (1.0, 2.0), (1.0, -1.0), strict=True):
+        asked = friction(found, scale * PLACES, turn * SPEEDS)
+        np.testing.assert_allclose(losses * np.sign(turn * SPEEDS) - row, asked, atol=1e-12)
 
 
 def test_drake_gets_rotors_by_its_own_tags_and_no_friction(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ class Run(Simulation):
             ),
             show_viewer=False,
         )
-        loaded = exported(folder, 'genesis')
+        loaded = self.loaded = exported(folder, 'genesis')
         self.robot = loaded.add(scene)
         scene.build()
         loaded.set_up(self.robot)
@@ -29,16 +29,19 @@ class Run(Simulation):
         self.robot.set_dofs_position(position, self.at)
         self.robot.set_dofs_velocity(velocity, self.at)
 
+    def step(self, torque):
+        self.robot.control_dofs_force(self.loaded.effort(self.robot)[self.at] + torque, self.at)
+        self.scene.step()
+
     def acceleration(self, position, velocity, torque):
         self.put(position, velocity)
-        self.robot.control_dofs_force(torque, self.at)
-        self.scene.step()
+        self.step(torque)
         return (self.robot.get_dofs_velocity(self.at).numpy() - velocity) / STEP
 
     def motion(self, position, velocity, seconds):
         self.put(position, velocity)
         for _ in range(round(seconds / STEP)):
-            self.scene.step()
+            self.step(0.0)
         return self.robot.get_dofs_position(self.at).numpy()
 
     def limits(self):

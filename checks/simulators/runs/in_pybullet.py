@@ -5,7 +5,8 @@ from common import answer, exported, Simulation
 import numpy as np
 import pybullet
 
-STEP = 1e-4
+# Of motions, and of single steps, in which friction may hardly slow a light axis, s.
+STEP, SHORT = 1e-4, 1e-8
 
 
 class Run(Simulation):
@@ -17,7 +18,8 @@ class Run(Simulation):
         pybullet.resetSimulation()
         pybullet.setGravity(0.0, 0.0, -9.81 if gravity else 0.0)
         pybullet.setTimeStep(STEP)
-        self.body = exported(folder, 'pybullet').load()
+        self.loaded = exported(folder, 'pybullet')
+        self.body = self.loaded.load()
         numbers = range(pybullet.getNumJoints(self.body))
         names = {pybullet.getJointInfo(self.body, n)[1].decode(): n for n in numbers}
         self.joints = [names[name] for name in joints]
@@ -29,18 +31,23 @@ class Run(Simulation):
     def states(self, which):
         return np.array([x[which] for x in pybullet.getJointStates(self.body, self.joints)])
 
+    def step(self):
+        self.loaded.act(self.body)
+        pybullet.stepSimulation()
+
     def acceleration(self, position, velocity, torque):
         self.put(position, velocity)
         pybullet.setJointMotorControlArray(
             self.body, self.joints, pybullet.TORQUE_CONTROL, forces=torque.tolist()
         )
-        pybullet.stepSimulation()
-        return (self.states(1) - velocity) / STEP
+        pybullet.setTimeStep(SHORT)
+        self.step()
+        return (self.states(1) - velocity) / SHORT
 
     def motion(self, position, velocity, seconds):
         self.put(position, velocity)
         for _ in range(round(seconds / STEP)):
-            pybullet.stepSimulation()
+            self.step()
         return self.states(0)
 
 
