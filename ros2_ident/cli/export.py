@@ -29,12 +29,15 @@ def run(args: argparse.Namespace) -> int:
     estimate = read_estimate(args.results)
     problem = _problem(args, estimate)
     content = content_of(problem, estimate, args.prior)
-    machine, description = problem.machine, ''  # the text that values are written into
+    # The text that values are written into, and where the files lie that it names.
+    machine, description = problem.machine, ''
+    folder = machine.described_in
     if args.into is not None:
-        description = description_text(Path(args.into))
+        description, folder = description_text(Path(args.into)), Path(args.into).parent
     elif 'description' in machine.constants:
         description = machine.text('description')
-    files = write(args.out, args.to or fitting(content, description), content, description)
+    names = args.to or fitting(content, description)
+    files = write(args.out, names, content, description, folder)
     if content.links is not None:
         print(f'links: physically consistent; masses of the description ± {100 * args.prior:g} %')
         if impossible := ', '.join(content.links.mended):

@@ -2,6 +2,8 @@
 """Identified values in the descriptions of robots: URDF, with Drake's tags, and MJCF."""
 
 import math
+import os
+from pathlib import Path
 from typing import Any
 import xml.etree.ElementTree as ET
 
@@ -33,6 +35,27 @@ _REMEDIES = 'name it there as the bag does', 'give the one that the machine file
 def is_urdf(text: str) -> bool:
     """Whether a description is a URDF."""
     return '<robot' in text
+
+
+def moved(text: str, folder: Path, to: Path) -> str:
+    """Return a description for another folder, from where it finds the shapes that it names.
+
+    Ways that are absolute, or begin as `package://` does, stay.
+    """
+    root = _parsed(text)
+
+    def way(name: str) -> str:
+        stays = '://' in name or os.path.isabs(name)
+        return name if stays else os.path.relpath(folder.resolve() / name, to.resolve())
+
+    for shape in root.iterfind('.//geometry/mesh[@filename]'):
+        shape.set('filename', way(shape.attrib['filename']))
+    if root.find('asset/*[@file]') is not None:
+        compilers = root.findall('compiler') or [_add(root, 'compiler')]
+        for kind in ('meshdir', 'texturedir'):  # MuJoCo takes the last of each
+            told = [compiler.get(kind, compiler.get('assetdir')) for compiler in compilers]
+            compilers[-1].set(kind, way(([''] + [name for name in told if name])[-1]))
+    return ET.tostring(root, encoding='unicode')
 
 
 def urdf(text: str, content: Content) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.content import Content
-from ros2_ident.export.descriptions import drake, gazebo, is_urdf, mjcf, odd, urdf
+from ros2_ident.export.descriptions import drake, gazebo, is_urdf, mjcf, moved, odd, urdf
 from ros2_ident.export.laws import is_law
 from ros2_ident.export.usd import can_write, usd
 from ros2_ident.files import make_directory, mark, require_ours, write_text
@@ -188,7 +188,11 @@ def _lack(name: str, content: Content, description: str) -> str:
 
 
 def write(
-    directory: str | Path, names: tuple[str, ...], content: Content, description: str
+    directory: str | Path,
+    names: tuple[str, ...],
+    content: Content,
+    description: str,
+    folder: Path | None = None,
 ) -> dict[str, tuple[Path, tuple[str, ...]]]:
     """Write the files of some targets, and `export.json` with what they cannot say.
 
@@ -196,6 +200,7 @@ def write(
         directory: Is made where it does not exist.
         names: Of `TARGETS`.
         description: URDF or MJCF to write into; empty where there is none.
+        folder: Where it lies, and the files that it names; None where that is not known.
 
     Returns:
         By target the file, and what it cannot say in sentences.
@@ -208,12 +213,14 @@ def write(
         if why := _lack(name, content, description):
             raise ErrorCode.INVALID_GOAL.error(f'nothing can be written for {name}: {why}')
     names = tuple(dict.fromkeys(x for n in names for x in (*TARGETS[n].beside, n)))
-    texts = {name: TARGETS[name].write(description, content) for name in names}
+    text = description if folder is None else moved(description, folder, Path(directory))
+    texts = {name: TARGETS[name].write(text, content) for name in names}
     paths = {name: Path(directory) / TARGETS[name].file for name in names}
     require_ours([*paths.values(), Path(directory) / SUMMARY])
     read = [x for x in paths.values() if x.is_file() and x.read_text('utf-8') == description]
     require_ours(read, read)
-    folder, links = make_directory(directory), content.links
+    make_directory(directory)
+    links = content.links
     missed = {x: content.missed(TARGETS[x].holds) for x in names}
     told = {x: tuple(sentences(content, TARGETS[x], description, missed[x])) for x in names}
     whole = {
@@ -226,7 +233,7 @@ def write(
         },
     }
     files = {x: (write_text(paths[x], text), told[x]) for x, text in texts.items()}
-    write_text(folder / SUMMARY, json.dumps(whole, indent=1) + '\n')
+    write_text(Path(directory) / SUMMARY, json.dumps(whole, indent=1) + '\n')
     return files
 
 

@@ -162,10 +162,11 @@ def judged(
 
 def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> Machine:
     """Return the machine of a mapping in which there is no error."""
-    present = contents(data)
+    present, described_in = contents(data), None
     for key in kind.constants:
         if key.file and present.get(key.path, DESCRIPTION_TOPIC) != DESCRIPTION_TOPIC:
-            text = description_text(folder / str(present[key.path]))
+            path = folder / str(present[key.path])
+            text, described_in = description_text(path), path.parent
             present[key.path] = text
             digest = hashlib.sha256(f'{digest}{text}'.encode()).hexdigest()
     drives = tuple(map(str, data['drives']))
@@ -186,6 +187,7 @@ def _machine(data: Mapping[str, Any], kind: Kind, digest: str, folder: Path) -> 
         effort_noise=float(data.get('effort_noise', 0.01)),
         digest=digest,
         travel=kind.travel,
+        described_in=described_in,
     )
 
 

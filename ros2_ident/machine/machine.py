@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import hashlib
 import math
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -77,6 +78,7 @@ class Machine:
         travel: Unit of the drives' positions where the kind says it, else empty.
         stands: Drives that stand in all of the data, and where (rad or m).
         prior: What an earlier result knows of its parameters; None for nothing.
+        described_in: Folder of the description that the file names; None where there is none.
     """
 
     kind: str
@@ -92,6 +94,7 @@ class Machine:
     travel: str = ''
     stands: Mapping[str, float] = field(default_factory=dict)
     prior: Prior | None = None
+    described_in: Path | None = field(default=None, repr=False, compare=False)
 
     def stated(self, name: str) -> bool:
         """Return whether the file states a constant."""

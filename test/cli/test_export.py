@@ -2,6 +2,7 @@
 """`ident identify` and `ident export` one after the other, on an arm's bag."""
 
 from pathlib import Path
+import re
 
 import numpy as np
 import pytest
@@ -32,6 +33,9 @@ def identified(tmp_path_factory) -> Path:
     stamp = (1e9 * (100.0 + data.time)).astype(np.int64)
     streams = {'/joint_states': Stream(data.names, stamp, data.position.T, None, effort.T)}
     write_bag(folder / 'log', streams)
+    urdf = folder / 'arm.urdf'
+    shape = '<visual><geometry><mesh filename="arm.stl"/></geometry></visual>'
+    urdf.write_text(re.sub(r'(<link name="hand">)', rf'\1{shape}', urdf.read_text()))
     words = ['identify', str(folder / 'log'), '--machine', str(folder / 'arm.yaml')]
     words += ['--out', str(folder / 'out'), '--method', 'algebraic', '--quiet', '--no-report']
     assert main(words) in (0, 1)
@@ -50,6 +54,7 @@ def test_the_results_know_their_machine_file_and_their_log(identified, capsys) -
         'drake.urdf', 'export.json', 'gazebo.urdf', 'isaac.yaml', 'robot.urdf',
     }  # fmt: skip
     assert 'Drake has no place for Coulomb friction (' in said
+    assert '"../arm.stl"' in (out / 'robot.urdf').read_text()
     model = pinocchio.buildModelFromUrdf(str(out / 'robot.urdf'))
     assert model.damping[model.joints[model.getJointId('elbow')].idx_v] == pytest.approx(
         11.0, rel=0.05

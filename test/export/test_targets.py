@@ -458,6 +458,46 @@ def test_a_urdf_becomes_an_mjcf_that_asks_what_was_identified(tmp_path: Path, mu
     assert [w for w in words if 'no place' in w] == []
 
 
+def test_shapes_that_a_description_names_are_found_from_another_folder(tmp_path: Path) -> None:
+    found = content(described(tmp_path, **BOXES))
+    meshes = ''.join(
+        f'<visual><geometry><mesh filename="{way}"/></geometry></visual>'
+        for way in ('shapes/hand.stl', '/hand.stl', 'package://arm/hand.stl')
+    )
+    text = (
+        (tmp_path / 'arm.urdf')
+        .read_text()
+        .replace('<link name="hand">', f'<link name="hand">{meshes}')
+    )
+    path, _ = write(tmp_path / 'out', ('urdf',), found, text, tmp_path)['urdf']
+    ways = [shape.get('filename') for shape in ET.parse(path).getroot().iter('mesh')]
+    assert ways == ['../shapes/hand.stl', '/hand.stl', 'package://arm/hand.stl']
+
+
+@pytest.mark.parametrize(
+    ('compiler', 'at'),
+    [
+        ('', '.'),
+        ('<compiler meshdir="shapes"/>', 'shapes'),
+        ('<compiler assetdir="shapes"/><compiler angle="radian"/>', 'shapes'),
+    ],
+)
+def test_an_mjcf_finds_its_shapes_from_another_folder(
+    tmp_path: Path, mujoco, compiler: str, at: str
+) -> None:
+    found = content(in_mjcf(tmp_path, **BOXES))
+    (tmp_path / 'shapes').mkdir()
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    faces = [(1, 3, 2), (1, 2, 4), (2, 3, 4), (1, 4, 3)]
+    lines = [f'v {x} {y} {z}' for x, y, z in corners] + [f'f {a} {b} {c}' for a, b, c in faces]
+    (tmp_path / at / 'hand.obj').write_text('\n'.join(lines))
+    text = MJCF.replace(
+        '<default>', f'{compiler}<asset><mesh file="hand.obj"/></asset><default>', 1
+    )
+    path, _ = write(tmp_path / 'out', ('mjcf',), found, text, tmp_path)['mjcf']
+    assert mujoco.MjModel.from_xml_path(str(path)).nmesh == 1
+
+
 def test_friction_and_limits_in_an_mjcf_hold(tmp_path: Path, mujoco) -> None:
     found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
     limited = replace(found, joints=tuple(replace(j, limit=7.0) for j in found.joints))
