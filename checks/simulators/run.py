@@ -40,9 +40,7 @@ def run(out: str | Path, names: Sequence[str], python: str, device: str) -> Path
     pair = follower(folder / 'cases')
     for case in (*machines, pair):
         folders[case.name] = folder / 'exports' / case.name.replace(' ', '_').lower()
-        fit = fitting(case.content, case.description)
-        write(folders[case.name], fit, case.content, case.description)
-        told[case.name] = json.loads((folders[case.name] / SUMMARY).read_text('utf-8'))
+        told[case.name] = exported(case, folders[case.name], names)
     answers, ours = {}, {}
     for name in names:
         for case in machines:
@@ -60,6 +58,19 @@ def run(out: str | Path, names: Sequence[str], python: str, device: str) -> Path
     figures = head | {'rows': rows, 'exports': told}
     write_text(folder / 'figures.json', json.dumps(figures, indent=1) + '\n')
     return write_text(folder / 'simulators.md', page(rows, told['KR 300'], device))
+
+
+def exported(case: Case, folder: Path, names: Sequence[str]) -> dict[str, Any]:
+    """Write all that fits a machine, and return its `export.json`.
+
+    Raises:
+        IdentError: INVALID_GOAL with the remedy where one of the simulators' own does not fit.
+    """
+    own = (PEERS[name].target for name in names)
+    fit = dict.fromkeys((*fitting(case.content, case.description), *own))
+    write(folder, tuple(fit), case.content, case.description)
+    told: dict[str, Any] = json.loads((folder / SUMMARY).read_text('utf-8'))
+    return told
 
 
 def _holds(name: str, case: Case) -> frozenset[str]:

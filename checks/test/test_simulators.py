@@ -11,7 +11,8 @@ pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
 from checks.reference import arm as twin  # noqa: E402
 from checks.simulators import cases  # noqa: E402
-from checks.simulators.run import page  # noqa: E402
+from checks.simulators.run import exported, page  # noqa: E402
+from ros2_ident.errors import IdentError  # noqa: E402
 from ros2_ident.export.targets import SUMMARY, TARGETS, urdf, write  # noqa: E402
 from ros2_ident.models.drives.joints import PARTS  # noqa: E402
 
@@ -49,6 +50,14 @@ def test_a_decay_ends_where_friction_stops_it(tmp_path: Path) -> None:
     end = case.motion(case.still, case.fast, gravity=False)[0]
     assert end - case.still[0] == pytest.approx(way, rel=1e-3)
     assert case.motion(case.still, 0.0 * case.fast, gravity=False)[0] == case.still[0]
+
+
+def test_a_simulator_whose_file_cannot_be_written_is_refused(tmp_path: Path, monkeypatch) -> None:
+    case = cases.pendulum(tmp_path)
+    monkeypatch.setattr('ros2_ident.export.targets.can_convert', lambda: False)
+    assert 'drake' in exported(case, tmp_path / 'out', ['drake'])['targets']
+    with pytest.raises(IdentError, match='`pip install mujoco`'):
+        exported(case, tmp_path / 'out', ['drake', 'warp'])
 
 
 def test_the_page_marks_what_is_off_beside_what_a_target_lacks(tmp_path: Path) -> None:
