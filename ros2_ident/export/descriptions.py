@@ -152,11 +152,17 @@ def mjcf(text: str, content: Content) -> str:
 def _actuator(root: ET.Element, joint: Joint, gains: Gains, delay: float) -> None:
     """Put a position actuator in the place of whatever drives a joint, its set-points late."""
     actuators, option = _part(root, 'actuator'), _part(root, 'option')
-    name = joint.name
-    for old in [a for a in actuators if a.get('joint') == joint.name]:
-        name = old.get('name', name)
+    there = [a for a in actuators if joint.name in (a.get('joint'), a.get('jointinparent'))]
+    place = list(actuators).index(there[0]) if there else len(actuators)
+    # It keeps the bounds of set-points where it has them, else it has none, whatever the defaults.
+    kept = there[:1] if there and there[0].tag == 'position' else []
+    new = (kept or [ET.Element('position', joint=joint.name, ctrllimited='false')])[0]
+    new.set('name', there[0].get('name', joint.name) if there else joint.name)
+    for old in there:
         actuators.remove(old)
-    new = _add(actuators, 'position', name=name, joint=joint.name, kp=gains.p, kv=gains.d)
+    actuators.insert(place, new)
+    new.attrib.pop('dampratio', None)
+    _set(new, kp=gains.p, kv=gains.d, gear='1', timeconst='0')
     if math.isfinite(joint.limit):
         _set(new, forcelimited='true', forcerange=(-joint.limit, joint.limit))
     if delay > 0.0:

@@ -514,6 +514,30 @@ def test_friction_and_limits_in_an_mjcf_hold(tmp_path: Path, mujoco) -> None:
     assert abs(data.qpos[wrist.qposadr[0]]) < 1e-4
 
 
+def test_controllers_stand_in_an_mjcf_where_the_actuators_stood(tmp_path: Path, mujoco) -> None:
+    found = content(in_mjcf(tmp_path, **BOXES))
+    served = {'base', 'elbow', 'wrist'}
+    joints = [replace(j, gains=Gains(40.0, 0.0, 3.0, 0.0), limit=9.0) if j.name in served else j
+              for j in found.joints]  # fmt: skip
+    text = MJCF.replace('<default>', '<default><motor gear="50" ctrlrange="-1 1"/>', 1)
+    text = text.replace(
+        '</mujoco>',
+        """<actuator>
+        <position name="turn" joint="base" kp="3" dampratio="1" timeconst="0.1" ctrlrange="-2 2"/>
+        <motor name="push" joint="slide"/><motor name="bend" jointinparent="elbow"/>
+        <motor name="more" joint="elbow"/></actuator></mujoco>""",
+    )
+    path, _ = write(tmp_path, ('mjcf',), replace(found, joints=tuple(joints)), text)['mjcf']
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert [model.actuator(n).name for n in range(model.nu)] == ['turn', 'push', 'bend', 'wrist']
+    assert model.actuator_gear[:, 0].tolist() == [1.0, 50.0, 1.0, 1.0] and model.na == 0
+    assert model.actuator_ctrllimited.tolist() == [True, True, False, False]
+    assert model.actuator_ctrlrange[0].tolist() == [-2.0, 2.0]
+    own = [0, 2, 3]
+    assert model.actuator_biasprm[own, :3].tolist() == [[0.0, -40.0, -3.0]] * 3
+    assert model.actuator_forcerange[own, 1].tolist() == [9.0] * 3
+
+
 class Servo:
     """A servo with a load on its arm, identified, and the same arm in MuJoCo."""
 
