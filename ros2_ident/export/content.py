@@ -15,6 +15,8 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.joints import at_joints, Joint, joints_of, PARTS
 from ros2_ident.models.drives.model import DriveModel
+from ros2_ident.models.mujoco.forces import HOOKS
+from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.models.serial.links import effort_of, information_of, Links, links_of
 from ros2_ident.models.serial.model import Serial
 from ros2_ident.report.estimate import Estimate
@@ -25,8 +27,8 @@ class Content:
     """Content of an export.
 
     Attributes:
-        joints: Its drives as simulators have them; of a joint with effects, the friction that
-            comes closest to all of them.
+        joints: Its drives as simulators have them, none where MuJoCo is the model; of a joint
+            with effects, the friction that comes closest to all of them.
         identified: The drives as they were identified.
         beside: The drives beside `laws`; of a joint with other effects, closest to these.
         laws: Effects that are a function of a joint's position and speed, by joint.
@@ -50,7 +52,7 @@ class Content:
     logged: tuple[EffectAt, ...]
     links: Links | None
     spread: float
-    model: DriveModel
+    model: DriveModel | Mujoco
     theta: Array
     measured: Array
     fitted: Array
@@ -122,6 +124,15 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         IdentError: INVALID_GOAL where the machine is none of joints, or as `links_of`.
     """
     model = problem.models[0]
+    logged = tuple(at for at in model.effects if get_effect(at.effect).group == 'measurement')
+    names = [p.name for p in model.parameters]
+    theta = fit = np.array([estimate.values[name] for name in names])
+    if isinstance(model, Mujoco):
+        forces = tuple(at for at in model.effects if get_effect(at.effect).hook in HOOKS)
+        measured = model.measured
+        return Content(
+            (), (), (), {}, {}, forces, logged, None, spread, model, theta, measured, measured
+        )
     if not isinstance(model, DriveModel):
         raise ErrorCode.INVALID_GOAL.error(
             f'a {model.name} has no joints with friction and gains; export machines of drives'
@@ -132,8 +143,6 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
             'none of the files has a place for couplings and counterbalances, and without them '
             'the arm would be another one; take the result from result.json'
         )
-    names = [p.name for p in model.parameters]
-    theta = fit = np.array([estimate.values[name] for name in names])
     links = None
     if isinstance(model, Serial) and model.arm.bodies:
         links = links_of(
@@ -142,7 +151,6 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         # without the negative sizes that links may have made
         negative = (links.theta < 0.0) & [p.low >= 0.0 for p in model.parameters]
         theta = np.where(negative, 0.0, links.theta)
-    logged = tuple(at for at in model.effects if get_effect(at.effect).group == 'measurement')
     effects = tuple(at for at in model.effects if at not in logged)
     plain = model.extended(effects)
     own, fit_alone = _without_log(model, plain, theta), _without_log(model, plain, fit)

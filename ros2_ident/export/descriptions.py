@@ -15,6 +15,7 @@ from ros2_ident.export.content import Content
 from ros2_ident.files import mark
 from ros2_ident.machine.description import name_all
 from ros2_ident.models.drives.joints import Gains, Joint
+from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.models.mujoco.plant import mjcf_of
 
 # A URDF's limit needs a speed; no joint is that fast, rad/s or m/s.
@@ -137,6 +138,8 @@ def mjcf(text: str, content: Content) -> str:
         new = _inertial(_named(root, 'worldbody//body', name))
         full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         _set(new, pos=centre, mass=mass, fullinertia=full)
+    if isinstance(content.model, Mujoco):
+        _put_back(root, content.model, content.theta)
     for joint in content.joints:
         element = _named(root, 'worldbody//joint', joint.name)
         _set(element, damping=joint.viscous, frictionloss=joint.coulomb, solimpfriction=_STIFF)
@@ -165,12 +168,50 @@ def _actuator(root: ET.Element, joint: Joint, gains: Gains, delay: float) -> Non
     _set(new, kp=gains.p, kv=gains.d, gear='1', timeconst='0')
     if math.isfinite(joint.limit):
         _set(new, forcelimited='true', forcerange=(-joint.limit, joint.limit))
-    if delay > 0.0:
-        step = min(float(option.get('timestep', _FINEST)), _FINEST)
-        _set(new, delay=delay, interp='linear', nsample=str(math.ceil(delay / step) + 1))
+    _set_delay(option, new, delay)
     # The default, Euler, takes kv of the step before: on a light joint that swings up.
     if option.get('integrator', 'Euler') == 'Euler':
         option.set('integrator', 'implicitfast')
+
+
+def _set_delay(option: ET.Element, actuator: ET.Element, delay: float) -> None:
+    if delay > 0.0:
+        step = min(float(option.get('timestep', _FINEST)), _FINEST)
+        _set(actuator, delay=delay, interp='linear', nsample=str(math.ceil(delay / step) + 1))
+
+
+def _put_back(root: ET.Element, model: Mujoco, theta: Array) -> None:
+    """Put what MuJoCo's own model has of drives into the MJCF that it was made of."""
+    found, late = model.as_found(theta)
+    sought, option = {*model.machine.bounds, *model.machine.given}, _part(root, 'option')
+    _set(option, timestep=found.opt.timestep)
+    acting = [x for part in root.findall('actuator') for x in part if isinstance(x.tag, str)]
+    for at, delay in zip(model.plant.places, late, strict=True):
+        joint = _named(root, 'worldbody//joint', found.joint(at.joint).name)
+        _set(joint, armature=found.dof_armature[at.dof], damping=found.dof_damping[at.dof])
+        _set(joint, frictionloss=found.dof_frictionloss[at.dof])
+        _set(joint, stiffness=found.jnt_stiffness[at.joint])
+        own, n = acting[at.actuator], at.actuator
+        gain, bias = found.actuator_gainprm[n], found.actuator_biasprm[n]
+        if own.tag == 'position':
+            own.attrib.pop('dampratio', None)
+            _set(own, kp=gain[0], kv=-bias[2])
+        elif own.tag == 'general':
+            _set(own, gainprm=gain, biasprm=bias)
+        _set(own, gear=found.actuator_gear[n])
+        if found.actuator_forcelimited[n]:
+            _set(own, forcelimited='true', forcerange=found.actuator_forcerange[n])
+            if not found.jnt_actfrclimited[at.joint]:
+                joint.set('actuatorfrclimited', 'false')
+        _set_delay(option, own, delay)
+        if any(name.startswith('body_') for name in sought):
+            body = _named(root, 'worldbody//body', found.body(at.body).name)
+            new = _inertial(body)
+            _set(body, pos=found.body_pos[at.body])
+            _set(new, pos=found.body_ipos[at.body], quat=found.body_iquat[at.body])
+            _set(new, mass=found.body_mass[at.body], diaginertia=found.body_inertia[at.body])
+    if 'free_fall' in sought:
+        _set(option, gravity=found.opt.gravity)
 
 
 def massless(root: ET.Element) -> list[ET.Element]:

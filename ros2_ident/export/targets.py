@@ -20,6 +20,7 @@ from ros2_ident.export.usd import can_write, usd
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.machine.keys import written
 from ros2_ident.models.drives.joints import Joint, PARTS
+from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.models.mujoco.plant import can_convert
 from ros2_ident.words.figures import joined
 
@@ -169,6 +170,10 @@ def fitting(content: Content, description: str) -> tuple[str, ...]:
 
 def _lack(name: str, content: Content, description: str) -> str:
     """Return why a target cannot be filled, with the remedy; empty where it can."""
+    if name != 'mjcf' and isinstance(content.model, Mujoco):
+        return (
+            f'a machine of the kind {content.model.name} goes back into its MJCF; give --to mjcf'
+        )
     of, own = TARGETS[name].of, 'urdf' if is_urdf(description) else 'mjcf'
     if of and not (description and own in of):
         kinds = ' or '.join(reversed(of)).upper()
@@ -307,15 +312,15 @@ def _lacking(
                 told = f'{row["cost"][part]:.3g} of {row["effort"]:.3g} {row["unit"]}'
                 price = f' ({told} RMS on {most}, the largest share)'
             yield f'{_PARTS[part]}{price}'
-    least = min(joints, key=lambda j: j.armature)
-    if least.armature < 0.0:
+    least = min(joints, key=lambda j: j.armature, default=None)
+    if least and least.armature < 0.0:
         unit = 'kg m^2' if least.travel == 'rad' else 'kg'
         yield (
             'an inertia of motors and gears below zero, which makes up for links '
             f'({least.name} {least.armature:.3g} {unit}, the largest)'
         )
-    shifted = max(joints, key=lambda j: abs(j.offset))
-    if shifted.offset != 0.0:
+    shifted = max(joints, key=lambda j: abs(j.offset), default=None)
+    if shifted and shifted.offset != 0.0:
         unit = 'N m' if shifted.travel == 'rad' else 'N'
         yield f'a constant in the effort ({shifted.name} {shifted.offset:.3g} {unit}, the largest)'
     for at in content.effects:

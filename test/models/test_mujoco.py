@@ -13,10 +13,17 @@ from checks.reference.tripod import simulate_tripod
 from ros2_ident.cli.main import main
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.export.content import content_of
+from ros2_ident.export.targets import fitting, write
 from ros2_ident.gap.diagnose import diagnose
+from ros2_ident.identify.data import Data
+from ros2_ident.identify.problem import problem_of
+from ros2_ident.machine.prior import Prior
 from ros2_ident.models import EffectAt, load_machine, make_model
+from ros2_ident.models.kinds import MUJOCO
 from ros2_ident.models.mujoco.model import Mujoco
 from ros2_ident.recording import Dataset
+from ros2_ident.report.estimate import Estimate
 from ros2_ident.simulate.bag import read_effect, simulate
 from ros2_ident.simulate.motions import draw_motion
 
@@ -372,3 +379,48 @@ def test_a_tripod_as_mjcf_follows_the_reference_from_where_it_is(looped) -> None
     assert np.ptp(log.position[0]) > 0.05 and error < 1e-4
     # Of a kilogram more on the platform a third hangs on this drive's P law: 0.15 mm.
     assert np.sqrt(np.mean((told[1, 0] - log.position[0]) ** 2)) > 1.4e-4
+
+
+KEYS = {key.name: key.unit for key in MUJOCO.keys if key.section == 'parameters'}
+SOUGHT = {
+    'armature': 0.03, 'damping': 0.2, 'frictionloss': 0.07, 'stiffness': 0.4, 'kp': 17.0,
+    'kv': 0.6, 'force_limit': 2.5, 'actuator_gear': 1.2, 'body_mass': 0.4, 'body_place': 1.1,
+    'body_centre': 0.9, 'body_inertia': 1.3, 'free_fall': 9.7, 'set_point_delay': 3 * CYCLE,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('tag', ['position', 'general'])
+def test_what_was_identified_goes_back_into_the_mjcf(folder, tmp_path, tag) -> None:
+    text = MJCF.replace('timestep="0.001"', 'timestep="0.0015"')  # no part of 4 ms
+    text = text.replace('kv="0.2"', 'kv="0.2" class="stiff"').replace(
+        '</default>', '<default class="stiff"><position dampratio="1"/></default></default>'
+    )
+    if tag == 'general':
+        text = text.replace(
+            '<position name="first" joint="one" kp="20" kv="0.5"',
+            '<general name="first" joint="one" gainprm="20" biastype="affine" biasprm="0 -20 -1"',
+        )
+    (folder / 'own.xml').write_text(text)
+    boxes = {name: [0.0, 1e3, KEYS[name]] for name in SOUGHT}
+    machine = machine_of(folder, boxes, 'own.xml')
+    position = plain(COMMAND)[0]
+    data = data_with(machine, position)
+    ripple = EffectAt('torque_ripple', 'two')
+    problem = problem_of(machine, Data((data,), labels=('log',)), effects=(ripple,))
+    values = {p.name: SOUGHT.get(p.name.rpartition('.')[2], 0.0) for p in problem.parameters}
+    estimate = Estimate(values, {}, problem.drives, {}, '', Prior(deviations={}))
+    found = content_of(problem, estimate, 0.3)
+    path, words = write(tmp_path / 'out', fitting(found, text), found, text, folder)['mjcf']
+    assert words == ('MuJoCo has no place for torque_ripple of two',)
+    assert 'actuatorfrclimited="false"' in path.read_text()
+    with pytest.raises(IdentError, match='give --to mjcf'):
+        write(tmp_path / 'none', ('isaac',), found, text)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, ours = mujoco.MjData(model), problem.models[0]
+    data.qpos[:], data.qvel[:] = ours._begin
+    told = ours.simulate(np.array([list(values.values())]))[0]
+    out = np.empty_like(COMMAND)
+    for k in range(COUNT):
+        out[:, k], data.ctrl[:] = data.qpos, COMMAND[:, k]
+        mujoco.mj_step(model, data, nstep=3)
+    assert np.abs(out - told).max() < 1e-9 * np.ptp(told)

@@ -3,6 +3,7 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+import copy
 from dataclasses import dataclass, field, replace
 import functools
 import math
@@ -269,6 +270,15 @@ class Mujoco(MachineModel):
             out[part] = self._simulated(theta[part], self.signals.quantities)
         out[~np.isfinite(out).all(axis=(1, 2))] = math.inf
         return out
+
+    def as_found(self, theta: Array) -> tuple[Any, Array]:
+        """Return MuJoCo's model of a candidate (N,), and (D,) how late set-points act, s."""
+        own, block = self.candidates.own_values(theta[None]), self.candidates.rows(theta[None])
+        row = {name: self.candidates.of(block, name) for name in _EXPRESSED}
+        model = copy.copy(self.plant.model)
+        self.plant.changed(model, self._attributes(own, row, 0))
+        late = self._own('set_point_delay', own, 1) + row['set_point_delay']
+        return model, late[0]
 
     def simulated_effort(self, theta: Array) -> Array:
         """Return (P, K) what the actuators of the drives compared do, for one candidate (N,)."""
