@@ -36,6 +36,7 @@ def _marked(*parts: str) -> str:
 def _loader(text: str, content: Content, name: str) -> str:
     """Return a module in Python that loads a description and adds what it has no place for."""
     of = content.beside if 'laws' in TARGETS[name].holds else content.joints
+    late = content.delays
     every = [(joint, law) for joint, laws in content.laws.items() for law in laws]
     functions = dict.fromkeys(f'\n\n{law.source}\n' for _, law in every)
     filled = _text(name).replace('LAWS = []\n', ''.join((*functions, _text('laws'))))
@@ -45,7 +46,12 @@ def _loader(text: str, content: Content, name: str) -> str:
         for joint, law in every
     ]
     joints = [f'{j.name!r}: { {x: float(getattr(j, x)) for x in PARTS} }' for j in of]
-    for empty, rows in (('JOINTS = {}', joints), ('LAWS = []', laws)):
+    gains = [
+        f'{j.name!r}: { {"p": g.p, "d": g.d, "limit": j.limit, "late": late.get(j.name, 0.0)} }'
+        for j in content.joints
+        if (g := j.gains) is not None
+    ]
+    for empty, rows in (('JOINTS = {}', joints), ('GAINS = {}', gains), ('LAWS = []', laws)):
         inside = ''.join(f'    {row},\n' for row in rows)
         filled = filled.replace(empty, f'{empty[:-1]}\n{inside}{empty[-1]}' if rows else empty)
     return _marked(filled)
@@ -69,7 +75,8 @@ def isaac(_: str, content: Content) -> str:
         values = {exact[j.name]: float(v) for j in content.joints if (v := of(j)) is not None}
         # Without a value the class wants a null there.
         data |= {name: values} if values else dict.fromkeys({name} & {'stiffness', 'damping'})
-    return _marked(_text('isaac'), written(data))
+    late = f'# Here, s: {content.delays}\n' if content.delays else ''
+    return _marked(_text('isaac'), late, written(data))
 
 
 def ros2_control(_: str, content: Content) -> str:
@@ -155,7 +162,9 @@ TARGETS = {
     'pybullet': _loaded('PyBullet', 'weigh 0 kg', 'move by themselves', 'laws'),
     'sapien': _loaded('SAPIEN', 'weigh 1e-6 kg', 'are coupled wrongly', 'armature', 'laws'),
     'genesis': _loaded('Genesis', 'weigh almost nothing', 'are coupled', 'armature', 'laws'),
-    'newton': _loaded('Newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws'),
+    'newton': _loaded(
+        'Newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws', 'p', 'd', 'command_delay'
+    ),
     'usd': Target('USD', 'robot.usda', usd, _URDF, _SERVO, 'weigh 1e-5 kg', 'are coupled'),
     'isaac': Target('Isaac Lab', 'isaac.yaml', isaac, (), _SERVO),
     'ros2_control': Target('ros2_control', 'ros2_control.yaml', ros2_control, (), tuple('pidf')),

@@ -298,6 +298,33 @@ def test_a_velocity_motor_in_pybullet_is_all_friction(tmp_path: Path, monkeypatc
     assert np.abs(added).max() > 0.1
 
 
+def test_newton_gets_controllers_with_late_set_points(tmp_path: Path, monkeypatch) -> None:
+    newton = MagicMock()
+    monkeypatch.setitem(sys.modules, 'newton', newton)
+    monkeypatch.setitem(sys.modules, 'warp', MagicMock())
+    found = content(described(tmp_path, **BOXES))
+    base, slide, elbow, wrist = found.joints
+    base = replace(base, gains=Gains(40.0, 0.0, 3.0, 0.0), limit=9.0)
+    elbow = replace(elbow, gains=Gains(20.0, 1.0, 2.0, 0.0), limit=math.inf)
+    joints = base, slide, elbow, wrist
+    found = replace(found, joints=joints, identified=joints, delays={'elbow': 0.0231})
+    text = (tmp_path / 'arm.urdf').read_text()
+    path, words = write(tmp_path / 'out', ('newton',), found, text)['newton']
+    assert words == ("Newton has no place for the integral part of the controllers' law",)
+    builder = MagicMock(
+        joint_label=['arm/tool', 'arm/base', 'arm/elbow'],
+        joint_q_start=[0, 0, 1], joint_qd_start=[3, 4, 5],
+    )  # fmt: skip
+    module_at(path).add_controllers(builder, 1e-3)
+    pd, most = newton.actuators.DrivePD, newton.actuators.ClampingMaxEffort
+    assert [x.args for x in builder.add_actuator.mock_calls] == [(pd, 4), (pd, 5)]
+    assert [x.kwargs for x in builder.add_actuator.mock_calls] == [
+        {'kp': 40.0, 'kd': 3.0, 'pos_index': 0, 'clamping': [(most, {'max_effort': 9.0})]},
+        {'kp': 20.0, 'kd': 2.0, 'pos_index': 1, 'clamping': [(most, {'max_effort': math.inf})],
+         'delay_steps': 23},
+    ]  # fmt: skip
+
+
 def test_genesis_gets_effects_as_efforts(tmp_path: Path, monkeypatch) -> None:
     found, loaded = with_laws(tmp_path, 'genesis', MagicMock(), monkeypatch)
     robot = MagicMock()
@@ -707,6 +734,7 @@ def test_isaac_and_ros2_control(tmp_path: Path) -> None:
     late = replace(found, delays={joint.name: 0.01})
     _, words = write(tmp_path / 'late', ('isaac',), late, '')['isaac']
     assert 'how late controllers take their set-points up' in words[0]
+    assert f"# Here, s: {{'{joint.name}': 0.01}}" in (tmp_path / 'late/isaac.yaml').read_text()
     actuators = yaml.safe_load((tmp_path / 'isaac.yaml').read_text())
     assert actuators['dynamic_friction'] == {joint.name: pytest.approx(joint.coulomb)}
     limit = {} if math.isinf(joint.limit) else {joint.name: joint.limit}
