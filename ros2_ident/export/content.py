@@ -145,9 +145,8 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         )
     links = None
     if isinstance(model, Serial) and model.arm.bodies:
-        links = links_of(
-            model, theta, information_of(model, theta, estimate.prior.deviations), spread
-        )
+        known = information_of(model, theta, estimate.prior.deviations)
+        links = links_of(model, theta, known, spread)
         # without the negative sizes that links may have made
         negative = (links.theta < 0.0) & [p.low >= 0.0 for p in model.parameters]
         theta = np.where(negative, 0.0, links.theta)
@@ -177,23 +176,13 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         lawless = [at for at in effects if not is_law(get_effect(at.effect))]
         lawful = taken(laws, joints, place, speed)
         joints, beside = closest(whole, effects), closest(whole - lawful, lawless)
-    late = plain.candidates.of(plain.rows(own[None]), 'set_point_delay')[0]
-    drives = zip(plain.machine.drives, late, strict=True)
+    late = plain.candidates.of(plain.rows(own[None]), 'set_point_delay')[0].tolist()
+    delays = {name: x for name, x in zip(plain.machine.drives, late, strict=True) if x > 0.0}
+    measured = model.measured - (model.simulate(fit)[0] - fitted)
     return Content(
-        joints,
-        identified,
-        beside,
-        laws,
-        {name: float(delay) for name, delay in drives if delay > 0.0},
-        effects,
-        logged,
-        links,
-        spread,
-        plain,
-        own,
-        model.measured - (model.simulate(fit)[0] - fitted),
-        fitted,
-    )
+        joints, identified, beside, laws, delays, effects, logged, links, spread, plain, own,
+        measured, fitted,
+    )  # fmt: skip
 
 
 def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:

@@ -321,17 +321,15 @@ def _lacking(
                 told = f'{row["cost"][part]:.3g} of {row["effort"]:.3g} {row["unit"]}'
                 price = f' ({told} RMS on {most}, the largest share)'
             yield f'{_PARTS[part]}{price}'
-    least = min(joints, key=lambda j: j.armature, default=None)
-    if least and least.armature < 0.0:
-        unit = 'kg m^2' if least.travel == 'rad' else 'kg'
-        yield (
-            'an inertia of motors and gears below zero, which makes up for links '
-            f'({least.name} {least.armature:.3g} {unit}, the largest)'
-        )
-    shifted = max(joints, key=lambda j: abs(j.offset), default=None)
-    if shifted and shifted.offset != 0.0:
-        unit = 'N m' if shifted.travel == 'rad' else 'N'
-        yield f'a constant in the effort ({shifted.name} {shifted.offset:.3g} {unit}, the largest)'
+    below = 'an inertia of motors and gears below zero, which makes up for links'
+    for what, values, units in (
+        (below, [min(j.armature, 0.0) for j in joints], ('kg m^2', 'kg')),
+        ('a constant in the effort', [j.offset for j in joints], ('N m', 'N')),
+    ):
+        size = max(values, key=abs, default=0.0)
+        if size:
+            joint = joints[values.index(size)]
+            yield f'{what} ({joint.name} {size:.3g} {units[joint.travel == "m"]}, the largest)'
     for at in content.effects:
         if not (at.effect in holds or ('laws' in holds and is_law(get_effect(at.effect)))):
             yield f'{at.effect} of {at.where}' if at.where != 'all' else at.effect

@@ -12,9 +12,6 @@ from ros2_ident.export.content import Content
 from ros2_ident.export.descriptions import give_mass, in_urdf
 from ros2_ident.files import mark
 
-# USD's angles are in degrees, and so are gains.
-_DEGREE = math.pi / 180.0
-
 
 def can_write() -> bool:
     """Whether the converter is there."""
@@ -53,7 +50,12 @@ def usd(text: str, content: Content) -> str:
         identified = {joint.name: joint for joint in content.joints}
         for prim in filter(lambda prim: prim.IsA(UsdPhysics.Joint), stage.Traverse()):
             joint = identified.get(prim.GetDisplayName() or prim.GetName())
-            turns = prim.IsA(UsdPhysics.RevoluteJoint)
+            axis, unit = 'linear', 1.0
+            if prim.IsA(UsdPhysics.RevoluteJoint):
+                axis, unit = (
+                    'angular',
+                    math.pi / 180.0,
+                )  # USD's angles are in degrees, and so are gains
             if joint is not None:
                 prim.AddAppliedSchema('NewtonJointAPI')
                 armature = prim.CreateAttribute('newton:armature', Sdf.ValueTypeNames.Float)
@@ -61,13 +63,13 @@ def usd(text: str, content: Content) -> str:
             gains = joint and joint.gains
             limit = prim.GetAttribute('urdf:limit:effort').Get() or 0.0
             if gains or limit:
-                drive = UsdPhysics.DriveAPI.Apply(prim, 'angular' if turns else 'linear')
+                drive = UsdPhysics.DriveAPI.Apply(prim, axis)
                 drive.CreateTypeAttr('force')
                 if limit:
                     drive.CreateMaxForceAttr(limit)
                 if gains:
-                    drive.CreateStiffnessAttr(gains.p * (_DEGREE if turns else 1.0))
-                    drive.CreateDampingAttr(gains.d * (_DEGREE if turns else 1.0))
+                    drive.CreateStiffnessAttr(gains.p * unit)
+                    drive.CreateDampingAttr(gains.d * unit)
         layer = stage.GetRootLayer()
         layer.comment, layer.documentation = mark('export'), ''
         return str(layer.ExportToString())
