@@ -175,9 +175,10 @@ viscous and Coulomb friction, and an armature, the inertia of its motor and gear
 
 With its file, and what to call of a `load_*.py`. The price is the RMS of what is left out, and of
 the whole torque, along a log of the KR 300 on the axis where their ratio is largest. `ident
-export` states it for a machine of one's own. Effort limits count where the simulator told the
-exported ones when it was asked. Isaac Lab's own class took its file, and simulated nothing. MuJoCo
-Warp takes `robot.xml` alone: it does not call what `load_mujoco.py` adds to MuJoCo's steps.
+export` states it for a machine of one's own. Effects are those of a joint's position and speed, as
+Stribeck friction. Effort limits count where the simulator told the exported ones when it was
+asked. Isaac Lab's own class took its file, and simulated nothing. MuJoCo Warp takes `robot.xml`
+alone: it does not call what `load_mujoco.py` adds to MuJoCo's steps.
 
 """
 LINKS = """
@@ -225,7 +226,16 @@ def page(rows: Sequence[dict[str, Any]], told: dict[str, Any], device: str) -> s
         for target in (TARGETS[PEERS[name].target],)
         if target.massless
     ]
-    head = 'simulator', 'file', 'armature', 'viscous', 'Coulomb', 'effort limit', 'price'
+    head = (
+        'simulator',
+        'file',
+        'armature',
+        'viscous',
+        'Coulomb',
+        'effects',
+        'effort limit',
+        'price',
+    )
     cells = 'simulator', 'machine', 'torque', 'on', 'decay', 'swing'
     lines = [
         [PEERS[row['simulator']].title, row['machine'], *own]
@@ -253,10 +263,11 @@ def _place(name: str, row: dict[str, Any], told: dict[str, Any], limited: bool) 
             most = max(share, key=lambda n: share[n])
             figures = f'{joints[most]["cost"][part]:.3g} of {joints[most]["effort"]:.3g} N m'
             prices.append(f'{part}: {figures} on {most}')
-    held = ['yes' if p in target.holds else 'no' for p in ('armature', 'viscous', 'coulomb')]
-    held.append('yes' if limited else 'no')
+    acts = TARGETS['mjcf_effects' if name == 'mujoco' else peer.target].holds
+    held = [part in acts for part in ('armature', 'viscous', 'coulomb', 'laws')]
+    said = ['yes' if has else 'no' for has in (*held, limited)]
     version = row['version'] or 'not run'
-    return [f'{peer.title} {version}', f'`{target.file}`', *held, '<br>'.join(prices)]
+    return [f'{peer.title} {version}', f'`{target.file}`', *said, '<br>'.join(prices)]
 
 
 def _followed(ends: Any) -> str:
