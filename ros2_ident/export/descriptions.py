@@ -205,7 +205,8 @@ def _put_back(root: ET.Element, model: Mujoco, theta: Array) -> None:
                 joint.set('actuatorfrclimited', 'false')
         _set_delay(option, own, delay)
         if any(name.startswith('body_') for name in sought):
-            body = _named(root, 'worldbody//body', found.body(at.body).name)
+            name, every = found.body(at.body).name, root.iterfind('worldbody//body')
+            body = next(x for x in every if (x.get('name') == name if name else joint in x))
             new = _inertial(body)
             _set(body, pos=found.body_pos[at.body])
             _set(new, pos=found.body_ipos[at.body], quat=found.body_iquat[at.body])

@@ -23,8 +23,8 @@ _TURN, SLIDE = ('revolute', 'continuous', 'hinge'), ('prismatic', 'slide')
 _ATTRIBUTE = re.compile(r"""=\s*("[^"]*"|'[^']*')""")
 # SI units: a limit of none is 1e16, squares are far from overflow; what may be a rounded 0.
 _LARGEST, _NOTHING = 1e30, -1e-9
-# Ways of an MJCF to say how something is turned, of which an element has one.
-_TURNS = 'quat', 'euler', 'axisangle', 'xyaxes', 'zaxis'
+# Attributes of an MJCF of which an element has one: how it is turned, how a servo is damped.
+_ONE_OF = ('quat', 'euler', 'axisangle', 'xyaxes', 'zaxis'), ('kv', 'dampratio')
 _INERTIAS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 _NEEDED = {'inertial/mass': ('value',), 'inertial/inertia': _INERTIAS}
 _NUMBERS = frozenset((
@@ -181,9 +181,9 @@ def _state_defaults(root: ET.Element) -> None:
     for about, element in _elements(root):
         usual = next((x.get('childclass', '') for x in reversed(about) if x.get('childclass')), '')
         stated = classes.get(element.get('class', usual), classes['']).get(element.tag, {})
-        turned = any(x in element.attrib for x in _TURNS)
+        told = {x for group in _ONE_OF if {*group} & {*element.attrib} for x in group}
         for key, value in stated.items():
-            if key != 'class' and not (turned and key in _TURNS):
+            if key != 'class' and key not in told:
                 element.attrib.setdefault(key, value)
 
 

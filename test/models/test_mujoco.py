@@ -381,6 +381,14 @@ def test_a_tripod_as_mjcf_follows_the_reference_from_where_it_is(looped) -> None
     assert np.sqrt(np.mean((told[1, 0] - log.position[0]) ** 2)) > 1.4e-4
 
 
+def test_a_damping_stands_beside_a_ratio_of_its_class(folder) -> None:
+    text = MJCF.replace('</default>', '<position dampratio="1"/></default>')
+    (folder / 'ratio.xml').write_text(text)
+    machine = machine_of(folder, description='ratio.xml')
+    plant = Mujoco(machine, data_with(machine, COMMAND)).plant
+    assert plant.stated('kv', 0) == 0.5 and plant.stated('kv', 1) == 0.2
+
+
 KEYS = {key.name: key.unit for key in MUJOCO.keys if key.section == 'parameters'}
 SOUGHT = {
     'armature': 0.03, 'damping': 0.2, 'frictionloss': 0.07, 'stiffness': 0.4, 'kp': 17.0,
@@ -392,8 +400,12 @@ SOUGHT = {
 @pytest.mark.parametrize('tag', ['position', 'general'])
 def test_what_was_identified_goes_back_into_the_mjcf(folder, tmp_path, tag) -> None:
     text = MJCF.replace('timestep="0.001"', 'timestep="0.0015"')  # no part of 4 ms
-    text = text.replace('kv="0.2"', 'kv="0.2" class="stiff"').replace(
-        '</default>', '<default class="stiff"><position dampratio="1"/></default></default>'
+    text = (
+        text.replace('body name="lower"', 'body')
+        .replace('kv="0.2"', 'kv="0.2" class="stiff"')
+        .replace(
+            '</default>', '<default class="stiff"><position dampratio="1"/></default></default>'
+        )
     )
     if tag == 'general':
         text = text.replace(
