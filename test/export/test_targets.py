@@ -525,6 +525,16 @@ def test_an_mjcf_finds_its_shapes_from_another_folder(
     assert mujoco.MjModel.from_xml_path(str(path)).nmesh == 1
 
 
+def test_what_is_called_as_a_joint_in_an_mjcf_is_none(tmp_path: Path, mujoco) -> None:
+    found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
+    other = '<equality><joint name="elbow" joint1="elbow" active="false"/></equality>'
+    text = MJCF.replace('<worldbody>', f'{other}<worldbody>')
+    path, _ = write(tmp_path, ('mjcf',), found, text)['mjcf']
+    model = mujoco.MjModel.from_xml_path(str(path))
+    dofs = [model.joint(name).dofadr[0] for name in JOINTS]
+    np.testing.assert_allclose(model.dof_damping[dofs], [j.viscous for j in found.joints])
+
+
 def test_friction_and_limits_in_an_mjcf_hold(tmp_path: Path, mujoco) -> None:
     found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
     limited = replace(found, joints=tuple(replace(j, limit=7.0) for j in found.joints))
