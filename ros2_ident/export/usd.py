@@ -50,12 +50,9 @@ def usd(text: str, content: Content) -> str:
         identified = {joint.name: joint for joint in content.joints}
         for prim in filter(lambda prim: prim.IsA(UsdPhysics.Joint), stage.Traverse()):
             joint = identified.get(prim.GetDisplayName() or prim.GetName())
-            axis, unit = 'linear', 1.0
-            if prim.IsA(UsdPhysics.RevoluteJoint):
-                axis, unit = (
-                    'angular',
-                    math.pi / 180.0,
-                )  # USD's angles are in degrees, and so are gains
+            # USD's angles are in degrees, and so are gains.
+            turns = prim.IsA(UsdPhysics.RevoluteJoint)
+            axis, unit = ('angular', math.pi / 180.0) if turns else ('linear', 1.0)
             if joint is not None:
                 prim.AddAppliedSchema('NewtonJointAPI')
                 armature = prim.CreateAttribute('newton:armature', Sdf.ValueTypeNames.Float)
