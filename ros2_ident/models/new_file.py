@@ -133,7 +133,8 @@ def one_joint_file(
 
     Raises:
         IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link, or where
-            the log states an effort that is no force of what slides, or torque of what turns.
+            the log states an effort that is no force of what slides, or torque of what turns;
+            MISSING_STREAM where position or effort stay the same.
     """
     log, _ = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None
@@ -145,6 +146,12 @@ def one_joint_file(
     motion = motion_of(log, names[0])
     if motion.effort is None:
         return None
+    for quantity, values in (('position', motion.position), ('effort', motion.effort)):
+        if not np.nanmax(values) > np.nanmin(values):
+            raise ErrorCode.MISSING_STREAM.error(
+                f'the {quantity} of {names[0]} stays the same, so that the log tells nothing of '
+                f'the drive; record a motion, or name another column as its {quantity}'
+            )
     stated = {quantity: unit for (name, quantity), unit in log.units.items() if name == names[0]}
     unit = stated.get('effort', '')
     travel = 'rad' if links else travel or next((stated[x] for x in _TRAVELS if x in stated), '')

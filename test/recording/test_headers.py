@@ -227,3 +227,12 @@ def test_a_joint_under_gravity_is_found_and_gets_a_kind_that_has_it(tmp_path):
     moment = math.hypot(values['link_moment_x'], values['link_moment_y'])
     assert moment * 9.81 == pytest.approx(3.0, rel=0.01)
     assert values['drive_inertia'] == pytest.approx(0.05, rel=0.02)
+
+
+@pytest.mark.parametrize(('still', 'row'), [('position', '{t},1,{b}'), ('effort', '{t},{a},1')])
+def test_a_log_of_a_drive_that_stands_still_is_refused(tmp_path, capsys, still, row):
+    rows(tmp_path / 'log.csv', 'time,position,effort', row)
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.csv')]
+    assert main(words) == 2
+    said = f'the {still} of joint_1 stays the same, so that the log tells nothing'
+    assert said in capsys.readouterr().err
