@@ -80,12 +80,17 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
     made = Path(args.columns) if args.columns else where
-    if args.column and made.exists():
+    named = path.suffix.lower() in (*TABLES, *ARRAYS) and path.is_file()
+    option = '--column' if args.column else '--rate' if args.rate else ''
+    if option and not named:
         raise ErrorCode.INVALID_GOAL.error(
-            f'{made} says what the columns are, so that --column has no part in it; correct it '
+            f'{option} is of a table or of arrays, which {path} is not; leave it out'
+        )
+    if option and made.exists():
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{made} says what the columns are, so that {option} has no part in it; correct it '
             'there, or remove that file'
         )
-    named = path.suffix.lower() in (*TABLES, *ARRAYS) and path.is_file()
     if named and not (args.columns or where.exists()):
         _draft(path, where, args, description)
     recording = read_bag(args.bag, topics_of(args))[0]
@@ -119,8 +124,10 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
 
     named = {*args.drives, *(joints_in(judged_tree(description)) if description else ())}
     # joints that have numbers are as many as the drives with or without such as are not driven
-    header = header_of(path).called(args.drives).driven(args.column, named).called(args.drives)
+    header = header_of(path).timed(args.rate)
+    header = header.called(args.drives).driven(args.column, named).called(args.drives)
     header = header.assigned(args.column)
+    header.require_told(path)
     effort = _bounded_by_effort(args)
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
     header.require_scales(effort and len({x.joint for x in header.columns} - {''}) == 1)

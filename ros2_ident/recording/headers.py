@@ -12,14 +12,13 @@ import csv
 from dataclasses import dataclass, replace
 import io
 from itertools import chain, islice, pairwise
-import json
 import math
 from os.path import commonprefix
 from pathlib import Path
 import re
 import shlex
 
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.recording import columns as maps
 from ros2_ident.recording.limits import listed, printable, short
 from ros2_ident.recording.table import array_sizes, ARRAYS, text_of
@@ -50,6 +49,9 @@ _FAINT = dict.fromkeys(('q', 'theta', 'encoder'), 'position')
 _FAINT |= dict.fromkeys(('current', 'i', 'load'), 'effort')
 # Beside a role a letter is enough: `p_des`, `t_actual`.
 _LETTERS = {'p': 'position', 'v': 'velocity', 't': 'effort'}
+# What a textbook calls so, where it is all of the name: to be asked, not told.
+_SYMBOLS = dict.fromkeys(('x', 'q', 's', 'p', 'phi'), 'position')
+_SYMBOLS |= {'v': 'velocity', 'w': 'velocity', 'f': 'effort', 'm': 'effort'}
 _QUANTITIES = ('velocity', 'effort', 'position')
 _ROLES = ('command', 'measured')
 _WORD = re.compile(r'[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![^\W\d_A-Z])|[A-Z]|\d+')
@@ -57,6 +59,8 @@ _BESIDE = ' _-./:'
 # Units, and of what is no motion and no effort, too.
 _KNOWN = maps.MOTION.keys() | maps.SPEEDS.keys() | maps.EFFORT.keys() | maps.TIME_UNITS.keys()
 _UNITS = _KNOWN | {*['1', 'v', 'mv', 'w', 'kw', 'khz', '°c', 'kg', 'bar', 'pa']}
+# Units of a time by what one of it is in s.
+_SECONDS = {1.0: 's', 1e-3: 'ms', 1e-6: 'us', 1e-9: 'ns'}
 # Lines that are looked at.
 _HEAD = 200
 _HOLDS_WORDS = 'holds words'
@@ -73,7 +77,7 @@ class Meaning:
     unit: str = ''  # as the header writes it; empty for none
     scale: float = 1.0  # to the unit that is read; NaN where the header's unit does not say it
     why: str = ''  # it is left out
-    perhaps: str = ''  # JOINT.QUANTITY, were it told by the order of the columns
+    perhaps: str = ''  # JOINT.QUANTITY, were it told by the columns' order, or by a symbol
     stated: bool = False  # whether an option says the scale, and the header's unit no more
 
     @property
@@ -123,6 +127,12 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
             out[n] = replace(out[n], perhaps=f'{name}.effort')
         for n in bare:
             out[n] = replace(out[n], perhaps=f'{out[n].name}.position')
+    if not moving and not efforts:
+        # the letters of a textbook, each once
+        letters = {n: q for n, x in enumerate(out) if (q := _SYMBOLS.get(x.name.lower()))}
+        if len({*letters.values()}) == len(letters):
+            for n, quantity in letters.items():
+                out[n] = replace(out[n], perhaps=f'joint_1.{quantity}')
     for n in apart if moving else ():
         why = f'no column says how {short(out[n].joint)} moves'
         out[n] = replace(out[n], joint='', quantity='', why=why)
@@ -345,11 +355,14 @@ class Header:
     decimal: str  # the decimal mark
     skip: int  # lines before the names
     units: bool  # whether a line of units follows the names
+    named: bool = True  # whether a line of names is there; else numbers stand for them
+    words: str = ''  # said where what lacks is in a column of words
+    rate: float = 0.0  # rows per second where they have no time, Hz
 
     def map(self) -> dict[str, object]:
         """Return the column map as a YAML mapping."""
         joints: dict[str, dict[str, object]] = {}
-        time: dict[str, object] = {}
+        time: dict[str, object] = {'rate': self.rate}
         for cell, x in zip(self.cells, self.columns, strict=True):
             if x.quantity == 'time':
                 time = {'column': cell, 'unit': maps.TIME_UNITS.get(x.plain, 's')}
@@ -362,7 +375,18 @@ class Header:
         if not self.delimiter:
             return {'time': time, 'joints': joints}
         layout = {'delimiter': self.delimiter, 'decimal': self.decimal, 'skip': self.skip}
-        return {'time': time, 'joints': joints} | layout | {'skip_below': int(self.units)}
+        below = {'skip_below': int(self.units)} if self.named else {'header': False}
+        return {'time': time, 'joints': joints} | layout | below
+
+    def timed(self, rate: float) -> 'Header':
+        """Return the header of rows that follow each other at a rate, Hz; 0 for their own time."""
+        if not rate:
+            return self
+        columns = (
+            replace(x, quantity='', why='the rate is stated') if x.quantity == 'time' else x
+            for x in self.columns
+        )
+        return replace(self, columns=tuple(columns), rate=rate)
 
     def lines(self) -> list[str]:
         """Return each column and what it is read as, a line each, for a terminal."""
@@ -373,10 +397,11 @@ class Header:
             if x.quantity not in ('', 'time'):
                 rate = x.plain != x.unit.strip().lower() or x.plain in maps.SPEEDS
                 per = '/s' * (x.quantity.endswith('velocity') and not rate)
-                read += f', in {x.unit}{per}' if x.unit else ', as it stands'
-                if x.unit and math.isnan(x.scale):
+                plain = ', as it stands' if x.scale == 1.0 else ''
+                read += f', in {x.unit}{per}' if x.unit else plain
+                if math.isnan(x.scale):
                     read += ': its scale has to be stated'
-                elif x.unit and x.scale != 1.0:
+                elif x.scale != 1.0:
                     read += f', times {x.scale:.7g}'
             out.append(f'  {printable(x.name, 40):{wide}}  {read or f"- ({x.why})"}')
         return out
@@ -387,7 +412,7 @@ class Header:
         return shlex.join(chain(*asked))
 
     def assigned(self, given: Sequence[str]) -> 'Header':
-        """Return the header with columns read as NAME=JOINT.QUANTITY or as that *SCALE says.
+        """Return the header with columns read as NAME=JOINT.QUANTITY, NAME=time, or that *SCALE.
 
         Raises:
             IdentError: INVALID_GOAL for another text, or a column or quantity that is not there.
@@ -398,13 +423,17 @@ class Header:
             scale = math.nan
             with suppress(ValueError):
                 scale = float(factor or 1.0)
-            known = name in names and joint and quantity in maps.QUANTITIES
-            if not known or not math.isfinite(scale) or not scale:
-                form = 'write NAME=JOINT.QUANTITY or NAME=JOINT.QUANTITY*SCALE, with a quantity of'
+            known = bool(joint) and quantity in maps.QUANTITIES
+            unit = _SECONDS.get(scale, '') if (joint, quantity) == ('', 'time') else ''
+            if name not in names or not (known or unit) or not math.isfinite(scale) or not scale:
+                form = 'write NAME=JOINT.QUANTITY, NAME=JOINT.QUANTITY*SCALE or NAME=time (of ms, '
+                form += 'time*1e-3), with a quantity of '
                 able = f'{", ".join(maps.QUANTITIES)} and a column of {listed(names, 30)}'
-                raise ErrorCode.INVALID_GOAL.error(f'--column {short(text)}: {form} {able}')
+                raise ErrorCode.INVALID_GOAL.error(f'--column {short(text)}: {form}{able}')
             at = names.index(name)
             before = columns[at]
+            if unit:
+                before = replace(before, unit=unit)
             for n, x in enumerate(columns):
                 if before.quantity == quantity and x.joint == before.joint:
                     columns[n] = x = replace(x, joint=joint)  # as its other columns
@@ -453,6 +482,32 @@ class Header:
                 columns[n] = replace(x, joint='', quantity='', why=why)
         return replace(self, columns=tuple(columns))
 
+    def require_told(self, path: Path) -> None:
+        """Refuse a table of whose columns none is known as a time, or as a quantity of a joint.
+
+        Raises:
+            IdentError: INVALID_GOAL with the options that tell it.
+        """
+        there = {x.quantity for x in self.columns} - {''}
+        timed, moved = bool(self.rate or 'time' in there), bool(there - {'time'})
+        if timed and moved:
+            return
+        if self.words:
+            raise maps.refuse(path, self.words)
+        names = [x.name for x in self.columns]
+        if not any(names):
+            raise maps.refuse(path, 'holds no array with a row of numbers for each time')
+        if not self.named:
+            form = ('1=time', '2=joint_1.position', '3=joint_1.effort')[timed:]
+            text = f'has {self.columns[0].why}; say what its columns are by their numbers, as by '
+            rate = '' if timed else '; --rate HZ stands for a time'
+            raise maps.refuse(path, f'{text}--column {" --column ".join(form)}{rate}')
+        kinds = ['time'] * (not timed) + ['position, velocity or effort'] * (not moved)
+        ways = [] if timed else ['--column NAME=time or --rate HZ, of rows without one']
+        ways += [] if moved else [self.in_order() or '--column NAME=JOINT.QUANTITY']
+        text = f'no column is named as a {", or as a ".join(kinds)}: {listed(names, 20)}'
+        raise maps.refuse(path, f'{text}; say which is, by {", and ".join(ways)}')
+
     def require_scales(self, effort: bool = False) -> None:
         """Refuse columns whose unit does not tell their scale.
 
@@ -477,8 +532,8 @@ def header_of(path: Path) -> Header:
     """Return the layout of a table, or of a file of arrays, and its columns by their names.
 
     Raises:
-        IdentError: INVALID_GOAL where there is no line of names above the numbers, or where the
-            table holds one value a row, or a time for each channel.
+        IdentError: INVALID_GOAL where the table holds words only, one value a row, a row for each
+            quantity, or a time for each channel.
     """
     if path.suffix.lower() in ARRAYS:
         return _of_arrays(path)
@@ -508,22 +563,28 @@ def header_of(path: Path) -> Header:
     usual = max(widths, key=widths.count, default=0)
     first = next((n for n in held if len(rows[n]) == usual), 0)
     values = [row for row in rows[first:] if len(row) == len(rows[first])]
-    where = f'write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
     # A line of names may begin with the mark of a comment.
     above = [row[1:] if len(row) > 1 and row[0] == '#' else row for row in rows[:first]]
     wide = [n for n, row in enumerate(above) if values and len(row) == len(values[0])]
     if any(len(row) > 3 and len({*row[::2]}) == 1 and row[0] for row in above):
         text = 'has a block of properties above a time for each channel'
-        raise maps.refuse(path, f'{text}; export it with one common time, or {where}')
+        where = f'{path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
+        raise maps.refuse(path, f'{text}; export it with one common time, or write {where}')
     if not wide:
-        said = 'has no line of names above its numbers'
+        if not held:
+            said = 'is empty; record again'
+            if len(rows) > 1:
+                said = _wordy(zip(rows[0], rows[1], strict=False), decimal)
+            raise maps.refuse(path, said)
+        if usual > len(rows):  # fewer times than quantities
+            text = f'has {len(rows)} rows of {usual} numbers, as with a row for each quantity'
+            raise maps.refuse(path, f'{text}; turn it over, so that each time has a row')
+        said = 'no line of names above its numbers'
         if any(filter(None, above[-1:])):
-            said = f'has {usual} columns and {len(above[-1])} of names, {listed(above[-1])}'
-        said += f'; write {path.stem}{maps.MAP_SUFFIX} with numbers of columns, `header: false`, '
-        said += f'`skip: {first}` and `delimiter: {json.dumps(delimiter)}`, as in docs/logs.md'
-        if len(rows) > 1 and not held:
-            said = _wordy(zip(rows[0], rows[1], strict=False), decimal)
-        raise maps.refuse(path, said)
+            said = f'{usual} columns and {len(above[-1])} of names, {listed(above[-1])}'
+        columns = [Meaning(str(n + 1), why=said) for n in range(usual)]
+        at = (tuple(columns), tuple(range(1, usual + 1)))
+        return Header(*at, delimiter, decimal, first, units=False, named=False)
     # Of two lines the lower one may hold units.
     units = above[wide[-1]] if wide[1:] and any(map(_is_unit, above[wide[-1]])) else []
     top = wide[-2 if units else -1]
@@ -534,14 +595,12 @@ def header_of(path: Path) -> Header:
     for n in wordy:
         columns[n] = Meaning(names[n], why=_HOLDS_WORDS)
     _require_wide(path, columns, values)
-    if lacking := _lacking(columns):
-        named = meanings(names, units)
-        for n in (n for n in wordy if named[n].quantity):
-            raise maps.refuse(path, _wordy(((names[n], x) for x in below[n]), decimal))
-        raise _unnamed(path, lacking, listed(names), where)
+    unread = meanings(names, units)
+    told = next((n for n in wordy if unread[n].quantity), None)
+    words = '' if told is None else _wordy(((names[told], x) for x in below[told]), decimal)
     unique = {x for x in names if x and names.count(x) == 1 and names is rows[top]}
     cells = tuple(x if x in unique else n for n, x in enumerate(names, 1))
-    return Header(tuple(columns), cells, delimiter, decimal, top, bool(units))
+    return Header(tuple(columns), cells, delimiter, decimal, top, bool(units), words=words)
 
 
 def _of_arrays(path: Path) -> Header:
@@ -562,26 +621,9 @@ def _of_arrays(path: Path) -> Header:
     begin = within.end() if within else 0
     read = zip(meanings([x[begin:] for x in cells]), cells, strict=True)
     columns = [replace(x, name=cell) for x, cell in read]
-    if lacking := _lacking(columns):
-        where = f'write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
-        raise _unnamed(path, lacking, listed([*sizes], 20), where)
     others = [x for x in sizes if x not in each]
     columns += [Meaning(x, why='it has no row of numbers for each time') for x in others]
     return Header(tuple(columns), (*cells, *others), '', '.', 0, False)
-
-
-def _lacking(columns: Iterable[Meaning]) -> str:
-    """Return which kind no column is, a time or a quantity of a joint; empty where both are."""
-    there = {x.quantity for x in columns} - {''}
-    if 'time' not in there:
-        return 'time'
-    return '' if len(there) > 1 else 'position, velocity or effort'
-
-
-def _unnamed(path: Path, kind: str, names: str, where: str) -> IdentError:
-    """Return the error of a file of whose names none is of a kind, and what to write where."""
-    even = '; in a column map `time: {rate: HZ}` stands for none' * (kind == 'time')
-    return maps.refuse(path, f'no column is named as a {kind}: {names}; {where}{even}')
 
 
 def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Sequence[str]]) -> None:

@@ -152,8 +152,13 @@ def test_arrays_without_a_time_are_refused_with_the_remedy(tmp_path, capsys):
     np.savez(tmp_path / 'log.npz', data=np.zeros((ROWS, 7)), gain=2.0)
     words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.npz')]
     assert main(words) == 2
-    said = 'no column is named as a time: data, gain; write log.columns.yaml, as in docs/logs.md; '
-    assert f'{said}in a column map `time: {{rate: HZ}}`' in capsys.readouterr().err
+    assert 'named as a time, or as a position, velocity or effort: data[0], d' in (
+        capsys.readouterr().err
+    )
+    told = ['--rate', '50', '--column', 'data[1]=arm.position', '--column', 'data[6]=arm.effort']
+    main([*words, *told])
+    stamp = read_bag(tmp_path / 'log.npz')[0].state.stamp
+    np.testing.assert_array_equal(np.diff(stamp), 20_000_000)
 
 
 @pytest.mark.parametrize('packed', [False, True])

@@ -328,17 +328,24 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('', 'no line of names'),
-        ('0\t1\n1\t2\n', 'no line of names above its numbers; write log.columns.yaml with numbers '
-         'of columns, `header: false`, `skip: 0` and `delimiter: "\\\\t"`'),
-        ('a,q\n0,1\n', 'named as a time: a, q'), ('t,x\n0,1\n', 'named as a position'),
+        ('', 'is empty'),
+        ('0\t1\n1\t2\n', 'no line of names above its numbers; say what its columns are by their '
+         'numbers, as by --column 1=time --column 2=joint_1.position --column 3=joint_1.effort; '
+         '--rate HZ stands for a time'),
+        ('0 1 2 3\n4 5 6 7\n', '2 rows of 4 numbers, .* turn it over'),
+        ('a,q\n0,1\n', 'named as a time: a, q; say which is, by --column NAME=time or --rate HZ'),
+        ('a,b\n0,1\n', 'named as a time, or as a position.*=time .*, and --column NAME=JOINT.QUA'),
+        ('t,a\n0,1\n', 'named as a position, .*: t, a; say which is, by --column NAME=JOINT.QUA'),
+        # the letters of a textbook, if they are it
+        ('t,x,v,F\n0,1,2,3\n', '--column x=joint_1.position --column v=joint_1.velocity --column '
+         'F=joint_1.effort'),
+        ('t,x,s\n0,1,2\n', 'say which is, by --column NAME=JOINT.QUANTITY'),
         ('t,q,i\n0 s,1 rad,2 A\n', "'0 s' below 't': write numbers alone"),
         ('t,q,i\n10:00:00,1,2\n10:00:01,1,3\n', "'10:00:00' below 't': write"),
         # of another form
         ('time,topic,value\n' + '0.1,a/pos,1\n0.1,a/vel,2\n' * 50, 'one value a row'),
         ('Axis 1\nTime,data\n' + '0.1,1,2\n0.2,2,3\n' * 50,
-         'has 3 columns and 2 of names, Time, data; write log.columns.yaml with numbers of '
-         'columns, `header: false`, `skip: 2`'),
+         'has 3 columns and 2 of names, Time, data; say what its columns are by their numbers'),
         ('t,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
          "several rows for each time, by 'joint': a, b"),
         ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
@@ -347,8 +354,45 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
 def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
     (tmp_path / 'log.csv').write_text(text)
     with pytest.raises(IdentError, match=said) as caught:
-        header_of(tmp_path / 'log.csv')
+        header_of(tmp_path / 'log.csv').require_told(tmp_path / 'log.csv')
     assert caught.value.code == ErrorCode.INVALID_GOAL
+
+
+@pytest.mark.parametrize(
+    ('head', 'between', 'options'),
+    [
+        # neither names nor a time; a time of counted ms; names that say nothing, a time of words
+        ('', '\t', ['--rate', '100', '--column', '2=arm.position*1e-3',
+                    '--column', '3=arm.effort']),
+        ('', ' ', ['--column', '1=time*1e-3', '--column', '2=arm.position*0.001',
+                   '--column', '3=arm.effort']),
+        ('a,b,c\n', ',', ['--rate', '100', '--column', 'b=arm.position*1e-3',
+                          '--column', 'c=arm.effort']),
+    ],
+)  # fmt: skip
+def test_options_alone_tell_a_table_that_names_nothing(tmp_path, head, between, options):
+    log, out = tmp_path / 'log.csv', tmp_path / 'arm.yaml'
+    place, effort = np.sin(0.1 * np.arange(300)).round(6), np.cos(0.1 * np.arange(300)).round(6)
+    cells = ([10 * n, f'{1e3 * place[n]:.3f}', effort[n]] for n in range(300))
+    log.write_text(head + ''.join(f'{between.join(map(str, x))}\n' for x in cells))
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--out', str(out)]
+    assert main([*words, *options]) == 0
+    read = read_bag(log)[0]
+    assert read.state.names == load_machine(out).drives == ('arm',)
+    np.testing.assert_allclose(read.state.position[:, 0], place, atol=1e-6)
+    np.testing.assert_allclose(read.effort.effort[:, 0], effort)
+    np.testing.assert_array_equal(np.diff(read.state.stamp), 10_000_000)
+
+
+def test_a_rate_is_of_a_table_only_and_not_beside_its_map(tmp_path, capsys):
+    log = tmp_path / 'log.csv'
+    log.write_text('q,tau\n1,2\n2,3\n')
+    words = ['new-machine', '--kind', 'linear_axis', '--rate', '100', '--bag']
+    assert main([*words, str(tmp_path)]) == 2
+    assert 'is of a table or of arrays, which' in capsys.readouterr().err
+    (tmp_path / 'log.columns.yaml').write_text('')
+    assert main([*words, str(log)]) == 2
+    assert 'so that --rate has no part in it' in capsys.readouterr().err
 
 
 def test_a_column_of_words_takes_no_other_ones_place(tmp_path):
