@@ -92,6 +92,10 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     derived = any(re.search(r'(?<![a-z])(dq|qdot)(?![a-z])', name.lower()) for name in names)
     pairs = zip(names, units or [''] * len(names), strict=True)
     rows = [_Name(name, unit, derived) for name, unit in pairs]
+    # the effort that was asked for stands for the effort where there is no other
+    if any(row.quantity == 'effort' and not row.wanted for row in rows):
+        for row in (x for x in rows if x.wanted):
+            row.quantity, row.why = '', 'a set-point of the effort'
     _told_by_units(rows)
     for row in rows:
         partners = [x for x in rows if x.quantity and x.key == row.key and x is not row]
@@ -220,13 +224,13 @@ class _Name:
             self.quantity = 'time'
         elif not quantity:
             self.why = _NAMES_NONE
-        elif role == 'command' and quantity == 'effort':
-            self.why = 'a set-point of the effort'
         elif not fits:
             self.why = f'no {quantity} is in {unit}'
         else:
             self.scale = maps.units_of(quantity).get(plain, 1.0)
-            self.quantity = f'command_{quantity}' if role == 'command' else quantity
+            asked = role == 'command' and quantity != 'effort'
+            self.quantity = f'command_{quantity}' if asked else quantity
+        self.wanted = role == 'command' and self.quantity == 'effort'
         self.key = tuple(word for _, key in rests for word in key)
         self.joint, last = '', -2
         for n, (spelled, key) in enumerate(rests):
