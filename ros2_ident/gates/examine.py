@@ -170,7 +170,7 @@ def _of_motion(
         return GateReport((*found, *apart))
     if data.command_position is None:
         # Gains are of no use without set-points; a kind that follows none needs none.
-        gains = data.commanded and not knows_gains(machine)
+        gains = data.goal is not None and not knows_gains(machine)
         missed = [NO_GAINS if gains else NO_COMMAND] if follows(machine) else []
         return GateReport((*found, *missed))
     if not (machine.known('position_gain') and machine.known('velocity_gain')):

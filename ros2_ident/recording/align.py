@@ -55,8 +55,8 @@ def align(
             of each joint.
         released: Whether a stream of set-points that stops before the state does means that the
             motors were switched off.
-        follows: Whether set-points of position drive the model; where not, of the command only
-            the effort asked for is taken.
+        follows: Whether set-points of position drive the model; where not, they and the effort
+            asked for are beside it.
 
     Returns:
         The data set. Its grid covers the command where there is one, else the state; where the
@@ -99,15 +99,17 @@ def align(
         if state and (values := state.column('position', name)) is not None:
             beside[name] = _between(state, values, begin, grid)
     arrived = {role: lay.quality(x) for role, x in lay.placed.items()}
-    said, efforts = tuple(dict.fromkeys(lay.warnings)), _asked(asking, names, begin, grid)
-    shown = (*set_point, *measured.values(), arrived, said, beside, off, efforts, commanded)
+    said = tuple(dict.fromkeys(lay.warnings))
+    efforts = _asked(asking, 'effort', names, begin, grid)
+    goal = _asked(asking, 'position', names, begin, grid) if commanded else None
+    shown = (*set_point, *measured.values(), arrived, said, beside, off, efforts, goal)
     return Dataset(names, float(cycle), begin, *shown)
 
 
 def _asked(
-    command: Stream | None, names: tuple[str, ...], begin: int, grid: FloatArray
+    command: Stream | None, field: str, names: tuple[str, ...], begin: int, grid: FloatArray
 ) -> FloatArray | None:
-    """Return the effort asked for (D, K), NaN for a drive without; None where there is none.
+    """Return what is asked for (D, K), NaN for a drive without; None where there is none.
 
     Beside a set-point of the motion an effort is a feed-forward, a part of what is asked for.
     """
@@ -115,10 +117,10 @@ def _asked(
         return None
     out = np.full((len(names), grid.size), np.nan)
     for row, name in zip(out, names, strict=True):
-        found = (command.column(field, name) for field in ('position', 'velocity'))
+        found = (command.column(x, name) for x in ('position', 'velocity'))
         moves = any(x is not None and np.nanmax(x) > np.nanmin(x) for x in found)
-        values = command.column('effort', name)
-        if values is not None and not moves:
+        values = command.column(field, name)
+        if values is not None and not (moves and field == 'effort'):
             row[:] = _between(command, values, begin, grid)
     return None if np.isnan(out).all() else out
 

@@ -2,7 +2,7 @@
 """Recorded motion smoothed without delay, its derivatives, and the lag between two signals."""
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 import math
 import sys
@@ -41,6 +41,7 @@ class Motion:
     reported: FloatArray | None  # the velocity that the drive reports (T,), NaN where none
     effort: FloatArray | None  # (T,), N m or N, NaN where none
     beside: FloatArray  # (M, T) positions of the other joints, rad or m
+    goal: FloatArray | None = None  # set-point of the position (T,), rad or m
 
     @property
     def resting(self) -> NDArray[np.bool_]:
@@ -69,8 +70,8 @@ def motion_of(recording: Recording, name: str) -> Motion:
         IdentError: Where the drive has too few samples, or no position.
     """
     period = sample_period(recording.state.stamp) if recording.state else 0.0
-    alone = replace(recording, command=None)
-    return motion_in(align(alone, [name], period or 1e-3, need=('position',)), name)
+    data = align(recording, [name], period or 1e-3, need=('position',), follows=False)
+    return motion_in(data, name)
 
 
 def motion_in(data: Dataset, name: str) -> Motion:
@@ -84,7 +85,8 @@ def motion_in(data: Dataset, name: str) -> Motion:
     others = [*np.delete(data.position, d, axis=0), *data.beside.values()]
     rows = [fill_gaps(row) for row in others if np.isfinite(row).sum() > 1]
     beside = low_pass(np.array(rows).reshape(len(rows), data.cycles), data.cycle, cutoff)
-    return Motion(data.cycle, position, velocity, acceleration, reported, effort, beside)
+    goal = None if data.goal is None or np.isnan(data.goal[d]).all() else data.goal[d]
+    return Motion(data.cycle, position, velocity, acceleration, reported, effort, beside, goal)
 
 
 def direction(velocity: FloatArray) -> FloatArray:

@@ -33,13 +33,15 @@ from ros2_ident.recording.streams import (
 # friction's, and positive. Of a joint that others load these are passes in one posture, the others
 # at rest. The standard error is that of sums over blocks of the log, so that noise and ripple of
 # any colour are allowed for (Liang and Zeger 1986, Biometrika 73(1)).
-Sign = Literal['right', 'reversed', 'unsigned', 'either', 'open']
+Sign = Literal['right', 'held', 'reversed', 'unsigned', 'either', 'open']
 
 # What is no torque of the drive as it was logged.
 WRONG: frozenset[Sign] = frozenset({'reversed', 'unsigned', 'either'})
 # What to say of it, with the remedy.
 SAID: dict[Sign, str] = {
     'right': 'the effort overcomes friction, so it has the sign of the motion',
+    'held': 'others move the drive, as the ground does a foot, and its effort draws it to its '
+    'set-point, so it has the sign of the motion',
     'reversed': 'where the same positions are passed both ways the effort takes power from the '
     'drive: its sign is reversed against the motion; negate the effort or the position in the '
     'driver, or for this log the torque_constant, of a table the scale',
@@ -78,7 +80,8 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
 
     Returns:
         `unsigned` where the effort never changes its sign while the drive reverses, though its
-        friction does, `either` where it may be reversed as well; `open` where it does not show.
+        friction does, `either` where it may be reversed as well; `held` where power is taken from
+        the drive, but its set-point tells the sign; `open` where it does not show.
     """
     assert motion.effort is not None
     effort, place = fill_gaps(motion.effort), motion.position
@@ -112,7 +115,25 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
             return 'unsigned'
         if power < -certain and known < _KNOWN:
             return 'either'
-    return 'right' if power > certain else 'reversed' if power < -certain else 'open'
+    if power < -certain:
+        return 'held' if _held(motion, effort) else 'reversed'
+    return 'right' if power > certain else 'open'
+
+
+def _held(motion: Motion, effort: FloatArray) -> bool:
+    """Whether an effort (T,) goes towards the set-point, by a law that explains it best.
+
+    So a controller answers what others do to the drive; where it makes the motion itself, inertia,
+    friction and weight explain more.
+    """
+    if motion.goal is None:
+        return False
+    rows = motion.goal - motion.position, motion.velocity, np.ones(effort.size), effort
+    *law, asked = motion.slowly(np.stack(rows))
+    gains = np.linalg.lstsq(np.stack(law, axis=1), asked, rcond=None)[0]
+    left = float(np.var(asked - gains @ law))
+    known = effort_lag(motion, effort)[1]
+    return gains[0] > 0.0 and left < (1.0 - known) * float(np.var(asked))
 
 
 def _power(

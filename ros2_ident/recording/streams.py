@@ -306,7 +306,8 @@ class Dataset:
         released: Cycle from which on the motors are switched off; None where they never are.
         command_effort: Effort asked for (D, K), in the unit of `effort`, NaN for drives that are
             told a motion; None where all are. No model is driven by it.
-        commanded: Whether the log has set-points of position, though none may drive a model.
+        goal: Set-points of position (D, K), rad or m, though none may drive a model; NaN for a
+            drive without; None where the log has none.
     """
 
     names: tuple[str, ...]
@@ -322,7 +323,7 @@ class Dataset:
     beside: Mapping[str, FloatArray] = field(default_factory=dict)
     released: int | None = None
     command_effort: FloatArray | None = None
-    commanded: bool = False
+    goal: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
@@ -342,7 +343,7 @@ class Dataset:
 
     @property
     def _arrays(self) -> dict[str, FloatArray]:
-        return _there(self, (*_SEEN, 'command_effort'))
+        return _there(self, (*_SEEN, 'command_effort', 'goal'))
 
     @property
     def digest(self) -> bytes:

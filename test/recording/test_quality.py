@@ -16,7 +16,7 @@ from ros2_ident.identify.data import gather
 from ros2_ident.models.registry import read_machine_file
 from ros2_ident.recording import align, check, read_bag, Recording, render, Stream
 from ros2_ident.recording.grid import cycle_of, missing_samples
-from ros2_ident.recording.motion import Motion, smooth_motion
+from ros2_ident.recording.motion import Motion, motion_of, smooth_motion
 from ros2_ident.recording.quality import sign_of
 
 REPO = Path(__file__).parents[2]
@@ -373,6 +373,47 @@ def test_the_size_of_a_current_with_an_idle_part_is_told_from_a_reversed_one():
     assert sign_of(replace(log, effort=np.abs(made) + 0.3), alone=True) == 'unsigned'
     assert sign_of(replace(log, effort=6.0 - made), alone=True) == 'reversed'
     assert sign_of(replace(log, effort=6.0 + made), alone=True) == 'right'
+
+
+def _pushed(seed, push=30.0, gain=40.0):
+    """Return a log of a joint under PD, with friction, that others push beside its set-point."""
+    rng, period = np.random.default_rng(seed), 5e-3
+    time = np.arange(0.0, 40.0, period)
+    waves = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 6.0, 3)
+    goal = 0.3 * np.sin(0.7 * time) + 0.1 * np.sin(1.9 * time + 1.0)
+    pushed = push * sum(
+        np.sin(2.0 * np.pi * f * time + phase) for f, phase in zip(*waves, strict=True)
+    )
+    place, speed, rows = goal[0], 0.0, []
+    for asked, load in zip(goal, pushed, strict=True):
+        effort = gain * (asked - place) - 2.0 * speed
+        rows.append((place, speed, effort))
+        speed += period * (effort + load - 1.5 * np.tanh(speed / 0.05)) / 0.5
+        place += period * speed
+    place, speed, effort = np.array(rows).T
+    effort = effort + rng.normal(0.0, 0.1, time.size)
+    stamp = (time * 1e9).round().astype(np.int64)
+    state = Stream(('a',), stamp, place[:, None], speed[:, None], effort[:, None])
+    return Recording(state, command=Stream(('a',), stamp, goal[:, None]), source='log')
+
+
+def test_where_others_do_the_work_the_set_point_tells_the_sign():
+    for seed in range(3):
+        log = _pushed(seed)
+        assert sign_of(motion_of(log, 'a')) == 'held'
+        without = replace(log, command=None)
+        assert sign_of(motion_of(without, 'a')) == 'reversed'
+        # what drives itself is reversed as before, though a stiff law would explain its effort
+        for gain in (40.0, 400.0):
+            itself = motion_of(_pushed(seed, push=0.0, gain=gain), 'a')
+            assert sign_of(itself) == 'right'
+            assert sign_of(replace(itself, effort=-itself.effort)) == 'reversed'
+
+
+def test_a_sign_that_the_set_point_tells_is_no_error():
+    report = check([_pushed(0)])
+    assert 'effort_sign' in codes(report, 'ok')
+    assert 'draws it to its set-point' in report.of('effort_sign')[0].sentence
 
 
 def _loop(seconds=20.0):
