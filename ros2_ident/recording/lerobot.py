@@ -122,12 +122,12 @@ def _described(path: Path, roles: Container[str]) -> tuple[float, str, _Columns]
 
 
 def _columns(feature: str, about: Mapping[str, Any]) -> Iterator[tuple[_Key, _Place]]:
-    """Yield what the numbers of a feature are; some robots list their names by group."""
+    """Yield what the numbers of a feature are; some robots list names by group, called or not."""
     names = about['names'] or ()
-    if isinstance(names, Mapping):
-        names = [x for group in names.values() for x in group]
+    groups = names.values() if isinstance(names, Mapping) else names
+    told = (x for group in groups for x in ([group] if isinstance(group, str) else group))
     role, standard = _FEATURES[feature]
-    for place, name in enumerate(map(str, names)):
+    for place, name in enumerate(map(str, told)):
         joint, _, ending = name.rpartition('.')
         if ending not in _ENDINGS or not joint:
             joint, ending = name, ''
@@ -143,7 +143,9 @@ def _values(file: Path, columns: _Columns) -> tuple[IntArray, IntArray, FloatArr
     for name in features:
         width = max(place for feature, place, _ in columns.values() if feature == name) + 1
         if table[name].dtype.kind not in 'biuf' or table[name].size != width * len(table[name]):
-            raise damaged(file, f'{name} has not {width} numbers in each row; correct it')
+            have = table[name].size // max(1, len(table[name]))
+            text = f'{INFO} names {width} numbers of {name}, its rows have {have}; correct one'
+            raise damaged(file, text)
         table[name] = table[name].reshape(-1, width)
     episode, frame = (table[x].astype(np.int64) for x in ('episode_index', 'frame_index'))
     values = [table[x][:, n].astype(np.float64) for x, n, _ in columns.values()]

@@ -217,12 +217,15 @@ def test_a_calibration_states_direction_and_counts(tmp_path, robot, turned):
     np.testing.assert_allclose(read.state.position, sign * half * percent / 100.0, atol=1e-6)
 
 
-def test_names_may_stand_in_groups_and_say_what_they_are(tmp_path):
+@pytest.mark.parametrize('grouped', [dict, list])
+def test_names_may_stand_in_groups_and_say_what_they_are(tmp_path, grouped):
     names = ('a.pos', 'a.vel', 'b', 'a.current')
     features = {'observation.state': np.stack([WAVE, 2.0 * WAVE, 3.0 * WAVE, 4.0 * WAVE], axis=1)}
     folder = write(tmp_path / 'log', 'v2.1', features, names=names)
     info = json.loads((folder / 'meta/info.json').read_text())
-    info['features']['observation.state']['names'] = {'motors': list(names)}
+    info['features']['observation.state']['names'] = (
+        {'motors': list(names)} if grouped is dict else [list(names[:3]), list(names[3:])]
+    )
     info['features']['observation.image'] = {'dtype': 'video', 'shape': [3, 4, 4], 'names': None}
     (folder / 'meta/info.json').write_text(json.dumps(info))
     (read,) = read_bag(folder, Topics(position_unit='rad'))
@@ -242,6 +245,12 @@ def test_names_may_stand_in_groups_and_say_what_they_are(tmp_path):
         ('so101.json', b'{"a": {"range_max": 1%0999d, "range_min": 0}}' % 0, 'no calibration'),
         ('data/chunk-000/file-000.parquet', b'PAR1', 'cannot be read'),
         ('data/chunk-000/file-000.parquet', None, 'holds no data'),
+        (
+            'meta/info.json',
+            b'{"codebase_version": "v3.0", "fps": 1, "features": '
+            b'{"observation.state": {"names": ["a", "b"]}}}',
+            'names 2 numbers of .*, its rows have 1',
+        ),
         ('so101.json', b'{"a": 1}', 'is no calibration of LeRobot'),
         ('so101.json', b'{}', '-100 to 100 is the travel of shoulder_pan, which nothing states'),
     ],
