@@ -65,6 +65,7 @@ _SECONDS = {1.0: 's', 1e-3: 'ms', 1e-6: 'us', 1e-9: 'ns'}
 _HEAD = 200
 _HOLDS_WORDS = 'holds words'
 _NAMES_NONE = 'names no position, velocity or effort'
+_NO_ROWS = 'it has no row of numbers for each time'
 
 
 @dataclass(frozen=True)
@@ -499,8 +500,10 @@ class Header:
         if self.words:
             raise maps.refuse(path, self.words)
         names = [x.name for x in self.columns]
-        if not any(names):
-            raise maps.refuse(path, 'holds no array with a row of numbers for each time')
+        if all(x.why == _NO_ROWS for x in self.columns):
+            others = f', but {listed(names, 20)}' * bool(names)
+            text = f'holds no array with a row of numbers for each time{others}; save such: of a '
+            raise maps.refuse(path, f'{text}timeseries of MATLAB its Time and its Data')
         if not self.named:
             form = ('1=time', '2=joint_1.position', '3=joint_1.effort')[timed:]
             text = f'has {self.columns[0].why}; say what its columns are by their numbers, as by '
@@ -626,7 +629,7 @@ def _of_arrays(path: Path) -> Header:
     read = zip(meanings([x[begin:] for x in cells]), cells, strict=True)
     columns = [replace(x, name=cell) for x, cell in read]
     others = [x for x in sizes if x not in each]
-    columns += [Meaning(x, why='it has no row of numbers for each time') for x in others]
+    columns += [Meaning(x, why=_NO_ROWS) for x in others]
     return Header(tuple(columns), (*cells, *others), '', '.', 0, False)
 
 

@@ -19,8 +19,9 @@ from ros2_ident.recording.limits import require_memory, total_of
 _FORMATS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 9: 'f8'}
 _FORMATS |= {12: 'i8', 13: 'u8'}
 _MATRIX, _COMPRESSED = 14, 15
-# Classes of arrays: structures, and numbers from double to uint64; all others are passed over.
-_STRUCTURE, _NUMBERS, _COMPLEX = 2, range(6, 16), 0x0800
+# Classes of arrays: structures, numbers from double to uint64, and objects, as a timeseries, of
+# which only MATLAB knows what they hold; all others are passed over.
+_STRUCTURE, _NUMBERS, _OBJECT, _COMPLEX = 2, range(6, 16), 17, 0x0800
 # Whole numbers and texts as MATLAB writes them, and as others do.
 _WHOLE, _TEXTS = (5, 6), (1, 2, 16)
 _HEADER, _DEEPEST = 128, 8
@@ -28,6 +29,8 @@ _HEADER, _DEEPEST = 128, 8
 
 def arrays_of(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the arrays of numbers in a file's bytes, those of structures by paths with points.
+
+    Of an object an empty one.
 
     Raises:
         ValueError: The file is damaged, or of another level.
@@ -89,6 +92,9 @@ def _matrix(
     if not data:  # an empty array in a structure
         return
     flags = int(_numbers(6, part(6), order)[0])
+    if flags & 0xFF == _OBJECT:
+        yield before + (name or part(*_TEXTS).decode('latin-1')), np.empty(0)
+        return
     shape = tuple(_numbers(5, part(*_WHOLE), order).tolist())
     own = part(*_TEXTS).decode('latin-1')
     name = name or own  # empty in a structure
@@ -107,7 +113,8 @@ def _matrix(
         values = _numbers(*next(parts, (0, b'')), order)
         if min(shape, default=0) < 0 or math.prod(shape) != values.size:
             raise ValueError(f'{values.size} numbers in an array of {shape}')
-        yield before + name, values.reshape(shape, order='F')
+        if before + name:  # what has no name holds objects
+            yield before + name, values.reshape(shape, order='F')
 
 
 def _numbers(kind: int, data: bytes, order: str) -> NDArray[Any]:

@@ -2,6 +2,7 @@
 """Files of arrays: the same recordings to the bit as from a CSV file of the same numbers."""
 
 import json
+import struct
 
 import numpy as np
 import pytest
@@ -257,3 +258,29 @@ def test_data_in_other_files_are_none_of_this_one(tmp_path):
     )
     with pytest.raises(IdentError, match="has no array 'q', its arrays are time"):
         read_bag(tmp_path / 'log.hdf5', Topics(columns=str(tmp_path / 'map.yaml')))
+
+
+def _packed(kind, payload):
+    """Return a data element of a MATLAB file."""
+    return struct.pack('<II', kind, len(payload)) + payload + bytes(-len(payload) % 8)
+
+
+@pytest.mark.parametrize('beside', [False, True])
+def test_objects_of_matlab_are_named_and_what_else_to_save(tmp_path, capsys, beside):
+    path = tmp_path / 'log.mat'
+    wave = np.sin(0.1 * np.arange(ROWS))
+    values = {'time': 0.02 * np.arange(ROWS), 'arm_pos': wave, 'arm_tau': np.gradient(wave)}
+    scipy.io.savemat(path, values if beside else {'Ts': 0.02})
+    # as MATLAB writes a timeseries, and what objects hold behind all else, without a name
+    flags, name = _packed(6, struct.pack('<II', 17, 0)), _packed(1, b'p1')
+    held = np.zeros(3, np.uint8).tobytes()
+    unnamed = _packed(6, struct.pack('<II', 9, 0)) + _packed(5, struct.pack('<ii', 1, 3))
+    unnamed += _packed(1, b'') + _packed(2, held)
+    texts = _packed(1, b'MCOS') + _packed(1, b'timeseries')
+    with path.open('ab') as file:
+        file.write(_packed(14, flags + name + texts) + _packed(14, unnamed))
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(path)]
+    assert main([*words, '--out', str(tmp_path / 'm.yaml')]) == (0 if beside else 2)
+    said = capsys.readouterr().err
+    none = 'holds no array with a row of numbers for each time, but Ts, p1; save such: of a '
+    assert ('p1       - (it has no row' in said) if beside else (f'{none}timeseries' in said)
