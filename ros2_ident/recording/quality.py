@@ -99,7 +99,7 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
     turns = np.count_nonzero(np.diff(np.sign(motion.velocity[moving])))
     # There and back once, direction is a function of time: what drifts looks like friction.
     power = _power(motion, effort, others, there) if turns > 1 else np.nan
-    certain = -scipy.special.stdtrit(_BLOCKS - 1, _CHANCE)
+    certain = _certain()
     top = float(np.percentile(effort, 99))
     if effort.min() >= -_PASSES * top:
         # A weight keeps away from zero; the size of an effort falls to it when its sign changes.
@@ -118,6 +118,11 @@ def sign_of(motion: Motion, alone: bool = False) -> Sign:
     if power < -certain:
         return 'held' if _held(motion, effort) else 'reversed'
     return 'right' if power > certain else 'open'
+
+
+def _certain() -> float:
+    """Return what a sign's slope over its standard error has to reach."""
+    return float(-scipy.special.stdtrit(_BLOCKS - 1, _CHANCE))
 
 
 def _held(motion: Motion, effort: FloatArray) -> bool:
@@ -159,13 +164,21 @@ def _power(
     rows = rows - (sums / np.maximum(np.bincount(cell), 1))[:, cell]
     # The part of the velocity that positions, accelerations and drifts cannot have.
     other = rows[1:-1].T / np.maximum(np.linalg.norm(rows[1:-1], axis=1), 1e-300)
-    both = rows[[0, -1]].T
+    return _certainty(rows[0], other, rows[-1])
+
+
+def _certainty(own: FloatArray, other: FloatArray, target: FloatArray) -> float:
+    """Return the slope of a target (T,) on its own row (T,) over its standard error.
+
+    What other columns (T, P) can have of both is left out.
+    """
+    both = np.stack([own, target], axis=1)
     own, left = (both - other @ np.linalg.lstsq(other, both, rcond=None)[0]).T
-    damping = (own @ left) / max(own @ own, 1e-300)
-    block = np.arange(at.size) * _BLOCKS // at.size
-    scores = np.bincount(block, own * (left - damping * own))
+    slope = (own @ left) / max(own @ own, 1e-300)
+    block = np.arange(own.size) * _BLOCKS // own.size
+    scores = np.bincount(block, own * (left - slope * own))
     spread = np.sqrt((scores @ scores) * _BLOCKS / (_BLOCKS - 1))
-    return float(damping * (own @ own) / max(spread, 1e-300))
+    return float(slope * (own @ own) / max(spread, 1e-300))
 
 
 # Samples that are no measurement: frozen, held, a register's bits, or another quantity.
@@ -576,6 +589,17 @@ def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:
     return lag if known else math.nan, share
 
 
+def _backward(motion: Motion, effort: FloatArray) -> bool:
+    """Whether the motion explains an effort (T,), with an inertia that is certainly negative."""
+    lag, share = effort_lag(motion, effort)
+    late = 0 if math.isnan(lag) else round(lag / motion.period)
+    if share < _KNOWN:
+        return False
+    columns = motion.regressors[: motion.position.size - late]
+    asked = motion.slowly(fill_gaps(effort))[late:]
+    return _certainty(columns[:, 0], columns[:, 1:], asked) < -_certain()
+
+
 def _explained_moving(motion: Motion, effort: FloatArray, lag: float) -> float:
     """Return the share of an effort, `lag` s late, that is explained while the drive moves.
 
@@ -614,6 +638,12 @@ def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
         text += 'effort_unit with torque_constant or rated_torque in the machine file'
         yield 'warn', 'effort_unit', text
     lag, share = effort_lag(motion, effort)
+    if sign == 'open' and not motion.beside.size and _backward(motion, effort):
+        text = f'a negative inertia, friction and gravity explain {100.0 * share:.0f} % of the '
+        text += 'effort: unless what is not logged loads this joint, its sign is reversed against '
+        text += 'the motion; for this log negate the torque_constant, of a table the scale'
+        yield 'warn', 'effort_backward', text
+        return
     share = max(share, _explained_moving(motion, effort, lag))
     text = f'inertia, friction and gravity of this joint explain {100.0 * share:.0f} % of its '
     if share < 0.3:

@@ -410,6 +410,31 @@ def test_where_others_do_the_work_the_set_point_tells_the_sign():
             assert sign_of(replace(itself, effort=-itself.effort)) == 'reversed'
 
 
+def _single(seed, others=()):
+    """Return a log of a joint that turns fast with little friction, once each way."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 8.0, 5e-3)
+    speed = np.sin(np.pi * time / 4.0) * (1.0 + rng.uniform(0.2, 0.4) * np.sin(7.0 * time))
+    place, change = np.cumsum(speed) * 5e-3, np.gradient(speed, 5e-3)
+    effort = 0.4 * change + 0.05 * speed + 1.5 * np.sin(place) + rng.normal(0.0, 0.02, time.size)
+    names = ('a', *others)
+    rows = [np.stack([x, *([x] * len(others))], axis=1) for x in (place, speed, effort)]
+    return Recording(Stream(names, (time * 1e9).round().astype(np.int64), *rows), source='log')
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_joint_that_moves_alone_has_no_negative_inertia(seed):
+    right = _single(seed)
+    turned = replace(right, state=replace(right.state, effort=-right.state.effort))
+    assert 'effort_backward' not in codes(check([right]), 'warn')
+    (found,) = check([turned]).of('effort_backward')
+    assert 'a negative inertia, friction and gravity explain' in found.sentence
+    # what another joint loads may show one
+    two = _single(seed, others=('b',))
+    turned = replace(two, state=replace(two.state, effort=-two.state.effort))
+    assert 'effort_backward' not in codes(check([turned]), 'warn')
+
+
 def test_a_sign_that_the_set_point_tells_is_no_error():
     report = check([_pushed(0)])
     assert 'effort_sign' in codes(report, 'ok')
