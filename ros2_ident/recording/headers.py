@@ -26,19 +26,20 @@ from ros2_ident.recording.table import array_sizes, ARRAYS, text_of
 # Words of names: English and German, textbooks' symbols, common drivers. Where another word names
 # a quantity, a faint one does not (`current_position`, `load.position`).
 _WORDS = {
-    'position': 'pos posn position positions angle angles winkel lage weg '
+    'position': 'pos posn qpos position positions angle angles winkel lage weg '
     'displacement displacements',
-    'velocity': 'vel velo velocity velocities speed speeds omega dq qdot geschwindigkeit drehzahl',
+    'velocity': 'vel velo qvel velocity velocities speed speeds omega dq qdot geschwindigkeit '
+    'drehzahl',
     'effort': 'eff effort efforts torque torques tau tor tq trq currents curr amps iq force '
     'moment momenten drehmoment drehmomenten strom kraft',
     'command': 'cmd command commands commanded ref reference references set setpoint setpoints '
-    'desired des demand demanded goal target input action soll sollwert interpolated ipo',
+    'desired des demand demanded goal target input action actions soll sollwert interpolated ipo',
     'measured': 'act actual meas measured present feedback fb estimate est estimated ist istwert '
-    'observation averaged avg',
+    'observation observations averaged avg',
     'other': 'ext external gravity grav coriolis ff feedforward err error following deviation '
     'temp temperature temperatures voltage volt acc accel acceleration ddq qdd jerk tcp pose kp '
     'kd ki gain limit scaling computed cmptd calculated calc',
-    'time': 'time t stamp timestamp clock zeit sec secs seconds',
+    'time': 'time times t stamp stamps timestamp timestamps clock zeit sec secs seconds',
     'vague': 'value values state states data controller control trajectory mapper foc rel header '
     'field raw',
     'treated': 'filtered filt fil gefiltert smoothed compensated compensate',
