@@ -75,12 +75,12 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
     """Return what a bag holds, of a table or arrays by their map, or one made from the names."""
     from ros2_ident.recording import read_bag
     from ros2_ident.recording.columns import MAP_SUFFIX
-    from ros2_ident.recording.table import ARRAYS, TABLES
+    from ros2_ident.recording.table import of_columns
 
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
     made = Path(args.columns) if args.columns else where
-    named = path.suffix.lower() in (*TABLES, *ARRAYS) and path.is_file()
+    named = path.exists() and of_columns(path)
     option = '--column' if args.column else '--rate' if args.rate else ''
     if option and not named:
         raise ErrorCode.INVALID_GOAL.error(

@@ -18,7 +18,7 @@ from ros2_ident.recording.maps import JOINT_STATE, kinds, map_of, nameless, role
 from ros2_ident.recording.scan import scan
 from ros2_ident.recording.storage import Damage, damaged, digest, storage_files, SUFFIXES, unpacked
 from ros2_ident.recording.streams import FloatArray, IntArray, Recording, ROLES
-from ros2_ident.recording.table import ARRAYS, read_columns, TABLES
+from ros2_ident.recording.table import ARRAYS, of_columns, read_columns, TABLES
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def read_bag(
 
     Args:
         path: A bag directory with or without metadata.yaml, a bare `.mcap`, `.db3` or `.bag`
-            file, a `.csv` file, or a LeRobot folder.
+            file, a `.csv` file, arrays, or a LeRobot folder.
         topics: Which topics to read; the default names where None.
         travel: Ends of the machine's joints, by which a LeRobot folder's unit is told.
         drives: The machine's joints, whose order is taken where messages name none.
@@ -100,8 +100,7 @@ def read_bag(
     path = Path(path)
     topics = topics or Topics()
     try:
-        suffix = path.suffix.lower()
-        if suffix in TABLES or (suffix in ARRAYS and not path.is_dir()):
+        if of_columns(path):
             return read_columns(path, topics.columns)
         if (path / INFO).is_file():  # a LeRobot folder
             roles = [role for role in ROLES if topics.topic(role)]

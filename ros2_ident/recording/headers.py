@@ -543,7 +543,7 @@ def header_of(path: Path) -> Header:
         IdentError: INVALID_GOAL where the table holds words only, one value a row, a row for each
             quantity, or a time for each channel.
     """
-    if path.suffix.lower() in ARRAYS:
+    if path.is_dir() or path.suffix.lower() in ARRAYS:
         return _of_arrays(path)
     lines = list(islice(io.StringIO(text_of(path), newline=''), _HEAD))
     delimiter = max(',;\t', key=lambda x: sum(line.count(x) for line in lines))

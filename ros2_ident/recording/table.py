@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Logs of columns, read by a column map: tables (CSV), and files of arrays with names.
+"""Logs of columns, read by a column map: tables (CSV), and arrays with names.
 
-Of arrays: NumPy, MATLAB, HDF5, Parquet, JSON lines.
+Of arrays: NumPy, MATLAB, HDF5, Parquet, JSON lines; or a folder with a file for each quantity.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, ExitStack, suppress
+from contextlib import AbstractContextManager, contextmanager, ExitStack, suppress
 import csv
 from dataclasses import replace
 from decimal import Decimal
@@ -31,7 +31,8 @@ from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import Cell, ColumnMap, MAP_SUFFIX, refuse
 from ros2_ident.recording.limits import listed, printable, require_memory, short
 from ros2_ident.recording.matlab import arrays_of
-from ros2_ident.recording.storage import counted, damaged, digest
+from ros2_ident.recording.storage import counted, damaged, digest, SUFFIXES
+from ros2_ident.recording.storage import NAME as BAG_NAME
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
 
 TABLES = ('.csv', '.tsv', '.txt')
@@ -47,8 +48,23 @@ _Row = tuple[int, list[str]]
 _Convert = Callable[[str], Any]
 
 
+def arrays_in(path: Path) -> list[Path]:
+    """Return the files of arrays in a folder that is no bag, by their names; none of a file."""
+    files = [x for x in path.iterdir() if x.is_file()] if path.is_dir() else []
+    if any(x.suffix in SUFFIXES or x.name == BAG_NAME for x in files):
+        return []
+    return sorted(x for x in files if x.suffix.lower() in _PARTS)
+
+
+def of_columns(path: Path) -> bool:
+    """Return whether a column map says what a log is: a table, or arrays."""
+    if path.is_dir():
+        return bool(arrays_in(path))
+    return path.suffix.lower() in (*TABLES, *ARRAYS)
+
+
 def read_columns(path: Path, columns: str | Path = '') -> list[Recording]:
-    """Read a table, a text file with one row per sample, or arrays of samples.
+    """Read a table, a text file with one row per sample, or arrays of samples: a file or folder.
 
     Args:
         columns: The column map; where empty, `NAME.columns.yaml` beside the file.
@@ -62,7 +78,7 @@ def read_columns(path: Path, columns: str | Path = '') -> list[Recording]:
         IdentError: NO_DATA, MISSING_STREAM, BAD_VALUES, DAMAGED_BAG, or INVALID_GOAL for the map
             and for a library that is not there; each with the remedy.
     """
-    arrays = path.suffix.lower() in ARRAYS
+    arrays = path.is_dir() or path.suffix.lower() in ARRAYS
     if why := unreadable(path):
         kind = 'a log' if arrays else 'a bag or a CSV file'
         raise ErrorCode.NO_DATA.error(f'{path}: {why}; give the path of {kind}')
@@ -107,7 +123,9 @@ def _recorded(
         text = f'the rows are {period * 1e-9:g} s apart; correct the unit of the time in '
         raise _bad(path, f'{text}{where.name}: s, ms, us or ns')
     source = f'{path}/{key}' if key else str(path)
-    builder = RecordingBuilder(source, digest([path, where]), warnings=warnings)
+    builder = RecordingBuilder(
+        source, digest([*(arrays_in(path) or [path]), where]), warnings=warnings
+    )
     units = maps.stated_units(str(where), layout.columns)
     builder.add_columns(stamp, maps.summed(str(path), layout.columns, stamp, values), units)
     return builder.build()
@@ -247,7 +265,7 @@ def array_sizes(path: Path) -> dict[str, tuple[int, int]]:
         IdentError: DAMAGED_BAG for a file that cannot be read, INVALID_GOAL without its library.
     """
     found = {}
-    with _careful(path), _OPEN[path.suffix.lower()](path) as (names, get, _):
+    with _careful(path), _opened(path) as (names, get, _):
         for name in names:
             array = get(name)
             table = array.ndim in (1, 2) and array.dtype.kind in 'biufM'
@@ -261,7 +279,7 @@ def _read_arrays(path: Path, where: Path) -> list[Recording]:
     found = []
     with ExitStack() as stack:
         with _careful(path):
-            names, get, warnings = stack.enter_context(_OPEN[path.suffix.lower()](path))
+            names, get, warnings = stack.enter_context(_opened(path))
         if not where.exists():
             text = f'needs the column map {where}; write it as in docs/logs.md, or by '
             raise refuse(path, f'{text}`{_draft(path)}`; it holds {listed(names, 20)}')
@@ -370,6 +388,30 @@ def _careful(path: Path) -> Iterator[None]:
     except Exception as exc:  # libraries let whatever damaged bytes cause through
         said = printable(' '.join(str(exc).split()) or type(exc).__name__, 120)
         raise damaged(path, f'cannot be read ({said}); write or copy it again') from None
+
+
+def _opened(path: Path) -> AbstractContextManager[_Opened]:
+    return _folder(path) if path.is_dir() else _OPEN[path.suffix.lower()](path)
+
+
+@contextmanager
+def _folder(path: Path) -> Iterator[_Opened]:
+    """Give the arrays of all files; what a file holds alone has the file's name."""
+    found: dict[str, Callable[[], NDArray[Any]]] = {}
+    with ExitStack() as stack:
+        for file in arrays_in(path):
+            names, get, _ = stack.enter_context(_opened(file))
+            for name in names:
+                found[file.stem if len(names) == 1 else f'{file.stem}.{name}'] = partial(get, name)
+        yield [*found], lambda name: found[name](), ()
+
+
+@contextmanager
+def _single(path: Path) -> Iterator[_Opened]:
+    require_memory(f'{path}: its values take', 3 * path.stat().st_size)
+    values = np.load(path, allow_pickle=False)
+    fields = values.dtype.names
+    yield [*(fields or (path.stem,))], lambda name: values[name] if fields else values, ()
 
 
 @contextmanager
@@ -489,5 +531,7 @@ def _leaves(row: Mapping[str, Any], before: str = '', deep: int = 0) -> Iterator
 # Lines in which names are looked for.
 _SHOWN = 100
 _OPEN = {'.npz': _numpy, '.mat': _matlab, '.hdf5': _hdf5, '.h5': _hdf5, '.parquet': _parquet}
-_OPEN |= {'.jsonl': _json_lines}
+_OPEN |= {'.jsonl': _json_lines, '.npy': _single}
 ARRAYS = tuple(_OPEN)
+# Files of which a folder may hold one for each quantity.
+_PARTS = ('.npy', '.npz', '.mat')

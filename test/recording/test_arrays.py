@@ -149,6 +149,59 @@ def test_a_map_is_written_by_the_names_of_arrays(tmp_path, capsys, suffix):
     assert ('short           - (it has no row of numbers for each time)' in said) == bool(short)
 
 
+def npy(path, values):
+    np.save(path, np.column_stack([values['q'], values['tau']]))
+
+
+def of_fields(path, values):
+    rows = [(*q, *tau) for q, tau in zip(values['q'], values['tau'], strict=True)]
+    np.save(path, np.array(rows, dtype=[(x, 'f8') for x in ('q0', 'q1', 'i0', 'i1')]))
+
+
+@pytest.mark.parametrize(
+    ('write', 'names'),
+    [(npy, ('log[0]', 'log[1]', 'log[2]', 'log[3]')), (of_fields, ('q0', 'q1', 'i0', 'i1'))],
+)
+def test_an_array_without_a_name_is_told_by_options(tmp_path, write, names):
+    values = samples()
+    log = tmp_path / 'log.npy'
+    write(log, values)
+    places = ('a.position', 'b.position', 'a.effort', 'b.effort')
+    told = [y for x in zip(names, places, strict=True) for y in ('--column', '='.join(x))]
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--rate', '250']
+    assert main([*words, *told, '--out', str(tmp_path / 'm.yaml')]) == 0
+    read = read_bag(log)[0]
+    np.testing.assert_array_equal(read.state.position, values['q'])
+    np.testing.assert_array_equal(read.effort.effort, values['tau'])
+
+
+@pytest.mark.parametrize('suffix', ['.npy', '.mat'])
+def test_a_folder_of_arrays_is_read_as_one_file_of_them(tmp_path, capsys, suffix):
+    values, run = samples(), tmp_path / 'run'
+    run.mkdir()
+    for name, x in values.items():
+        if suffix == '.npy':
+            np.save(run / name, x)
+        else:
+            scipy.io.savemat(run / f'{name}.mat', {'ans': x})
+    (run / 'notes.txt').write_text('the second run')
+    assert main(['check', str(run)]) == 2
+    assert 'it holds dq, goal, q, tau, time' in capsys.readouterr().err
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(run)]
+    assert main([*words, '--out', str(tmp_path / 'm.yaml')]) == 0
+    whole = tmp_path / 'whole.npz'
+    np.savez(whole, **values)
+    (read,) = read_bag(run)
+    assert equal(read_bag(whole, Topics(columns=str(tmp_path / 'run.columns.yaml'))), [read])
+    np.testing.assert_array_equal(read.state.position, values['q'])
+    # what changes in one of the files changes the log
+    np.savez(run / 'more.npz', one=values['q'], two=values['tau'])
+    assert read_bag(run)[0].sha256 != read.sha256
+    (run / 'bag.mcap').write_bytes(b'')
+    with pytest.raises(IdentError, match='is empty'):
+        read_bag(run)
+
+
 def test_arrays_without_a_time_are_refused_with_the_remedy(tmp_path, capsys):
     np.savez(tmp_path / 'log.npz', data=np.zeros((ROWS, 7)), gain=2.0)
     words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.npz')]
