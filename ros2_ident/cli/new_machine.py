@@ -126,7 +126,7 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
     # joints that have numbers are as many as the drives with or without such as are not driven
     header = header_of(path).timed(args.rate)
     header = header.called(args.drives).driven(args.column, named).called(args.drives)
-    header = header.assigned(args.column)
+    header = header.assigned(args.column).driven(args.column, named)
     header.require_told(path)
     effort = _bounded_by_effort(args)
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)

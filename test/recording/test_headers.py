@@ -236,3 +236,13 @@ def test_a_log_of_a_drive_that_stands_still_is_refused(tmp_path, capsys, still, 
     assert main(words) == 2
     said = f'the {still} of joint_1 stays the same, so that the log tells nothing'
     assert said in capsys.readouterr().err
+
+
+def test_what_no_option_names_and_no_effort_drives_is_left_out(tmp_path, capsys):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows(log, 'time,theta,phidot,i_mot', '{t},{a},{b},{a}')
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--out', str(out)]
+    told = ['--column', 'phidot=wheel.velocity', '--column', 'i_mot=wheel.effort*0.3']
+    assert main([*words, *told]) == 0
+    assert "theta   - (no effort and no set-point of 'joint_1')" in capsys.readouterr().err
+    assert read_bag(log)[0].state.names == load_machine(out).drives == ('wheel',)
