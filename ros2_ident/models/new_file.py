@@ -182,9 +182,16 @@ def one_joint_file(
     if links:
         # The axis lies level; where the link hangs the two moments say.
         table = 'dh_a: [0], dh_alpha: [1.5707963], dh_d: [0], dh_theta: [0]'
+        # near a swing's own frequency weight and inertia need no effort: what counts of the motion
+        # is what the other one cannot have
+        ways = np.stack([np.sin(motion.position), np.cos(motion.position)])
+        change = motion.acceleration[None]
+        least = (np.linalg.norm(_apart(*x), -2) for x in ((change, ways), (ways, change)))
+        mass, pull = (2.0 * most * len(ways.T) ** 0.5 / max(float(x), 1e-12) for x in least)
+        moment = pull / 9.81
         return (
             f'{head}geometry: {{{table}}}      # one joint with a level axis\n{period}'
-            f'parameters:\n  link_moment: [{-most / 9.81:.3g}, {most / 9.81:.3g}, kg m]\n'
+            f'parameters:\n  link_moment: [{-moment:.3g}, {moment:.3g}, kg m]\n'
             f'  drive_inertia: [0.0, {mass:.3g}, kg m^2]\n'
             f'  coulomb_torque: [0.0, {most:.3g}, N m]\n'
             f'  viscous_torque: [0.0, {viscous:.3g}, N m s/rad]\n{delay}'
@@ -199,6 +206,11 @@ def one_joint_file(
         f'  viscous_friction: [0.0, {viscous:.3g}, {units[2]}]\n'
         f'  constant_force: [{-most:.3g}, {most:.3g}, {units[1]}]\n{delay}'
     )
+
+
+def _apart(rows: FloatArray, others: FloatArray) -> FloatArray:
+    """Return rows (P, T) less what other ones (Q, T) can have of them."""
+    return np.asarray(rows - rows @ np.linalg.pinv(others) @ others)
 
 
 def _weight(motion: Motion, logged: FloatArray) -> float:

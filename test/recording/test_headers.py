@@ -246,3 +246,25 @@ def test_what_no_option_names_and_no_effort_drives_is_left_out(tmp_path, capsys)
     assert main([*words, *told]) == 0
     assert "theta   - (no effort and no set-point of 'joint_1')" in capsys.readouterr().err
     assert read_bag(log)[0].state.names == load_machine(out).drives == ('wheel',)
+
+
+def swing(tmp_path, rate):
+    """Write a log of a pendulum and its machine file: J 0.2 kg m^2, M g 2 N m, little friction."""
+    time = np.arange(0.0, 20.0, 0.01)
+    # about its own frequency, weight and inertia need little effort
+    place = 0.1 * np.sin(0.9 * np.sqrt(2.0 / 0.2) * time) + 0.05 * np.sin(rate * time)
+    speed = np.gradient(place, time)
+    effort = 0.2 * np.gradient(speed, time) + 2.0 * np.sin(place) + 0.02 * speed
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    np.savetxt(log, np.column_stack([time, place, effort]), '%.7g', ',', header='t,pos,tau')
+    main(['new-machine', '--kind', 'serial', '--bag', str(log), '--out', str(out)])
+    return log, out
+
+
+@pytest.mark.parametrize('rate', [4.0, 5.0])
+def test_bounds_hold_the_weight_of_a_swing_near_its_own_frequency(tmp_path, rate):
+    log, out = swing(tmp_path, rate)
+    bounds = yaml.safe_load(out.read_text())['parameters']['link_moment']
+    # the largest effort alone would be far less than what it is the weight of
+    assert np.abs(read_bag(log)[0].effort.effort).max() < 0.5 * 2.0
+    assert bounds[0] < -2.0 / 9.81 and bounds[1] > 2.0 / 9.81
