@@ -102,7 +102,7 @@ def align(
     said = tuple(dict.fromkeys(lay.warnings))
     efforts = _asked(asking, 'effort', names, begin, grid)
     goal = _asked(asking, 'position', names, begin, grid) if commanded else None
-    shown = (*set_point, *measured.values(), arrived, said, beside, off, efforts, goal)
+    shown = (*set_point, *measured.values(), arrived, said, beside, off, efforts, goal, found)
     return Dataset(names, float(cycle), begin, *shown)
 
 

@@ -308,6 +308,7 @@ class Dataset:
             told a motion; None where all are. No model is driven by it.
         goal: Set-points of position (D, K), rad or m, though none may drive a model; NaN for a
             drive without; None where the log has none.
+        integrated: Drives whose position was not measured: it is the integral of the speed.
     """
 
     names: tuple[str, ...]
@@ -324,6 +325,7 @@ class Dataset:
     released: int | None = None
     command_effort: FloatArray | None = None
     goal: FloatArray | None = None
+    integrated: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""

@@ -18,8 +18,8 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.run import problem_of, read_data, solve
 from ros2_ident.identify.settings import IdentifySettings
-from ros2_ident.models import load_machine
-from ros2_ident.recording import read_bag
+from ros2_ident.models import load_machine, make_model
+from ros2_ident.recording import align, read_bag
 from ros2_ident.recording.headers import header_of, meanings
 
 DEGREE, TURN = math.pi / 180.0, 2.0 * math.pi
@@ -268,3 +268,17 @@ def test_bounds_hold_the_weight_of_a_swing_near_its_own_frequency(tmp_path, rate
     # the largest effort alone would be far less than what it is the weight of
     assert np.abs(read_bag(log)[0].effort.effort).max() < 0.5 * 2.0
     assert bounds[0] < -2.0 / 9.81 and bounds[1] > 2.0 / 9.81
+
+
+@pytest.mark.parametrize('measured', [True, False])
+def test_an_integral_of_a_speed_shows_nothing_of_places(tmp_path, measured):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    names = ['time', 'pos', 'vel', 'tau']
+    rows(log, ','.join(x for x in names if measured or x != 'pos'), '{t},{a},{b},{b}'
+         if measured else '{t},{b},{b}')  # fmt: skip
+    main(['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--out', str(out)])
+    machine = load_machine(out)
+    model = make_model(machine, align(read_bag(log)[0], machine.drives, 0.01))
+    offered = {at.effect for at in model.extensions()}
+    assert 'stribeck' in offered
+    assert ('end_stop' in offered) is ('cable_spring' in offered) is measured

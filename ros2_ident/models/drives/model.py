@@ -232,6 +232,8 @@ class DriveModel(MachineModel):
             for effect in CATALOGUE.values()
             if effect.applies(context)
             for where in (self.drives if effect.place == 'drive' else ('all',))
+            # the errors of a speed add up on the way: its integral comes back to no place
+            if not (effect.family == 'position' and where in self.data.integrated)
         )
 
     # ------------------------------------------------------------------ candidates to rows
