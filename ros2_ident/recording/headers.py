@@ -66,6 +66,10 @@ _SECONDS = {1.0: 's', 1e-3: 'ms', 1e-6: 'us', 1e-9: 'ns'}
 _HEAD = 200
 _HOLDS_WORDS = 'holds words'
 _NAMES_NONE = 'names no position, velocity or effort'
+_LONG = (
+    'holds one value a row; make it a table with a column for each of its quantities, as by the '
+    'pivot of pandas'
+)
 _NO_ROWS = 'it has no row of numbers for each time'
 
 
@@ -581,7 +585,10 @@ def header_of(path: Path) -> Header:
     if not wide:
         if not held:
             said = 'is empty; record again'
-            if len(rows) > 1:
+            ends = [row for row in rows if row and _is_number(row[-1], decimal)]
+            if len(ends) > 1 and 2 * len({row[0] for row in ends}) <= len(ends) == len(rows):
+                said = _LONG
+            elif len(rows) > 1:
                 said = _wordy(zip(rows[0], rows[1], strict=False), decimal)
             raise maps.refuse(path, said)
         if usual > len(rows):  # fewer times than quantities
@@ -640,8 +647,7 @@ def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Seque
     others = [x for x in columns if x.why != _HOLDS_WORDS and x.quantity != 'time' and x.name]
     times = [n for n, x in enumerate(columns) if x.quantity == 'time'][:1]
     if words and len(others) == 1 and not others[0].quantity:
-        text = 'holds one value a row; make it a table with a column for each of its quantities'
-        raise maps.refuse(path, f'{text}, as by the pivot of pandas')
+        raise maps.refuse(path, _LONG)
     held = [{row[n] for row in values} for n in range(len(columns))]
     kinds = [n for n in words if len(held[n]) > 1]
     if kinds and any(len(held[n]) <= len(values) / 2 for n in times):

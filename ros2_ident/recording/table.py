@@ -35,7 +35,7 @@ from ros2_ident.recording.storage import counted, damaged, digest, SUFFIXES
 from ros2_ident.recording.storage import NAME as BAG_NAME
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
 
-TABLES = ('.csv', '.tsv', '.txt')
+TABLES = ('.csv', '.tsv', '.txt', '.dat', '.log')
 _bad = ErrorCode.BAD_VALUES.at
 # Rows converted at once: bounds the memory that texts take.
 _BLOCK = 1 << 14

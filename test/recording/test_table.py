@@ -344,6 +344,8 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
         ('t,q,i\n10:00:00,1,2\n10:00:01,1,3\n', "'10:00:00' below 't': write"),
         # of another form
         ('time,topic,value\n' + '0.1,a/pos,1\n0.1,a/vel,2\n' * 50, 'one value a row'),
+        ('x:pos 2024-01-02 10:00:00.1 1\nx:vel 2024-01-02 10:00:00.2 2\n' * 50, 'one value a row'),
+        ('on off\nok ok\non 2\n', "'ok' below 'on': write numbers alone"),
         ('Axis 1\nTime,data\n' + '0.1,1,2\n0.2,2,3\n' * 50,
          'has 3 columns and 2 of names, Time, data; say what its columns are by their numbers'),
         ('t,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
@@ -371,7 +373,7 @@ def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
     ],
 )  # fmt: skip
 def test_options_alone_tell_a_table_that_names_nothing(tmp_path, head, between, options):
-    log, out = tmp_path / 'log.csv', tmp_path / 'arm.yaml'
+    log, out = tmp_path / 'log.dat', tmp_path / 'arm.yaml'
     place, effort = np.sin(0.1 * np.arange(300)).round(6), np.cos(0.1 * np.arange(300)).round(6)
     cells = ([10 * n, f'{1e3 * place[n]:.3f}', effort[n]] for n in range(300))
     log.write_text(head + ''.join(f'{between.join(map(str, x))}\n' for x in cells))
