@@ -213,9 +213,13 @@ def repeats(recording: Recording, name: str) -> Iterator[tuple[str, str]]:
     if frozen:
         text = f'the effort is {" and ".join(frozen[:3])} while the drive moves, so it was not '
         yield 'effort_frozen', f'{text}measured there; cut the log, or leave these cells empty'
-    if held := _holding(place, state.stamp):
-        text = f'each position stays for {1e3 * held:.3g} ms, as of a bus that is read at '
-        yield 'held', f'{text}{1.0 / held:.3g} Hz; log each value once, when it is read'
+    for what, own, stamp in (
+        ('position', place, state.stamp),
+        ('effort', values, effort.stamp),
+    ):
+        if held := _holding(own, stamp, rising=what == 'position'):
+            text = f'each {what} stays for {1e3 * held:.3g} ms, as of a bus that is read at '
+            yield 'held', f'{text}{1.0 / held:.3g} Hz; log each value once, when it is read'
     command = recording.command
     if command is not None and (goal := command.column('position', name)) is not None:
         apart = np.interp(effort.stamp, command.stamp, goal) - moved
@@ -238,13 +242,21 @@ def _runs(values: FloatArray) -> NDArray[np.intp]:
     return np.stack([edges[:-1], edges[1:]], axis=1)
 
 
-def _holding(place: FloatArray, stamp: NDArray[np.int64]) -> float:
-    """Return how long each position is held, s; 0 where they are not held."""
-    first, last = _runs(place)[1:-1].T
+def _holding(values: FloatArray, stamp: NDArray[np.int64], rising: bool) -> float:
+    """Return how long each value is held, s; 0 where they are not held.
+
+    Of what is `rising` for long, as a coarse position at one speed, all have to last as long; else
+    most: the next reading may be the same.
+    """
+    first, last = _runs(values)[1:-1].T
     size = last - first
-    few = size.size < 20 or np.median(size) < _HELD
-    uneven = few or size.std() > _EVEN * size.mean()
-    return 0.0 if uneven else float(np.median(stamp[last] - stamp[first])) * 1e-9
+    if size.size < 20 or np.median(size) < _HELD:
+        return 0.0
+    if rising:
+        even = size.std() <= _EVEN * size.mean()
+    else:
+        even = np.ptp(np.percentile(size, (25, 75))) <= max(1.0, _EVEN * float(np.median(size)))
+    return float(np.median(stamp[last] - stamp[first])) * 1e-9 if even else 0.0
 
 
 # Shares of missing samples from which a warning, and an error, is due.

@@ -34,6 +34,12 @@ def frozen(effort):
     return out
 
 
+def polled(effort):
+    # every eighth is read, and some readings are those before
+    out = np.round(effort[::8], 2)
+    return np.repeat(out, 8)[: effort.size]
+
+
 GOAL = np.interp(TIME - 0.02, TIME, PLACE)
 COUNTS = np.round(200.0 * EFFORT)
 
@@ -43,6 +49,7 @@ COUNTS = np.round(200.0 * EFFORT)
     [
         ({'effort': frozen(EFFORT)}, 'effort_frozen', 'the effort is 0 from 0 to 1.6 s and '),
         ({'place': np.repeat(PLACE[::8], 8)}, 'held', 'stays for 16 ms, .* read at 62.5 Hz'),
+        ({'effort': polled(EFFORT)}, 'held', 'each effort stays for 16 ms, .* read at 62.5 Hz'),
         ({'goal': GOAL, 'effort': 4.5 * (GOAL - PLACE)}, 'effort_error', 'is 4.5 times set-point'),
         ({'effort': np.where(COUNTS < 0, 1024 - COUNTS, COUNTS)}, 'effort_register', 'bit 1024'),
     ],
