@@ -37,8 +37,8 @@ _WORDS = {
     'measured': 'act actual meas measured present feedback fb estimate est estimated ist istwert '
     'observation observations averaged avg',
     'other': 'ext external gravity grav coriolis ff feedforward err error following deviation '
-    'temp temperature temperatures voltage volt acc accel acceleration ddq qdd jerk tcp pose kp '
-    'kd ki gain limit scaling computed cmptd calculated calc',
+    'temp temperature temperatures voltage volt pwm duty acc accel acceleration ddq qdd jerk tcp '
+    'pose kp kd ki gain limit scaling computed cmptd calculated calc',
     'time': 'time times t stamp stamps timestamp timestamps clock zeit sec secs seconds',
     'vague': 'value values state states data controller control trajectory mapper foc rel header '
     'field raw',
@@ -452,11 +452,18 @@ class Header:
                     columns[n] = replace(x, joint='', quantity='', why=other)
             columns[at] = Meaning(name, joint, quantity, before.unit, scale, stated=bool(factor))
         moving = dict.fromkeys(x.joint for x in columns if x.quantity in ('position', 'velocity'))
-        lost = [x for x in columns if x.quantity == 'effort' and moving and x.joint not in moving]
-        if lost:
-            name, joint = short(lost[0].name), short(lost[0].joint)
-            text = f'--column: {name} is to be the effort of {joint}, which no column moves'
-            raise ErrorCode.INVALID_GOAL.error(f'{text}; write one of {listed(moving, 30)}')
+        stated = {_option(text)[0] for text in given}
+        for n, x in enumerate(columns):
+            if x.quantity != 'effort' or not moving or x.joint in moving:
+                continue
+            if x.name in stated:
+                text = (
+                    f'--column: {short(x.name)} is to be the effort of {short(x.joint)}, which no '
+                )
+                text += f'column moves; write one of {listed(moving, 30)}'
+                raise ErrorCode.INVALID_GOAL.error(text)
+            why = f'no column says how {short(x.joint)} moves'
+            columns[n] = replace(x, joint='', quantity='', why=why)
         return replace(self, columns=tuple(columns))
 
     def called(self, drives: Sequence[str]) -> 'Header':

@@ -124,6 +124,14 @@ def test_an_effort_of_a_joint_that_no_column_moves_is_refused(tmp_path):
         header_of(tmp_path / 'log.csv').assigned(['Im1 (A)=joint_1.effort*2'])
 
 
+def test_an_effort_that_no_option_names_and_no_column_moves_is_left_out(tmp_path):
+    rows(tmp_path / 'log.csv', 'time,X_RIst,weld_amps,motor_amps', '{t},{a},{b},{b}')
+    told = ['X_RIst=x.position', 'motor_amps=x.effort']
+    header = header_of(tmp_path / 'log.csv').assigned(told)
+    assert header.map()['joints'] == {'x': {'position': 'X_RIst', 'effort': 'motor_amps'}}
+    assert header.columns[2].why == "no column says how 'weld' moves"
+
+
 @pytest.mark.parametrize(
     ('header', 'row'),
     [
