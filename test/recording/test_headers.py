@@ -269,13 +269,14 @@ def swing(tmp_path, rate):
     return log, out
 
 
-@pytest.mark.parametrize('rate', [4.0, 5.0])
-def test_bounds_hold_the_weight_of_a_swing_near_its_own_frequency(tmp_path, rate):
+@pytest.mark.parametrize('rate', [3.0, 4.0, 5.0])
+def test_bounds_hold_weight_and_inertia_of_a_swing_near_its_own_frequency(tmp_path, rate):
     log, out = swing(tmp_path, rate)
-    bounds = yaml.safe_load(out.read_text())['parameters']['link_moment']
+    bounds = yaml.safe_load(out.read_text())['parameters']
     # the largest effort alone would be far less than what it is the weight of
     assert np.abs(read_bag(log)[0].effort.effort).max() < 0.5 * 2.0
-    assert bounds[0] < -2.0 / 9.81 and bounds[1] > 2.0 / 9.81
+    assert bounds['link_moment'][0] < -2.0 / 9.81 and bounds['link_moment'][1] > 2.0 / 9.81
+    assert bounds['drive_inertia'][1] > 0.2
 
 
 @pytest.mark.parametrize('measured', [True, False])
