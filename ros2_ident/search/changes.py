@@ -240,7 +240,8 @@ def weigh_changes(
     nuisance, limit, size = of_one_size(jacobian, missing, most)
     common = nuisance[:, jacobian.shape[1] :]
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
-    noise = _noise(Rows(residual, nuisance, runs, limit, scale), blocks, logs)
+    data = Rows(residual, nuisance, runs, limit, scale)
+    noise = _noise(data, jacobian.shape[1], blocks, logs)
     # Once each, whichever it is: a column of what both sides lack may have changed, too.
     white = np.concatenate([jacobian.T, missing.T, others.T])
     rms = np.sqrt(np.mean(white**2, axis=1))
@@ -298,14 +299,16 @@ def weigh_changes(
     )  # fmt: skip
 
 
-def _noise(whole: Rows, blocks: npt.NDArray[np.int64], logs: Logs) -> tuple[NoiseModel, ...]:
-    """Return the noise that all columns leave of each log by itself."""
+def _noise(
+    whole: Rows, count: int, blocks: npt.NDArray[np.int64], logs: Logs
+) -> tuple[NoiseModel, ...]:
+    """Return the noise that all columns leave of each log by itself, the first of parameters."""
     left, spread = [], []
     for log in logs.rows:
         own = [run for run in whole.runs if log.start <= run.start < log.stop]
         runs = [Run(run.start - log.start, run.stop - log.start, run.place) for run in own]
         one = Rows(whole.residual[log], whole.columns[log], runs, whole.limit, whole.scale)
-        found = one.weighed(one.first_noise(), blocks[log])
+        found = one.found(count, blocks[log])
         left.append(found.left)
         spread.append(found.spread)
     return whole.noise(np.concatenate(left), np.concatenate(spread))

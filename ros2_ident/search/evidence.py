@@ -180,19 +180,9 @@ def weigh(
     columns, limit, _ = of_one_size(jacobian, missing, most)
     scale = float(np.sqrt(np.mean(residual**2))) or 1.0
     data = Rows(residual, columns, runs, limit, scale)
-    found = data.weighed(data.first_noise(), blocks)
+    found = data.found(len(jacobian.T), blocks)
     place = np.concatenate([np.full(run.stop - run.start, run.place) for run in runs])
     rms = _rms(residual, place)
-    taken = found.sums.taken(found.sizes) / len(residual)
-    if taken > _MUCH:
-        # As many columns as rows follow any noise: then all of it may be noise.
-        plain = data.noise(
-            residual - jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0]
-        )
-        if taken > _MOST:
-            found = data.weighed(plain, blocks)
-        elif data.plain(plain, len(jacobian.T)) > found.evidence:
-            found = max(found, data.weighed(plain, blocks), key=lambda one: one.evidence)
     unseen = data.unseen(found, blocks)
     # With what a fit takes from the noise put back.
     hidden = _rms(np.sqrt(np.mean(found.spread**2, axis=1)), place)
@@ -243,6 +233,20 @@ class Rows:
         return self.noise(
             residual - columns @ np.linalg.solve(columns.T @ columns + ridge, columns.T @ residual)
         )
+
+    def found(self, count: int, blocks: npt.NDArray[np.int64]) -> _Found:
+        """Return noise and coefficients, the first `count` columns being of parameters."""
+        found, residual = self.weighed(self.first_noise(), blocks), self.residual
+        taken = found.sums.taken(found.sizes) / len(residual)
+        if taken > _MUCH:
+            # As many columns as rows follow any noise: then all of it may be noise.
+            own = self.columns[:, :count]
+            plain = self.noise(residual - own @ np.linalg.lstsq(own, residual, rcond=None)[0])
+            if taken > _MOST:
+                return self.weighed(plain, blocks)
+            if self.plain(plain, count) > found.evidence:
+                return max(found, self.weighed(plain, blocks), key=lambda one: one.evidence)
+        return found
 
     def weighed(self, noise: tuple[NoiseModel, ...], blocks: npt.NDArray[np.int64]) -> _Found:
         """Estimate noise and coefficients in turn, from a noise to start with."""
@@ -445,8 +449,9 @@ class Sums:
 
     def taken(self, sizes: Array) -> float:
         """Return how many of the coefficients the rows decide, and not their prior."""
-        precision = np.concatenate([np.ones(self.count), sizes**-2.0])
-        return float(precision.size - precision @ np.diag(self.covariance(sizes)))
+        root = np.concatenate([np.ones(self.count), sizes])
+        told = np.linalg.eigvalsh(self.normal * np.outer(root, root))
+        return float(np.sum(told[told > 0.0] / (1.0 + told[told > 0.0])))
 
     def draws(self, sizes: Array, drawn: Array) -> Array:
         """Return (N + C, M) deviations of the coefficients from standard normal numbers."""

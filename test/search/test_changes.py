@@ -92,6 +92,22 @@ def test_what_logs_differ_by_anyway_is_no_change():
     assert apart.of([7])[1][0, 0] > 20.0 * alike.of([7])[1][0, 0]
 
 
+def test_a_few_rows_that_columns_follow_wholly_tell_no_change():
+    # Half a second of a servo: less rows than what it may lack, the parameters among them.
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        residual, columns = rng.normal(size=20), rng.normal(size=(20, 80))
+        halves = slice(0, 8), slice(8, 20)
+        seen = weigh_changes(
+            residual, columns[:, :5], columns[:, 5:], columns[:, :0], np.arange(80),
+            [Run(x.start, x.stop, 0) for x in halves], np.arange(20),
+            Logs(halves, np.array([False, True]), np.zeros(2, int), np.arange(20) % 4),
+            most=np.full(75, np.inf), usual=np.zeros(80), alone=np.full(80, False),
+            side=np.full(80, True),
+        )  # fmt: skip
+        assert max(evidence_of(seen.of([i])[2], 1) for i in range(80)) < price_of(80)
+
+
 def test_one_log_against_several_has_their_scatter():
     told = [
         best(compared(np.random.default_rng(seed), 1, 0.0, 0.3, before=5))[1] for seed in range(40)
