@@ -207,9 +207,12 @@ class Marginal:
             folded: Whether each part that is left out has it of its own, too.
         """
         whiten = Whitening(rows.runs, weighed.noise)
-        alone = [np.zeros((weighed.alone.shape[1], len(jacobian))) for _ in logs.rows]
+        deviates = weighed.alone.T
+        if not folded:
+            deviates = np.concatenate([deviates, weighed.scattering.T])
+        alone = [np.zeros_like(deviates) for _ in logs.rows]
         for own, log in zip(alone, logs.rows, strict=True):
-            own[:, log] = weighed.alone.T[:, log]
+            own[:, log] = deviates[:, log]
         pair = np.concatenate([np.full(x.stop - x.start, p)
                                for x, p in zip(logs.rows, logs.pair, strict=True)])  # fmt: skip
         columns = whiten(np.concatenate([jacobian.T, *alone, weighed.common.T]))

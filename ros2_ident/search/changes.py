@@ -12,6 +12,7 @@ information G and the score h: one factorisation for all of them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 from typing import Any
 
@@ -63,6 +64,7 @@ class Changes:
         sizes: (C,) standard deviations of their coefficients.
         limit: (C,) the largest.
         alone: (R, V) columns by which logs deviate, one standard deviation.
+        scattering: (R, K) the same of those kept, as several logs of a side tell it.
         folds: Information and score of each part left out, and of all others; by multiples of
             columns of one size.
         scale: RMS of the residual.
@@ -81,6 +83,7 @@ class Changes:
     sizes: Array
     limit: Array
     alone: Array
+    scattering: Array
     folds: list[tuple[Array, ...]]
     scale: float
 
@@ -253,8 +256,8 @@ def weigh_changes(
     usually = np.where(
         (rms > 0.0) & ~alone, np.minimum(usual * np.maximum(rms, 1e-300), SIZES[-1] * scale), 0
     )
-    deviates = usually > 0.0
-    apart = white[changed[deviates]].T * usually[deviates]
+    deviates, at = usually > 0.0, np.array(kept, dtype=np.int64)
+    apart, moved = white[changed[deviates]].T * usually[deviates], white[changed[at]].T
     whiten = Whitening(runs, noise)
     white, right = whiten(white), whiten(residual)
     cells = []
@@ -285,17 +288,22 @@ def weigh_changes(
     several, groups = len(logs.rows) > 2, dict[tuple[int, int], list[_Cell]]()
     for cell in cells:
         groups.setdefault((cell.log, 0 if several else cell.fold), []).append(cell)
-    which = np.arange(len(rms)) if several else np.array(kept, dtype=np.int64)
-    scatter = _scatter(list(groups.values()), seen, prior, usually, which)
-    inflation, freedom = scatter if several else (np.ones(len(rms)), np.full(len(rms), np.inf))
+    of_each = partial(_scatter, list(groups.values()), seen, prior)
+    inflation, freedom = np.ones(len(rms)), np.full(len(rms), np.inf)
+    scatter, variance = of_each(usually, at)
+    spread = np.sqrt(variance) * (several & ~alone[at])
     if several:
-        scatter = inflation[list(kept)], freedom[list(kept)]
+        # What changed differs from log to log by so much beside all else, too.
+        usually[at] = np.hypot(usually[at], spread)
+        (inflation, freedom), _ = of_each(usually, np.arange(len(rms)))
+        freedom[at] = scatter[1]
+        scatter = inflation[at], freedom[at]
     of_all = [_reduced(cells, seen, prior, x) for x in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
     by_itself = np.where(alone, between * usual**2, 0.0)
     return Changes(
         own, score, tuple(kept), alike, inflation, freedom, scatter, by_itself, noise, common,
-        sizes, limit, apart, parts, scale,
+        sizes, limit, apart, (moved * spread)[:, spread > 0.0], parts, scale,
     )  # fmt: skip
 
 
@@ -405,10 +413,11 @@ def _scatter(
     prior: Array,
     deviation: Array,
     which: npt.NDArray[np.int64],
-) -> tuple[Array, Array]:
+) -> tuple[tuple[Array, Array], Array]:
     """Return (K,) how scatter within a side inflates a change's variance, and its freedom.
 
-    In each group a change is off that of its side by an amount of its own, all of one variance.
+    And (K,) that scatter: in each group a change is off that of its side by an amount of its own,
+    all of one variance.
 
     Args:
         groups: Parts of logs that belong together.
@@ -447,6 +456,5 @@ def _scatter(
     excess -= np.einsum('qia,qij,qja->q', mean, least, mean)
     variance = np.where(free > 0.5, np.maximum(excess, 0.0), 0.0) / np.maximum(among, 1e-300)
     more = variance * wide[:, 1, 1] / np.maximum(known[:, 1, 1], 1e-300)
-    return 1.0 + more, np.where(
-        more > 1e-9, free / np.maximum(more / (1 + more), 1e-9) ** 2, np.inf
-    )
+    share = np.maximum(more / (1.0 + more), 1e-9)
+    return (1.0 + more, np.where(more > 1e-9, free / share**2, np.inf)), variance

@@ -28,10 +28,12 @@ def compared(
     before: int | None = None,
     parts: float = 0.0,
     kept: tuple[int, ...] = (),
+    once: int | None = None,
 ) -> Changes:
     """Return what logs of two sides say, of which the column 7 is more by `shift` after.
 
-    By `scatter` it differs from log to log, by `parts` between the quarters of one.
+    By `scatter` it differs from log to log, by `parts` between the quarters of one. The column
+    `once` does the same in the first log of each side, and nothing in the others.
     """
     before = logs if before is None else before
     count = logs + before
@@ -39,6 +41,8 @@ def compared(
     time = np.linspace(0.0, 1.0, ROWS)[:, None]
     rate, phase = rng.uniform(5.0, 60.0, COLUMNS), rng.uniform(0.0, 6.28, (count, 1, COLUMNS))
     columns = np.sqrt(2.0) * np.sin(2.0 * np.pi * rate * time + phase)
+    if once is not None:
+        columns[:, :, once] = columns[:, :, 7] * (np.arange(count) % logs == 0)[:, None]
     lacking = np.array([rng.normal(size=COLUMNS)] * count)
     if paired:
         lacking = np.tile(rng.normal(size=(logs, COLUMNS)), (2, 1))
@@ -106,6 +110,16 @@ def test_a_few_rows_that_columns_follow_wholly_tell_no_change():
             side=np.full(80, True),
         )  # fmt: skip
         assert max(evidence_of(seen.of([i])[2], 1) for i in range(80)) < price_of(80)
+
+
+def test_what_changed_differs_from_log_to_log_beside_all_else():
+    seen = [
+        compared(np.random.default_rng(s), 6, 0.8, 0.3, paired=True, kept=(7,), once=3)
+        for s in range(20)
+    ]
+    assert sum(evidence_of(x.of([3])[2], 1) > price_of(COLUMNS) for x in seen) <= 2
+    # Six pairs, of which each is off by 0.3 on both sides.
+    assert 1.5 * 0.17 < np.median([x.half_widths() for x in seen]) < 4.0 * 0.17
 
 
 def test_one_log_against_several_has_their_scatter():
