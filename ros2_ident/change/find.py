@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-import scipy
 
 from ros2_ident.arrays import Array, NORMAL
 from ros2_ident.change.columns import (
@@ -499,16 +498,15 @@ def _same(now: _Round, c: Column) -> Column | None:
 
 def _visible(now: _Round, price: float) -> Iterator[Visible]:
     """Yield the smallest change of each suspect that shows."""
-    errors, smallest = shown_from(price), dict[tuple[str, str], Visible]()
+    smallest = dict[tuple[str, str], Visible]()
     moved = {name for m in now.sides.moved for name in (m.name, *m.of)}
     for c in now.suspects:
         if c.suspect.name in moved:
             continue
         covariance = now.weighed.of(c.columns)[1]
-        freedom = min(float(now.weighed.freedom[[*c.columns]].min()), 1e9)
-        factor = -float(scipy.special.stdtrit(freedom, scipy.special.ndtr(-errors)))
+        errors = shown_from(price, float(now.weighed.freedom[[*c.columns]].min()))
         for i, (name, unit, scale) in enumerate(zip(c.names, c.units, c.scales, strict=True)):
-            size = factor * math.sqrt(covariance[i, i]) * abs(float(scale))
+            size = errors * math.sqrt(covariance[i, i]) * abs(float(scale))
             key = c.suspect.name, c.suspect.where
             if math.isfinite(size) and (key not in smallest or size < smallest[key].size):
                 smallest[key] = Visible(c.suspect, name, size, unit, c.value)

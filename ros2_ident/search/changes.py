@@ -176,11 +176,19 @@ class Changes:
 
 
 def _normal(gain: float, freedom: float) -> float:
-    """Return the square of as many standard errors as are as probable of a normal number."""
-    if freedom > 1e8:
+    """Return the square of as many standard errors as are as probable of a normal number.
+
+    Reference:
+        Wallace (1959), Annals of Mathematical Statistics 30(4), 1121: a bound from below, which
+        no tail is too thin for.
+    """
+    if math.isinf(freedom):
         return gain
-    tail = max(float(scipy.special.stdtr(freedom, -math.sqrt(gain))), 1e-300)
-    return float(scipy.special.ndtri(tail)) ** 2
+    return _share(freedom) * freedom * math.log1p(gain / freedom)
+
+
+def _share(freedom: float) -> float:
+    return ((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)) ** 2
 
 
 def evidence_of(gain: float, count: int) -> float:
@@ -193,10 +201,13 @@ def evidence_of(gain: float, count: int) -> float:
     return 0.5 * (gain - count - count * math.log(gain / count)) if gain > count else 0.0
 
 
-def shown_from(price: float) -> float:
+def shown_from(price: float, freedom: float = math.inf) -> float:
     """Return how many standard errors a change has to have for its evidence to be the price."""
     most = 9.0 + 9.0 * price
-    return math.sqrt(scipy.optimize.brentq(lambda gain: evidence_of(gain, 1) - price, 1.0, most))
+    gain = scipy.optimize.brentq(lambda gain: evidence_of(gain, 1) - price, 1.0, most)
+    if math.isinf(freedom):
+        return math.sqrt(gain)
+    return float(np.sqrt(freedom * np.expm1(gain / (_share(freedom) * freedom))))
 
 
 def weigh_changes(
@@ -290,13 +301,16 @@ def weigh_changes(
         groups.setdefault((cell.log, 0 if several else cell.fold), []).append(cell)
     of_each = partial(_scatter, list(groups.values()), seen, prior)
     inflation, freedom = np.ones(len(rms)), np.full(len(rms), np.inf)
-    scatter, variance = of_each(usually, at)
-    spread = np.sqrt(variance) * (several & ~alone[at])
+    scatter, spread = of_each(usually, at).alone, np.zeros(at.size)
     if several:
-        # What changed differs from log to log by so much beside all else, too.
-        usually[at] = np.hypot(usually[at], spread)
-        (inflation, freedom), _ = of_each(usually, np.arange(len(rms)))
-        freedom[at] = scatter[1]
+        found = of_each(usually, np.arange(len(rms)))
+        inflation, freedom = found.moderated
+        spread = np.sqrt(found.variance[at]) * ~alone[at]
+        if spread.any():
+            # What changed differs from log to log by so much beside all else, too.
+            usually[at], own = np.hypot(usually[at], spread), freedom[at]
+            inflation, freedom = of_each(usually, np.arange(len(rms))).moderated
+            freedom[at] = own
         scatter = inflation[at], freedom[at]
     of_all = [_reduced(cells, seen, prior, x) for x in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
@@ -407,17 +421,71 @@ def _half(precision: Array, sides: Array) -> Array:
     return np.asarray(scipy.linalg.solve_triangular(factor, scale[:, None] * sides, lower=True))
 
 
+@dataclass(frozen=True)
+class _Scatter:
+    """By how much K changes differ within a side.
+
+    Attributes:
+        more: (K,) by how much that raises the variance of a change between the sides.
+        free: (K,) degrees of freedom it is known with.
+        square: (K,) sum of squares of the deviations, in their standard errors by noise alone.
+        variance: (K,) of what a change is off its side's by.
+    """
+
+    more: Array
+    free: Array
+    square: Array
+    variance: Array
+
+    @property
+    def alone(self) -> tuple[Array, Array]:
+        """(K,) by how much a change's variance is larger, and its freedom, as each tells it."""
+        return _inflated(self.more, self.free)
+
+    @property
+    def moderated(self) -> tuple[Array, Array]:
+        """The same where all changes tell how much is usual, as well as each its own.
+
+        Few logs show little of one alone; where a single log of a side shows it they show nothing.
+
+        Reference:
+            Smyth (2004), Statistical Applications in Genetics and Molecular Biology 3(1), 3.
+        """
+        own = self.free > 0.5
+        if own.sum() < 3:
+            return self.alone
+        half = 0.5 * self.free[own]
+        told = np.log(np.maximum(self.square[own] / self.free[own], 1e-3))
+        told = told - scipy.special.digamma(half) + np.log(half)
+        excess = float(np.var(told, ddof=1)) - float(np.mean(scipy.special.polygamma(1, half)))
+        # Half the freedom that all tell it with; 1e6 where they are alike.
+        all_told = 1e6
+        if excess > 1.0 / all_told:
+            all_told = scipy.optimize.brentq(
+                lambda x: float(scipy.special.polygamma(1, x)) - excess, 1e-4, 2e6
+            )
+        usual = math.exp(np.mean(told) + scipy.special.digamma(all_told) - math.log(all_told))
+        free = self.free * own
+        total = (2.0 * all_told * usual + free * (1.0 + self.more)) / (2.0 * all_told + free)
+        return _inflated(np.maximum(total - 1.0, 0.0), 2.0 * all_told + free)
+
+
+def _inflated(more: Array, free: Array) -> tuple[Array, Array]:
+    """Return how much larger a variance is, and its freedom, of a share known with `free`."""
+    share = np.maximum(more / (1.0 + more), 1e-9)
+    return 1.0 + more, np.where(more > 1e-9, free / share**2, np.inf)
+
+
 def _scatter(
     groups: Sequence[Sequence[_Cell]],
     seen: _Seen,
     prior: Array,
     deviation: Array,
     which: npt.NDArray[np.int64],
-) -> tuple[tuple[Array, Array], Array]:
-    """Return (K,) how scatter within a side inflates a change's variance, and its freedom.
+) -> '_Scatter':
+    """Return the scatter within a side of each change (K,).
 
-    And (K,) that scatter: in each group a change is off that of its side by an amount of its own,
-    all of one variance.
+    In each group a change is off that of its side by an amount of its own, all of one variance.
 
     Args:
         groups: Parts of logs that belong together.
@@ -456,5 +524,4 @@ def _scatter(
     excess -= np.einsum('qia,qij,qja->q', mean, least, mean)
     variance = np.where(free > 0.5, np.maximum(excess, 0.0), 0.0) / np.maximum(among, 1e-300)
     more = variance * wide[:, 1, 1] / np.maximum(known[:, 1, 1], 1e-300)
-    share = np.maximum(more / (1.0 + more), 1e-9)
-    return (1.0 + more, np.where(more > 1e-9, free / share**2, np.inf)), variance
+    return _Scatter(more, free, excess + free, variance)

@@ -29,11 +29,13 @@ def compared(
     parts: float = 0.0,
     kept: tuple[int, ...] = (),
     once: int | None = None,
+    loose: float = 0.0,
 ) -> Changes:
     """Return what logs of two sides say, of which the column 7 is more by `shift` after.
 
     By `scatter` it differs from log to log, by `parts` between the quarters of one. The column
-    `once` does the same in the first log of each side, and nothing in the others.
+    `once` does the same in the first log of each side, and nothing in the others. By `loose`
+    every column differs from log to log.
     """
     before = logs if before is None else before
     count = logs + before
@@ -46,6 +48,7 @@ def compared(
     lacking = np.array([rng.normal(size=COLUMNS)] * count)
     if paired:
         lacking = np.tile(rng.normal(size=(logs, COLUMNS)), (2, 1))
+    lacking = lacking + loose * rng.normal(size=(count, COLUMNS))
     moved = (shift * after + scatter * rng.normal(size=count))[:, None]
     if parts:
         moved = moved + np.repeat(parts * rng.normal(size=(count, 4)), ROWS // 4, axis=1)
@@ -120,6 +123,31 @@ def test_what_changed_differs_from_log_to_log_beside_all_else():
     assert sum(evidence_of(x.of([3])[2], 1) > price_of(COLUMNS) for x in seen) <= 2
     # Six pairs, of which each is off by 0.3 on both sides.
     assert 1.5 * 0.17 < np.median([x.half_widths() for x in seen]) < 4.0 * 0.17
+
+
+def test_what_a_single_log_of_a_side_shows_differs_by_as_much_as_all_else():
+    for once, most in ((3, 2), (None, 4)):
+        seen = [
+            compared(np.random.default_rng(s), 4, 0.0, once=once, loose=0.3) for s in range(20)
+        ]
+        assert sum(best(x)[1] > price_of(COLUMNS) for x in seen) <= most
+
+
+def test_two_logs_a_side_tell_more_where_all_that_may_change_differs_alike():
+    seen = [compared(np.random.default_rng(s), 2, 2.0, loose=0.3) for s in range(20)]
+    assert sum(best(x) > (7, price_of(COLUMNS)) for x in seen if best(x)[0] == 7) >= 15
+    seen = [compared(np.random.default_rng(s), 2, 0.0, loose=0.3) for s in range(40)]
+    assert sum(best(x)[1] > price_of(COLUMNS) for x in seen) <= 4
+
+
+def test_tails_are_told_apart_however_thin():
+    seen = compared(np.random.default_rng(0), 4, 0.5, 0.3)
+    assert seen.freedom[7] < 1e3
+    gains = [seen.among_logs(x, [7]) for x in (1e4, 1e5, 1e6)]
+    assert gains[0] < gains[1] < gains[2]
+    assert shown_from(5.0, 8.0) > shown_from(5.0, 80.0) > shown_from(5.0)
+    # As probable as 3 standard errors of a normal number: Student's tables.
+    assert shown_from(evidence_of(9.0, 1), 10.0) == pytest.approx(3.957, rel=0.01)
 
 
 def test_one_log_against_several_has_their_scatter():
