@@ -88,13 +88,18 @@ class Problem(Layout):
         counts = [(~np.isnan(m.measured)).sum(axis=1) for m in self.models]
         self.series: tuple[int, ...] = tuple(int(n) for c in counts for n in c)
         self.samples = sum(self.series)
+        left, faster = '', ''
+        if self.models[0].thinned:
+            left, faster = ' beside rest and turns', ', or log at a higher rate'
         if self.samples <= len(self.parameters):
-            left, faster = '', ''
-            if self.models[0].thinned:
-                left, faster = ' beside rest and turns', ', or log at a higher rate'
             raise ErrorCode.NO_DATA.error(
                 f'{self.samples} effort samples{left} cannot determine {len(self.parameters)} '
                 f'parameters; record a longer motion{faster}'
+            )
+        if 0 in (each := [int(c.sum()) for c in counts]):
+            raise ErrorCode.NO_DATA.error(
+                f'recording {1 + each.index(0)} of {len(counts)} has no effort sample{left}; '
+                f'leave it out{faster}'
             )
         self._weights = [c.sum() / self.samples for c in counts]
 

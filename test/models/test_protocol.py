@@ -144,6 +144,13 @@ def test_what_is_known_to_differ_is_taken_into_account():
     assert found.best_cost == pytest.approx(bags[0].noise, rel=0.05)
 
 
+def test_a_recording_without_a_sample_is_told_by_its_number():
+    empty = Pendulum(TRUTH, 2)
+    empty.measured = np.full_like(empty.measured, np.nan)
+    with pytest.raises(IdentError, match='recording 2 of 2 has no effort sample; leave it out'):
+        identify(model=[Pendulum(TRUTH, 1), empty], settings=SMALL)
+
+
 def test_conditions_that_make_no_sense_are_refused(tmp_path):
     pendulum = Pendulum(TRUTH, 1)
     for conditions, text in (
