@@ -482,7 +482,7 @@ def _scatter(
     prior: Array,
     deviation: Array,
     which: npt.NDArray[np.int64],
-) -> '_Scatter':
+) -> _Scatter:
     """Return the scatter within a side of each change (K,).
 
     In each group a change is off that of its side by an amount of its own, all of one variance.
