@@ -81,7 +81,7 @@ def at_an_even_speed(seed: int) -> Data:
     effort += 0.2 * rng.standard_normal(time.size)
     (first,) = axis_data().datasets
     streams = {'position': position[None], 'velocity': None, 'effort': effort[None]}
-    unknown = {'command_position': None, 'command_velocity': None}
+    unknown = {'command_position': None, 'command_velocity': None, 'goal': None}
     return replace(axis_data(), datasets=(replace(first, cycle=cycle, **unknown, **streams),))
 
 
