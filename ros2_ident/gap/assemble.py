@@ -47,12 +47,11 @@ def assemble(
         seconds: Time taken, s.
         seed: Of the resampling.
     """
-    floor, fits, split = selector.floor, selector.fits, selector.split
+    floor, split = selector.floor, selector.split
     chain = found.chain if verdict.named else found.chain[:1]
     final = chain[-1]
     model = split.fit.with_effects(final.effects).models[0]
-    rows = [split.check.rows(e.check_residual / fits.check_weight) for e in found.chain]
-    blocks = BlockBootstrap(rows, model.cycle, seed=seed, starts=split.check.starts)
+    blocks = _blocks(selector, found, seed)
     labels = ['nominal', *(at.title for at in found.chain[-1].effects)]
     steps = tuple(Step(label, blocks.rms(i)) for i, label in enumerate(labels))
     last = len(found.chain) - 1
@@ -110,6 +109,26 @@ def assemble(
         facts=_facts(selector, found, verdict, gates),
         prediction=_predicted(selector, chain, verdict),
     )
+
+
+def _blocks(selector: Selector, found: Selection, seed: int) -> BlockBootstrap:
+    """Return what the fits of a chain leave on data held out, resampled."""
+    part = selector.split.check
+    rows = [part.rows(e.check_residual / selector.fits.check_weight) for e in found.chain]
+    cycle = selector.split.fit.models[0].cycle
+    return BlockBootstrap(rows, cycle, seed=seed, starts=part.starts)
+
+
+def may_close_nothing(selector: Selector, found: Selection, seed: int) -> bool:
+    """Whether the 95 % interval of the share that the effects found close reaches 0.
+
+    On data held out; where these show no gap they cannot tell.
+    """
+    base, final, last = found.chain[0], found.chain[-1], len(found.chain) - 1
+    drive = int((base.gap - final.gap).argmax())
+    if not last or base.held_out[drive] < selector.rules.material**2:
+        return False
+    return _blocks(selector, found, seed).share_closed(0, last, selector.floor).low <= 0.0
 
 
 def _facts(selector: Selector, found: Selection, verdict: Verdict, gates: Sequence[Gate]) -> Facts:

@@ -15,6 +15,7 @@ from checks.reference.axis import simulate_axis
 from checks.reference.plant import Unmodelled
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.bootstrap import BlockBootstrap
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.recordings import recordings_of
 from ros2_ident.models import load_machine, machine_from_mapping
@@ -115,6 +116,21 @@ def test_the_gap_closes_on_data_not_used_for_fitting(found) -> None:
     assert gaps[-1] < 0.6 * gaps[0]
     assert found.share_closed.value > 0.9
     assert found.floor.per_drive[0] == pytest.approx(NOISE, rel=0.05)
+
+
+def test_what_may_close_nothing_of_the_data_held_out_is_not_named(monkeypatch) -> None:
+    told = BlockBootstrap.share_closed
+
+    def wide(*args, **more):
+        return replace(told(*args, **more), low=-0.1)
+
+    monkeypatch.setattr(BlockBootstrap, 'share_closed', wide)
+    logs = [recording(seed, (stribeck(),)) for seed in (1, 2)]
+    other = diagnose(MACHINE, logs[:1], logs[1:], seed=3)
+    assert (other.effect, other.also, other.ranking[0].at.effect) == ('unknown', (), 'stribeck')
+    # Where it stands still nothing can be closed, and nothing speaks against the name.
+    still = recording(2, (stribeck(),), scale=1e-3)
+    assert diagnose(MACHINE, logs[:1], [still], seed=3).effect == 'stribeck'
 
 
 def test_the_effect_gives_the_nominal_parameters_back(found) -> None:
