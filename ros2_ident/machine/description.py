@@ -110,11 +110,11 @@ def judged(
 ) -> ET.Element:
     """Return the root that it is given, if nothing is wrong in it, else as `judged_tree`."""
     problem = None
-    if root.tag == 'mujoco':
+    if root.tag != 'robot':
         _state_defaults(root)
-    if not shapes and root.tag != 'robot':
-        problem = next(_of_shapes(root), None)
-        _leave_out_shapes(root)
+        if not shapes:
+            problem = next(_of_shapes(root), None)
+            _leave_out_shapes(root)
     problem = problem or next(_problems(root, shapes), None)
     if problem is not None:
         raise ErrorCode.BAD_MACHINE_FILE.error(f'{named} {problem}')
