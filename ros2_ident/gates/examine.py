@@ -23,7 +23,7 @@ from ros2_ident.models import FullModel, Machine
 from ros2_ident.models.registry import compared_of, follows, kind_of, knows_gains
 from ros2_ident.recording import Dataset
 from ros2_ident.recording.motion import motion_in, ROOM
-from ros2_ident.recording.quality import effort_lag, SAID, sign_of, WRONG
+from ros2_ident.recording.sign import effort_lag, SAID, sign_of, WRONG
 from ros2_ident.recording.streams import StreamQuality
 
 # Shares of samples missing from which on a log is suspect, and of no use. By hand.

@@ -10,8 +10,6 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-import scipy
 
 from ros2_ident.errors import IdentError
 from ros2_ident.recording import motion as motions
@@ -20,6 +18,8 @@ from ros2_ident.recording.grid import missing_samples, sample_period
 from ros2_ident.recording.limits import likewise
 from ros2_ident.recording.maps import DIGITS
 from ros2_ident.recording.motion import fill_gaps, Motion
+from ros2_ident.recording.repeated import repeats
+from ros2_ident.recording.sign import backward, effort_lag, KNOWN, SAID, sign_of, WRONG
 from ros2_ident.recording.streams import (
     FloatArray,
     Recording,
@@ -28,237 +28,11 @@ from ros2_ident.recording.streams import (
     with_positions,
 )
 
-# The sign of an effort: mean power where a drive passes the same positions both ways. There what
-# lifts a weight, strains a spring or accelerates a mass is given back: the power left is
-# friction's, and positive. Of a joint that others load these are passes in one posture, the others
-# at rest. The standard error is that of sums over blocks of the log, so that noise and ripple of
-# any colour are allowed for (Liang and Zeger 1986, Biometrika 73(1)).
-Sign = Literal['right', 'held', 'reversed', 'unsigned', 'either', 'open']
-
-# What is no torque of the drive as it was logged.
-WRONG: frozenset[Sign] = frozenset({'reversed', 'unsigned', 'either'})
-# What to say of it, with the remedy.
-SAID: dict[Sign, str] = {
-    'right': 'the effort overcomes friction, so it has the sign of the motion',
-    'held': 'others move the drive, as the ground does a foot, and its effort draws it to its '
-    'set-point, so it has the sign of the motion',
-    'reversed': 'where the same positions are passed both ways the effort takes power from the '
-    'drive: its sign is reversed against the motion; negate the effort or the position in the '
-    'driver, or for this log the torque_constant, of a table the scale',
-    'unsigned': 'the effort never changes its sign while the drive reverses: only its size was '
-    'logged; log the signed one, or write "sign: velocity" in the column map of a table',
-    'either': 'the effort never changes its sign while the drive reverses, takes power from it '
-    'and follows no law of the motion: only its size was logged, or it is reversed; log the '
-    'signed one, and negate it only where it is signed already',
-    'open': 'whether the effort has the sign of the motion does not show in this log',
-}
-# Slower than this share of the top speed is no motion; positions fall into so many cells, samples
-# into so many blocks.
-_SLOW, _CELLS, _BLOCKS = 0.05, 20, 20
-# The sign of a power is certain where chance makes as much with less than this probability.
-_CHANCE = 1e-3
-# An effort passes zero, and falls to it, by these shares of its largest values, and stays there
-# for this share of the time; a drive that has stood longer may be braked or off, s.
-_PASSES, _FALLS, _OFTEN, _STOOD = 0.005, 0.02, 0.005, 0.1
-# Share of a variance that is left where another reading of an effort explains it clearly better.
-_PLAINER = 0.5
 # So many different values that are whole numbers are so by no chance. By hand.
 _WHOLE = 5
 # A reported velocity is looked for from so much before the motion on, s. By hand.
 _EARLIEST = -0.02
-# Share of an effort's variance from which on the motion is known to explain it.
-_KNOWN = 0.85
 _NOT_DRIVEN = 'switch its measurement on, where it is driven; what swings freely has none'
-
-
-def sign_of(motion: Motion, alone: bool = False) -> Sign:
-    """Judge the sign of a drive's effort.
-
-    Args:
-        alone: Whether other joints load this one, so that power is judged only while they rest
-            where they rest on the way back, too.
-
-    Returns:
-        `unsigned` where the effort never changes its sign while the drive reverses, though its
-        friction does, `either` where it may be reversed as well; `held` where power is taken from
-        the drive, but its set-point tells the sign; `open` where it does not show.
-    """
-    assert motion.effort is not None
-    effort, place = fill_gaps(motion.effort), motion.position
-    back = [np.max(np.maximum.accumulate(way * place) - way * place) for way in (1, -1)]
-    if _CELLS * min(back) <= np.ptp(place):
-        return 'open'
-    slow = _SLOW * float(np.abs(motion.velocity).max())
-    moving = np.abs(motion.velocity) > slow
-    others = motion.beside if alone else motion.beside[:0]
-    near = 2 * round(_STOOD / motion.period) + 1
-    # What starts or stops is slow as well, and loads the joint by its acceleration.
-    change = np.abs(np.gradient(others, motion.period, axis=1))
-    rest = scipy.ndimage.maximum_filter1d(change, near, axis=1)
-    there = moving & (rest < slow).all(axis=0) & np.isfinite(motion.effort)
-    turns = np.count_nonzero(np.diff(np.sign(motion.velocity[moving])))
-    # There and back once, direction is a function of time: what drifts looks like friction.
-    power = _power(motion, effort, others, there) if turns > 1 else np.nan
-    certain = _certain()
-    top = float(np.percentile(effort, 99))
-    if effort.min() >= -_PASSES * top:
-        # A weight keeps away from zero; the size of an effort falls to it when its sign changes.
-        around = scipy.ndimage.maximum_filter1d(moving, near)
-        falls = float(np.mean(effort[around] < _FALLS * top)) > _OFTEN
-        if falls or (abs(power) < certain and not alone):
-            return 'unsigned'
-        # With the sign of the motion a size is an effort that the motion explains.
-        readings = effort, np.sign(motion.velocity) * effort
-        known, share = (effort_lag(motion, x)[1] for x in readings)
-        plain, other = (float(np.var(motion.slowly(x))) for x in readings)
-        if (1.0 - share) * other < _PLAINER * ((1.0 - known) * plain):
-            return 'unsigned'
-        if power < -certain and known < _KNOWN:
-            return 'either'
-    if power < -certain:
-        return 'held' if _held(motion, effort) else 'reversed'
-    return 'right' if power > certain else 'open'
-
-
-def _certain() -> float:
-    """Return what a sign's slope over its standard error has to reach."""
-    return float(-scipy.special.stdtrit(_BLOCKS - 1, _CHANCE))
-
-
-def _held(motion: Motion, effort: FloatArray) -> bool:
-    """Whether an effort (T,) goes towards the set-point, by a law that explains it best.
-
-    So a controller answers what others do to the drive; where it makes the motion itself, inertia,
-    friction and weight explain more.
-    """
-    if motion.goal is None:
-        return False
-    rows = motion.goal - motion.position, motion.velocity, np.ones(effort.size), effort
-    *law, asked = motion.slowly(np.stack(rows))
-    gains = np.linalg.lstsq(np.stack(law, axis=1), asked, rcond=None)[0]
-    left = float(np.var(asked - gains @ law))
-    known = effort_lag(motion, effort)[1]
-    return gains[0] > 0.0 and left < (1.0 - known) * float(np.var(asked))
-
-
-def _power(
-    motion: Motion, effort: FloatArray, others: FloatArray, there: NDArray[np.bool_]
-) -> float:
-    """Return the mean power at positions passed both ways over its standard error, or NaN.
-
-    Of efforts (T,) without NaN at samples `there` (T,), with `others` (M, T) that load the joint.
-    """
-    place = motion.position - motion.position.min()
-    axes = np.vstack([place, others - others.min(axis=1, keepdims=True)])
-    span = np.maximum(axes.max(axis=1, keepdims=True), 1e-300)
-    cells = np.minimum(_CELLS * axes / span, _CELLS - 1).astype(int)
-    cell = np.unique(cells, axis=1, return_inverse=True)[1].ravel()
-    ways = [np.isin(cell, cell[there & (w * motion.velocity > 0.0)]) for w in (1, -1)]
-    at = np.flatnonzero(there & ways[0] & ways[1])
-    if at.size < 2 * _BLOCKS:
-        return np.nan
-    drift, smooth = np.arange(place.size), motion.slowly(effort)
-    rows = np.stack([motion.velocity, motion.acceleration, place, drift, smooth])
-    rows, cell = rows[:, at], cell[at]
-    sums = np.stack([np.bincount(cell, row) for row in rows])
-    rows = rows - (sums / np.maximum(np.bincount(cell), 1))[:, cell]
-    # The part of the velocity that positions, accelerations and drifts cannot have.
-    other = rows[1:-1].T / np.maximum(np.linalg.norm(rows[1:-1], axis=1), 1e-300)
-    return _certainty(rows[0], other, rows[-1])
-
-
-def _certainty(own: FloatArray, other: FloatArray, target: FloatArray) -> float:
-    """Return the slope of a target (T,) on its own row (T,) over its standard error.
-
-    What other columns (T, P) can have of both is left out.
-    """
-    both = np.stack([own, target], axis=1)
-    own, left = (both - other @ np.linalg.lstsq(other, both, rcond=None)[0]).T
-    slope = (own @ left) / max(own @ own, 1e-300)
-    block = np.arange(own.size) * _BLOCKS // own.size
-    scores = np.bincount(block, own * (left - slope * own))
-    spread = np.sqrt((scores @ scores) * _BLOCKS / (_BLOCKS - 1))
-    return float(slope * (own @ own) / max(spread, 1e-300))
-
-
-# Samples that are no measurement: frozen, held, a register's bits, or another quantity.
-# By hand: an effort that stays for so long, s, while the drive goes so far, as a share of its
-# stroke, was not measured; a coarse one (SO-101: 6.5 mA) stays for up to 0.8 s.
-_LONG, _FAR = 1.0, 0.5
-# By hand: values are held where those that last so many samples, at least, all last as long; a
-# coarse encoder's last the shorter the faster it turns.
-_HELD, _EVEN = 3, 0.15
-# A digital signal is another one to its last digit.
-_SAME = 1e-6
-# Feetech and Dynamixel registers: ten bits of size, the eleventh is the direction.
-_SIGN_BIT = 1024
-
-
-def repeats(recording: Recording, name: str) -> Iterator[tuple[str, str]]:
-    """Yield (code, sentence) for what is no measurement of a joint of measured positions."""
-    state, effort = recording.state, recording.effort or recording.state
-    place = state.column('position', name) if state else None
-    values = effort.column('effort', name) if effort else None
-    if state is None or place is None or effort is None or values is None:
-        return
-    if not np.isfinite(values).all() or np.ptp(values) == 0.0:
-        return
-    seconds = (effort.stamp - recording.begin) * 1e-9
-    moved = np.interp(effort.stamp, state.stamp, place)
-    frozen = []
-    for a, b in _runs(values):
-        long = seconds[b - 1] - seconds[a] > _LONG
-        if long and np.abs(np.diff(moved[a:b])).sum() > _FAR * np.ptp(moved):
-            frozen.append(f'{values[a]:.4g} from {seconds[a]:.3g} to {seconds[b - 1]:.3g} s')
-    if frozen:
-        text = f'the effort is {" and ".join(frozen[:3])} while the drive moves, so it was not '
-        yield 'effort_frozen', f'{text}measured there; cut the log, or leave these cells empty'
-    for what, own, stamp in (
-        ('position', place, state.stamp),
-        ('effort', values, effort.stamp),
-    ):
-        if held := _holding(own, stamp, rising=what == 'position'):
-            text = f'each {what} stays for {1e3 * held:.3g} ms, as of a bus that is read at '
-            yield 'held', f'{text}{1.0 / held:.3g} Hz; log each value once, when it is read'
-    command = recording.command
-    if command is not None and (goal := command.column('position', name)) is not None:
-        apart = np.interp(effort.stamp, command.stamp, goal) - moved
-        scale = float(apart @ values) / (float(apart @ apart) or 1.0)
-        if np.abs(values - scale * apart).max() <= _SAME * np.abs(values).max():
-            text = f'the effort is {scale:.6g} times set-point less position, to the last digit: '
-            text += 'the following error, no torque; name the column or topic of the torque'
-            yield 'effort_error', text
-    whole = np.array_equal(values, np.round(values))
-    above = 100.0 * float(np.mean(values >= _SIGN_BIT))
-    if whole and values.min() >= 0.0 and values.max() < 2 * _SIGN_BIT and 5.0 < above < 95.0:
-        text = f'the effort is whole numbers from 0 to {values.max():g}, {above:.0f} % above '
-        text += f'{_SIGN_BIT}: a register whose bit {_SIGN_BIT} is the direction; log '
-        yield 'effort_register', f'{text}{_SIGN_BIT} less the value where it is above'
-
-
-def _runs(values: FloatArray) -> NDArray[np.intp]:
-    """Return (R, 2) begin and end of the stretches of equal values."""
-    edges = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1], [True]]))
-    return np.stack([edges[:-1], edges[1:]], axis=1)
-
-
-def _holding(values: FloatArray, stamp: NDArray[np.int64], rising: bool) -> float:
-    """Return how long each value is held, s; 0 where they are not held.
-
-    Of what is `rising` for long, as a coarse position at one speed, all have to last as long; else
-    most: the next reading may be the same.
-    """
-    first, last = _runs(values)[1:-1].T
-    size = last - first
-    if size.size < 20 or np.median(size) < _HELD:
-        return 0.0
-    if rising:
-        even = size.std() <= _EVEN * size.mean()
-    else:
-        even = np.ptp(np.percentile(size, (25, 75))) <= max(1.0, _EVEN * float(np.median(size)))
-    return float(np.median(stamp[last] - stamp[first])) * 1e-9 if even else 0.0
-
-
 # Shares of missing samples from which a warning, and an error, is due.
 _MISSING_WARN, _MISSING_ERROR = 0.01, 0.2
 # Shorter recordings hardly hold an acceleration, a cruise and a reversal, s.
@@ -438,7 +212,7 @@ def _judge_drives(
         drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
         # An integrated speed says nothing of the speed.
         fit = None if name in integrated else _velocity_fit(motion)
-        if fit is not None and fit[2] >= _KNOWN:
+        if fit is not None and fit[2] >= KNOWN:
             rates.append(fit[1])
         judged = [*_judged(drives[-1], motion, gravity, wanted is not None, fit)]
         judged += [('warn', code, text) for code, text in repeats(recording, name)]
@@ -579,7 +353,7 @@ def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
     if share < 0.5 or not 0.9 < gain < 1.1:
         remedy = 'correct its unit, sign or source in the driver, or leave it out'
         # Alone it does not show whether it is the velocity or the time that is off.
-        if share >= _KNOWN and gain > 0.0 and not _between_units(gain):
+        if share >= KNOWN and gain > 0.0 and not _between_units(gain):
             remedy += f', unless the time is no time in s ({_fitting(gain, motion.period)})'
         return 'warn', 'velocity', f'{text}; {remedy}'
     if abs(lag) > max(0.6 * motion.period, 1e-3):
@@ -590,26 +364,6 @@ def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
         text += ' or more' * edge
         return 'warn', 'velocity_lag', f'{text}; the position is the better measurement'
     return 'ok', 'velocity', text
-
-
-def effort_lag(motion: Motion, effort: FloatArray) -> tuple[float, float]:
-    """Return the lag of an effort, s or NaN, and the share of it that the motion explains."""
-    smooth = motion.slowly(fill_gaps(effort))
-    lag, _, share = motions.best_lag(motion.regressors, smooth, motion.period, 0.0)
-    # a fit that is best at the very edge, or poor, knows nothing of a delay
-    known = lag <= motions.LATEST - 2.0 * motion.period and share >= _KNOWN
-    return lag if known else math.nan, share
-
-
-def _backward(motion: Motion, effort: FloatArray) -> bool:
-    """Whether the motion explains an effort (T,), with an inertia that is certainly negative."""
-    lag, share = effort_lag(motion, effort)
-    late = 0 if math.isnan(lag) else round(lag / motion.period)
-    if share < _KNOWN:
-        return False
-    columns = motion.regressors[: motion.position.size - late]
-    asked = motion.slowly(fill_gaps(effort))[late:]
-    return _certainty(columns[:, 0], columns[:, 1:], asked) < -_certain()
 
 
 def _explained_moving(motion: Motion, effort: FloatArray, lag: float) -> float:
@@ -650,7 +404,7 @@ def _of_effort(motion: Motion, effort: FloatArray) -> Iterator[Said]:
         text += 'effort_unit with torque_constant or rated_torque in the machine file'
         yield 'warn', 'effort_unit', text
     lag, share = effort_lag(motion, effort)
-    if sign == 'open' and not motion.beside.size and _backward(motion, effort):
+    if sign == 'open' and not motion.beside.size and backward(motion, effort):
         text = f'a negative inertia, friction and gravity explain {100.0 * share:.0f} % of the '
         text += 'effort: unless what is not logged loads this joint, its sign is reversed against '
         text += 'the motion; for this log negate the torque_constant, of a table the scale'

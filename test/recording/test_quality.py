@@ -17,7 +17,7 @@ from ros2_ident.models.registry import read_machine_file
 from ros2_ident.recording import align, check, read_bag, Recording, render, Stream
 from ros2_ident.recording.grid import cycle_of, missing_samples
 from ros2_ident.recording.motion import Motion, motion_of, smooth_motion
-from ros2_ident.recording.quality import sign_of
+from ros2_ident.recording.sign import sign_of
 
 REPO = Path(__file__).parents[2]
 
