@@ -20,7 +20,8 @@ from ros2_ident.identify.run import problem_of, read_data, solve
 from ros2_ident.identify.settings import IdentifySettings
 from ros2_ident.models import load_machine, make_model
 from ros2_ident.recording import align, read_bag
-from ros2_ident.recording.headers import header_of, meanings
+from ros2_ident.recording.headers import header_of
+from ros2_ident.recording.names import meanings
 
 DEGREE, TURN = math.pi / 180.0, 2.0 * math.pi
 HEADERS = Path(__file__).with_name('headers.txt').read_text(encoding='utf-8').split('\n\n')
