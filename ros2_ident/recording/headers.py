@@ -78,8 +78,7 @@ class Header:
         if not rate:
             return self
         columns = (
-            replace(x, quantity='', why='the rate is stated') if x.quantity == 'time' else x
-            for x in self.columns
+            x.left_out('the rate is stated') if x.quantity == 'time' else x for x in self.columns
         )
         return replace(self, columns=tuple(columns), rate=rate)
 
@@ -133,8 +132,7 @@ class Header:
                 if before.quantity == quantity and x.joint == before.joint:
                     columns[n] = x = replace(x, joint=joint)  # as its other columns
                 if (x.joint, x.quantity) == (joint, quantity):
-                    other = 'another column was given for it'
-                    columns[n] = replace(x, joint='', quantity='', why=other)
+                    columns[n] = x.left_out('another column was given for it')
             columns[at] = Meaning(name, joint, quantity, before.unit, scale, stated=bool(factor))
         moving = dict.fromkeys(x.joint for x in columns if x.quantity in ('position', 'velocity'))
         stated = {_option(text)[0] for text in given}
@@ -142,13 +140,10 @@ class Header:
             if x.quantity != 'effort' or not moving or x.joint in moving:
                 continue
             if x.name in stated:
-                text = (
-                    f'--column: {short(x.name)} is to be the effort of {short(x.joint)}, which no '
-                )
-                text += f'column moves; write one of {listed(moving, 30)}'
+                text = f'--column: {short(x.name)} is to be the effort of {short(x.joint)}, which '
+                text += f'no column moves; write one of {listed(moving, 30)}'
                 raise ErrorCode.INVALID_GOAL.error(text)
-            why = f'no column says how {short(x.joint)} moves'
-            columns[n] = replace(x, joint='', quantity='', why=why)
+            columns[n] = x.left_out(f'no column says how {short(x.joint)} moves')
         return replace(self, columns=tuple(columns))
 
     def called(self, drives: Sequence[str]) -> 'Header':
@@ -177,11 +172,10 @@ class Header:
             return self
         idle = {x for x, kinds in of.items() if kinds <= {'position', 'velocity'}}
         idle -= {*named, *(_option(text)[1] for text in given)}
-        columns = list(self.columns)
-        for n, x in enumerate(columns):
-            if x.joint in idle:
-                why = f'no effort and no set-point of {short(x.joint)}'
-                columns[n] = replace(x, joint='', quantity='', why=why)
+        columns = (
+            x.left_out(f'no effort and no set-point of {short(x.joint)}') if x.joint in idle else x
+            for x in self.columns
+        )
         return replace(self, columns=tuple(columns))
 
     def require_told(self, path: Path) -> None:

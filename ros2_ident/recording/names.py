@@ -68,6 +68,10 @@ class Meaning:
     perhaps: str = ''  # JOINT.QUANTITY, were it told by the columns' order, or by a symbol
     stated: bool = False  # whether an option says the scale, and the header's unit no more
 
+    def left_out(self, why: str) -> 'Meaning':
+        """Return it as that of a column that is not read, with the reason."""
+        return replace(self, joint='', quantity='', why=why)
+
     @property
     def plain(self) -> str:
         """Its unit, as column maps have it."""
