@@ -167,17 +167,16 @@ def _elements(root: ET.Element) -> Iterator[tuple[list[ET.Element], ET.Element]]
 def _state_defaults(root: ET.Element) -> None:
     """Write into the elements of an MJCF what their classes of defaults state for them."""
     classes: dict[str, dict[str, dict[str, str]]] = {'': {}}
-    level = [(x, '') for x in root.iterfind('default')]
+    # The outermost ones are one class, whatever it is called.
+    level = [(x, '', '') for x in root.iterfind('default')]
     while level:
-        default, above = level.pop(0)
-        # The outermost ones are one class, and need no name.
-        name = default.get('class', '') if default not in list(root) else ''
+        default, name, above = level.pop(0)
         own = {tag: dict(stated) for tag, stated in classes[above].items()}
         for child in default:
             if child.tag != 'default':
                 own[child.tag] = {**own.get(child.tag, {}), **child.attrib}
         classes[name] = own
-        level += [(x, name) for x in default.findall('default')]
+        level += [(x, x.get('class', ''), name) for x in default.findall('default')]
     for about, element in _elements(root):
         usual = next((x.get('childclass', '') for x in reversed(about) if x.get('childclass')), '')
         stated = classes.get(element.get('class', usual), classes['']).get(element.tag, {})
