@@ -301,7 +301,7 @@ def weigh_changes(
         groups.setdefault((cell.log, 0 if several else cell.fold), []).append(cell)
     of_each = partial(_scatter, list(groups.values()), seen, prior)
     inflation, freedom = np.ones(len(rms)), np.full(len(rms), np.inf)
-    scatter, spread = of_each(usually, at).alone, np.zeros(at.size)
+    spread = np.zeros(at.size)
     if several:
         found = of_each(usually, np.arange(len(rms)))
         inflation, freedom = found.moderated
@@ -312,6 +312,8 @@ def weigh_changes(
             inflation, freedom = of_each(usually, np.arange(len(rms))).moderated
             freedom[at] = own
         scatter = inflation[at], freedom[at]
+    else:
+        scatter = of_each(usually, at).alone
     of_all = [_reduced(cells, seen, prior, x) for x in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
     by_itself = np.where(alone, between * usual**2, 0.0)
@@ -455,6 +457,7 @@ class _Scatter:
         if own.sum() < 3:
             return self.alone
         half = 0.5 * self.free[own]
+        # By hand: a thousandth of the noise's variance is as good as none, which has no logarithm.
         told = np.log(np.maximum(self.square[own] / self.free[own], 1e-3))
         told = told - scipy.special.digamma(half) + np.log(half)
         excess = float(np.var(told, ddof=1)) - float(np.mean(scipy.special.polygamma(1, half)))
