@@ -388,8 +388,8 @@ def at_rest(
                 if d.position is not None and name in d.names]  # fmt: skip
         if here and np.isfinite(here[0]).any():
             rows[name] = np.concatenate(here)
-    compared = datasets if compared_of(machine) == ('effort',) else ()
-    idle = {name for d in compared for name in undriven(d)}
+    judged = datasets if compared_of(machine) == ('effort',) else ()
+    idle = {name for d in judged for name in undriven(d)}
     strokes = {name: float(np.nanmax(x) - np.nanmin(x)) for name, x in rows.items()}
     still = standing(strokes, idle)
     if chosen == machine.drives:
