@@ -80,9 +80,10 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
     made = Path(args.columns) if args.columns else where
-    named = path.exists() and of_columns(path)
+    there = path.exists()  # of what is not there the reader says so
+    named = there and of_columns(path)
     option = '--column' if args.column else '--rate' if args.rate else ''
-    if option and not named:
+    if option and there and not named:
         raise ErrorCode.INVALID_GOAL.error(
             f'{option} is of a table or of arrays, which {path} is not; leave it out'
         )

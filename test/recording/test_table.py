@@ -392,6 +392,8 @@ def test_a_rate_is_of_a_table_only_and_not_beside_its_map(tmp_path, capsys):
     words = ['new-machine', '--kind', 'linear_axis', '--rate', '100', '--bag']
     assert main([*words, str(tmp_path)]) == 2
     assert 'is of a table or of arrays, which' in capsys.readouterr().err
+    assert main([*words, str(tmp_path / 'none.csv')]) == 2
+    assert 'none.csv: does not exist; give' in capsys.readouterr().err
     (tmp_path / 'log.columns.yaml').write_text('')
     assert main([*words, str(log)]) == 2
     assert 'so that --rate has no part in it' in capsys.readouterr().err
