@@ -81,11 +81,19 @@ class Hypothesis:
         """RMS of the worst drive's gap in units of the floor."""
         return float(np.sqrt(np.maximum(self.gap, 0.0)).max())
 
-    @cached_property
+    @property
     def certain_size(self) -> float:
         """`size` where the noise is at the upper end of its 95 % interval."""
-        lower = (self.gap + 1.0) * self.samples.certain - 1.0
-        return float(np.sqrt(np.maximum(lower, 0.0)).max())
+        return self._size_at(self.samples.certain)
+
+    @property
+    def possible_size(self) -> float:
+        """`size` where the noise is at the lower end, which is as far from it as a factor."""
+        return self._size_at(1.0 / self.samples.certain)
+
+    def _size_at(self, factor: Array) -> float:
+        gap = (self.gap + 1.0) * factor - 1.0
+        return float(np.sqrt(np.maximum(gap, 0.0)).max())
 
     @cached_property
     def bic(self) -> float:

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import scipy
 
+from ros2_ident.arrays import NORMAL
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
 from ros2_ident.gap.result import Cause, Facts
@@ -162,7 +163,11 @@ def _with_encoder_steps(
 def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
     base, final = found.chain[0], found.chain[-1]
     closed = final.closes(base) if len(found.chain) > 1 else 0.0
-    missing = scipy.special.expit((base.size - rules.material) / t.size)
+    # Mean over what the noise may be: three points with the mean and variance of its logarithm.
+    sizes = np.array([base.size, base.certain_size, base.possible_size])
+    ends = 0.5 / NORMAL**2
+    over = scipy.special.expit((sizes - rules.material) / t.size)
+    missing = float(over @ [1.0 - 2.0 * ends, ends, ends])
     # Where none counts, the one that comes nearest may still be it in another form.
     tried = found.rounds[0].fitted if found.rounds else ()
     alone = max((e.closes(base) for e in tried), default=0.0)

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ros2_ident.arrays import NORMAL
 from ros2_ident.effects import get_effect
 from ros2_ident.gap.assemble import _values
 from ros2_ident.gap.hypothesis import Hypothesis, Round, Samples, Selection
@@ -41,13 +42,13 @@ def test_an_interval_ends_where_its_parameter_was_searched():
     assert undetermined(value) and not undetermined(replace(value, low=0.05))
 
 
-def made(gap, effects=()):
+def made(gap, effects=(), certain=1.0):
     """Return a fit that leaves a mean square beyond the noise's on each of two drives."""
     fit = SAMPLES * (1.0 + np.array(gap, dtype=float))
     own = sum(len(get_effect(at.effect).parameters) for at in effects)
     theta = np.array([1.0, 2.0] + [0.5] * own)
     empty, count = np.empty(0), np.full(2, float(SAMPLES))
-    samples = Samples(count, count, np.ones(2))
+    samples = Samples(count, count, np.full(2, certain))
     return Hypothesis(
         tuple(effects), theta, fit, fit, samples, *([empty] * 3), unit=np.full(theta.size, 0.5)
     )
@@ -139,6 +140,13 @@ def test_a_size_at_the_end_of_its_search_may_stand_for_another_cause(end, share)
     said = answered([base, one], [one])
     assert said.effect == slid.effect
     assert said.probability == pytest.approx(share * sure)
+
+
+def test_no_gap_is_as_certain_as_the_noise_is_known():
+    """A log of 10 s with slow noise said 1.00 beside "slow noise may hide more"."""
+    sure, short = (answered([made([0.0, 0.0], certain=c**2)]).probability for c in (0.95, 0.6))
+    # Noise of 0.6 times the size leaves a gap: an end of the interval, half the odds beyond it.
+    assert sure > 0.97 and short == pytest.approx(1.0 - 0.5 / NORMAL**2, abs=1e-3)
 
 
 def test_twins_are_one_answer_under_two_names():
