@@ -58,6 +58,7 @@ class Column:
         moved: (k, P) how they move with each.
         own: Of what kind it is where each log has its own, so that it is no suspect.
         usual: Standard deviation from log to log; inf where it is not known.
+        most: Of an effect the largest of each that is looked for.
     """
 
     suspect: Suspect
@@ -73,6 +74,7 @@ class Column:
     moved: Array = field(default_factory=lambda: np.empty((0, 0)))
     own: Literal['', 'timing', 'zero'] = ''
     usual: float = 0.0
+    most: Sequence[float] = ()
 
     @property
     def place(self) -> str:
@@ -296,6 +298,7 @@ def _effects(first: FullModel, seen: Missing, nominal: int) -> _Places:
                 np.array([m[w] for m, w in zip(moved, which, strict=True)]),
                 numbers=len(own), at=one.at, begin=start, moved=one.points[at] - start,
                 own='timing' if late else '', usual=math.inf if late else 0.0,
+                most=[max(abs(own[w].high), abs(own[w].low)) for w in which],
             )  # fmt: skip
             yield c, (begin + at).tolist()
 

@@ -28,6 +28,7 @@ from ros2_ident.gates import GateReport
 from ros2_ident.identify.hidden import missing_beside, residuals_at, Rows
 from ros2_ident.identify.problem import Problem
 from ros2_ident.machine.machine import Machine
+from ros2_ident.models.drives.candidates import COULOMB, FRICTION
 from ros2_ident.models.registry import scales_of, STATED_WITHIN
 from ros2_ident.recording import Dataset
 from ros2_ident.search.changes import (
@@ -87,6 +88,7 @@ class _Round:
     weighed: Changes
     marginal: Marginal
     nominal: Array
+    kept: Array
 
     @property
     def suspects(self) -> list[Column]:
@@ -176,6 +178,7 @@ def find_change(
         paired=paired,
         price=price,
         complete=not stopped(),
+        friction=tuple(_friction(now, named, theta)),
     )
 
 
@@ -205,7 +208,8 @@ def _round(
     )  # fmt: skip
     apart = nominal if paired else nominal[:, :0]
     marginal = Marginal.of(weighed, rows, logs, apart)
-    return _Round(sides, theta, rows, logs, found.each, weighed, marginal, nominal)
+    kept = found.others[:, found.others.shape[1] - len(found.kept) :]
+    return _Round(sides, theta, rows, logs, found.each, weighed, marginal, nominal, kept)
 
 
 def _logs(sides: Sides, rows: Rows, log: npt.NDArray[np.int64], paired: bool) -> Logs:
@@ -463,6 +467,38 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
         yield Change(s, tuple(sizes), x.evidence, x.ties)
 
 
+def _friction(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Size]:
+    """Yield what several changes of a drive's friction come to, as one of its Coulomb friction.
+
+    Laws found beside one another may do opposite things: each is projected on Coulomb friction.
+    """
+    sides, told = now.sides, dict[str, list[_Fit]]()
+    width, first = sides.high - sides.low, sides.nominal
+    covariance = now.weighed.beside()[0]
+    for x in found:
+        c = x.column
+        if of_friction(c.at) if c.at else c.suspect.name.rpartition('.')[2] in FRICTION:
+            told.setdefault(c.place, []).append(x)
+    for place, several in told.items():
+        names = [f'{place}.{name}' for name in COULOMB]
+        at = next((i for i, name in enumerate(sides.names[:first]) if name in names), None)
+        if at is None or len(several) < 2:
+            continue
+        slope, own, more = now.nominal[:, at], np.zeros(width.size - first), 0.0
+        # An effect acts on one side, a parameter's column is of both.
+        squares = np.maximum(slope**2 @ (now.kept != 0.0), 1e-300)
+        along = slope @ now.kept / squares * width[at]
+        for x in several:
+            sign = 1.0 if x.column.suspect.side == 'after' else -1.0
+            places = sides.places_of(x.column.at, x.column.suspect.name)
+            own[[i - first for i in places]] = sign
+            for i, none in _sizes(sides, x.column):
+                more += sign * float(along[i - first] * (now.theta[i] - none) / width[i])
+        half = NORMAL * math.sqrt((own * along) @ covariance @ (own * along))
+        p = sides.parameters[at]
+        yield Size(p.name, more, more - half, more + half, p.unit, float(theta[at]))
+
+
 def _less(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Sides, _Best]:
     """Return the sides without a change, and their best fit."""
     sides = now.sides.less(c.at, c.suspect.name)
@@ -505,10 +541,13 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
             continue
         covariance = now.weighed.of(c.columns)[1]
         errors = shown_from(price, float(now.weighed.freedom[[*c.columns]].min()))
-        for i, (name, unit, scale) in enumerate(zip(c.names, c.units, c.scales, strict=True)):
-            size = errors * math.sqrt(covariance[i, i]) * abs(float(scale))
+        for i, (name, unit, most) in enumerate(
+            zip(c.names, c.units, c.most or [math.inf] * len(c.names), strict=True)
+        ):
+            size = errors * math.sqrt(covariance[i, i]) * abs(float(c.scales[i]))
+            size = size if size <= most else math.inf
             key = c.suspect.name, c.suspect.where
-            if math.isfinite(size) and (key not in smallest or size < smallest[key].size):
+            if key not in smallest or size < smallest[key].size:
                 smallest[key] = Visible(c.suspect, name, size, unit, c.value)
     yield from smallest.values()
 

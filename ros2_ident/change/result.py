@@ -71,7 +71,7 @@ class Visible:
     Attributes:
         suspect: What might have changed.
         name: Its number.
-        size: By how much, `unit`.
+        size: By how much, `unit`; inf where the largest that is looked for would not.
         unit: Unit.
         value: Value of a parameter or constant before; NaN of an effect.
     """
@@ -123,6 +123,8 @@ class Comparison:
         complete: Whether nothing cut it short.
         pushed: Whether others than the drives made efforts in these logs; no fit tells what that
             did from a change.
+        friction: Of drives with several changes of friction all of them together, as the change of
+            their Coulomb friction that does the same along these motions.
     """
 
     changes: tuple[Change, ...]
@@ -134,6 +136,7 @@ class Comparison:
     price: float
     complete: bool
     pushed: bool = False
+    friction: tuple[Size, ...] = ()
 
     @property
     def believed(self) -> bool:

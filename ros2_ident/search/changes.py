@@ -131,7 +131,7 @@ class Changes:
 
     def half_widths(self) -> Array:
         """Return (K,) half the 95 % intervals of those kept, whose box is known beforehand."""
-        covariance, freedom = self._beside()
+        covariance, freedom = self.beside()
         half = np.sqrt(np.diag(covariance))
         return np.asarray(-half * scipy.special.stdtrit(freedom, 0.025), np.float64)
 
@@ -142,11 +142,11 @@ class Changes:
             estimate: (K,) all that are kept.
             sizes: Which of them.
         """
-        at, (covariance, freedom) = list(sizes), self._beside()
+        at, (covariance, freedom) = list(sizes), self.beside()
         gain = estimate[at] @ np.linalg.solve(covariance[np.ix_(at, at)], estimate[at])
         return _normal(float(gain), 1.0 / float(np.mean(1.0 / freedom[at])))
 
-    def _beside(self) -> tuple[Array, Array]:
+    def beside(self) -> tuple[Array, Array]:
         """Return covariance (K, K) and freedom (K,) of those kept, whose box is known before."""
         at, wide = list(self.kept), np.sqrt(self.scatter[0])
         covariance = np.linalg.inv(self.information[np.ix_(at, at)] + np.eye(len(at)))

@@ -2,6 +2,7 @@
 """Changes between two sets of logs, in words."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import groupby
 import math
 
@@ -82,6 +83,10 @@ def changed(c: Comparison) -> Iterator[str]:
         if change.ties:
             names = ', '.join(title_of(x) for x in change.ties)
             yield f'These logs do not tell it from: {names}.'
+    for x in c.friction:
+        yield (
+            f'Together these are as much friction along these motions as a change of {_other(x)}.'
+        )
     if c.changes:
         data = 'logs' if min(c.logs) > 1 else 'quarters of the logs'
         share = 'nothing' if math.isnan(c.explained) else percent(c.explained)
@@ -107,9 +112,12 @@ def _change(change: Change) -> str:
             sizes = [x for x in sure if 'inertia' not in x.name] or sure or sizes
         numbers = ', '.join(f'{x.name} {quantity(x.value, x.unit)} {_ends(x)}' for x in sizes)
         return f'{title_of(s)} is there {s.side} only, with {numbers}'
-    (x,) = change.sizes
+    return _other(replace(change.sizes[0], name=title_of(s)))
+
+
+def _other(x: Size) -> str:
     share = f' ({100.0 * x.value / abs(x.before):+.3g} %)' if x.before else ''
-    return f'{title_of(s)} by {quantity(x.value, x.unit)} {_ends(x)}{share}'
+    return f'{x.name} by {quantity(x.value, x.unit)} {_ends(x)}{share}'
 
 
 def _ends(x: Size) -> str:
@@ -139,8 +147,9 @@ def _difference(x: Apart) -> str:
 
 def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:
     texts = []
+    shown = [v for v in visible if v.size < math.inf]
     for v in sorted(
-        visible, key=lambda v: (v.suspect.kind != 'parameter', v.size / (abs(v.value) or math.inf))
+        shown, key=lambda v: (v.suspect.kind != 'parameter', v.size / (abs(v.value) or math.inf))
     ):
         share = (
             f' ({figure(100.0 * v.size / abs(v.value))} %)'
@@ -149,7 +158,8 @@ def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:
         )
         texts.append(f'{title_of(v.suspect)} {quantity(v.size, v.unit)}{share}')
     more = f' and {len(texts) - _LISTED} more' if len(texts) > _LISTED else ''
+    none = ', '.join(dict.fromkeys(title_of(v.suspect) for v in visible if v not in shown))
     return (
         f'The smallest {"other change" if beside else "change"} that would have shown: '
-        f'{", ".join(texts[:_LISTED])}{more}.'
+        f'{", ".join(texts[:_LISTED])}{more}.' + f' However large, no {none} would.' * bool(none)
     )

@@ -12,7 +12,7 @@ import pytest
 
 from ros2_ident import jobs
 from ros2_ident.change.columns import shifted
-from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect
+from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import Move, Sides
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
@@ -111,6 +111,35 @@ def test_an_effect_is_there_on_one_side(made):
         found = compared(made, [before], [after]).result
         assert 'stribeck' in {x.name for c in found.changes for x in (c.suspect, *c.ties)}
         assert found.changes[0].suspect.side == side
+
+
+def test_changes_of_friction_that_do_opposite_things_are_told_together(made, tmp_path):
+    law = 'degressive_friction@emps_axis:torque=20,velocity=0.03'
+    words = ['--set', 'coulomb_friction=10', '--effect', law, '--motion', 'reversals']
+    words += ['--machine', str(AXIS), '--seconds', '6', '--seed', '9']
+    assert main(['simulate', f'{tmp_path}/rough', *words]) == 0
+    found = compared(made, ['one'], [str(tmp_path / 'rough')]).result
+    assert len(found.changes) == 2
+    (whole,) = found.friction
+    states = read_bags([tmp_path / 'rough'])[0].streams['state']
+    speed = np.gradient(states.position[:, 0], 1e-9 * states.stamp)
+    moving = np.sign(np.where(np.abs(speed) > 1e-3, speed, 0.0))
+    expected = 20.0 * (moving @ np.tanh(speed / 0.03)) / (moving @ moving) - 5.0  # of 15 N
+    assert whole.low < expected < whole.high
+    # Alone one of the two is - 5 N, the other twice as much as both.
+    assert whole.high - whole.low < 0.5 * expected
+    assert any(x.startswith('Together these are as much') for x in sentences(found))
+
+
+def test_a_size_beyond_all_that_is_looked_for_would_not_show():
+    stribeck = Suspect('effect', 'stribeck', 'x_axis')
+    smallest = tuple(
+        Visible(s, 'n', size, 'N', math.nan)
+        for s, size in ((stribeck, math.inf), (replace(stribeck, name='backlash'), 2.0))
+    )
+    *_, said = sentences(Comparison((), math.nan, smallest, (), (2, 2), False, 5.0, True))
+    assert said.endswith('shown: backlash on x_axis 2 N. However large, no Stribeck friction on '
+                         'x_axis would.')  # fmt: skip
 
 
 def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):

@@ -91,10 +91,8 @@ _ZERO = ('measurement_delay', 'gear_damping_ratio', 'integral_gain', 'velocity_f
 _ZERO_ROWS = 'coulomb', 'viscous', 'constant_load'
 MAY_BE_ZERO = {*_ZERO, *(name for name, slot in SLOTS.items() if slot.row in _ZERO_ROWS)}
 # And these are friction of a drive or joint.
-FRICTION = {
-    'damping', 'frictionloss',
-    *(name for name, slot in SLOTS.items() if slot.row in ('coulomb', 'viscous')),
-}  # fmt: skip
+COULOMB = {'frictionloss', *(name for name, slot in SLOTS.items() if slot.row == 'coulomb')}
+FRICTION = COULOMB | {'damping', *(n for n, slot in SLOTS.items() if slot.row == 'viscous')}
 # Fills rows of all candidates and drives from other rows of theirs.
 Derive = Callable[[Array], None]
 
