@@ -316,7 +316,8 @@ def compare(
         IdentError: As `read`; INVALID_GOAL where pairs are asked for and the sides have not as
             many bags, DIVERGED where nothing can be simulated, CANCELLED where that came first.
     """
-    from ros2_ident.change.find import apart, find_change
+    from ros2_ident.change.find import find_change
+    from ros2_ident.change.logs import apart
     from ros2_ident.gap.diagnose import SEARCH
 
     if paired and len(request.bags) != len(later):

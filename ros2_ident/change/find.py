@@ -18,19 +18,15 @@ from ros2_ident.change.columns import (
     of_friction,
     SETTLED,
     shifted,
-    travels_of,
 )
 from ros2_ident.change.result import Apart, ApartKind, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
-from ros2_ident.gates import GateReport
 from ros2_ident.identify.hidden import missing_beside, residuals_at, Rows
 from ros2_ident.identify.problem import Problem
-from ros2_ident.machine.machine import Machine
 from ros2_ident.models.drives.candidates import COULOMB, FRICTION
-from ros2_ident.models.registry import scales_of, STATED_WITHIN
-from ros2_ident.recording import Dataset
+from ros2_ident.models.registry import STATED_WITHIN
 from ros2_ident.search.changes import (
     Changes,
     evidence_of,
@@ -52,9 +48,6 @@ _TURNS = 2
 _SURE = math.log(0.95 / 0.05)
 # Each quarter of a log is predicted from the other three.
 _PARTS = 4
-# Motions whose strokes or speeds differ by this factor are others: what the model lacks does not
-# cancel then. By hand.
-_OTHER = 1.25
 
 
 @dataclass(frozen=True)
@@ -586,35 +579,3 @@ def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
             kind: ApartKind = 'friction' if c.at and of_friction(c.at) else 'scatter'
             told[kind].append(Apart(kind, p.name.removesuffix(AFTER), one, other, p.unit))
     yield from chain(*told.values())
-
-
-def apart(
-    problem: Problem,
-    machine: Machine,
-    sides: Sequence[Sequence[Dataset]],
-    reports: Sequence[GateReport],
-    drives: Sequence[str] | None = None,
-) -> Iterator[Apart]:
-    """Yield how two sides differ in their checks and their motions.
-
-    Args:
-        problem: Nominal models of the machine.
-        machine: The machine.
-        sides: Its recordings before, and those after.
-        reports: The checks of each side.
-        drives: The drives looked at; all where None.
-    """
-    first, second = ([g for g in x.gates if g.level != 'ok'] for x in reports)
-    both = {(g.gate, g.drive) for g in first} & {(g.gate, g.drive) for g in second}
-    for gate, early in [(g, True) for g in first] + [(g, False) for g in second]:
-        if (gate.gate, gate.drive) not in both:
-            values = (gate.number, math.nan) if early else (math.nan, gate.number)
-            yield Apart('check', gate.sentence, *values, gate.unit)
-    scales = [scales_of(machine, x) for x in sides]
-    units = travels_of(problem, machine)
-    for d in map(machine.drives.index, drives or machine.drives):
-        for name, unit in (('stroke', ''), ('speed', '/s')):
-            one, other = (float(getattr(x, name)[d]) for x in scales)
-            if max(one, other) > _OTHER * min(one, other):
-                text = f'{name} of {machine.drives[d]}'
-                yield Apart('motion', text, one, other, f'{units[d]}{unit}')
