@@ -68,7 +68,9 @@ def _parameters(effect: Effect) -> str:
 
 
 def what_it_is(effect: Effect) -> str:
-    """Return an effect in one sentence: the first line of its module's docstring."""
+    """Return an effect in one sentence: its own, or the first line of its module's docstring."""
+    if effect.about:
+        return effect.about
     module = importlib.import_module(f'ros2_ident.effects.{effect.id}')
     return (module.__doc__ or '').strip().split('\n')[0]
 

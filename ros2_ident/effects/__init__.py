@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The catalogue: every module of this folder that defines EFFECT is one effect.
+"""The catalogue: a module of this folder defines one effect as EFFECT, or several as EFFECTS.
 
 Other packages add theirs by entry points, users by files of their own. The kernels are composed of
 all effects once, so these have to be known before; an environment variable tells the files to
@@ -51,10 +51,11 @@ class Catalogue:
         self.effects: dict[str, Effect] = {}
         self.sources: dict[Path, str] = {}
         self.closed = False
-        for name in sorted(name for _, name, _ in pkgutil.iter_modules(folders)):
-            own = getattr(importlib.import_module(f'{package}.{name}'), 'EFFECT', None)
-            if own is not None:
-                self._add(own, name)
+        names = [name for _, name, _ in pkgutil.iter_modules(folders)]
+        modules = [vars(importlib.import_module(f'{package}.{name}')) for name in names]
+        own = [e for x in modules for e in x.get('EFFECTS', (x.get('EFFECT'),)) if e is not None]
+        for effect in sorted(own, key=lambda effect: effect.id):
+            self._add(effect, package)
         for effect, source, module in _of_packages():
             self._add(effect, source)
             self.sources[Path(str(module.__file__)).resolve()] = module.__name__

@@ -231,6 +231,7 @@ class Effect:
         bent: Whether it bends along the way: it has to do more than a smooth function of that.
         most: How many of it one place may have, as several orders of a ripple.
         number: Which of these it is; the catalogue makes those behind the first.
+        about: What it is, in a sentence, where its module does not begin with that.
     """
 
     id: str
@@ -254,6 +255,7 @@ class Effect:
     bent: bool = False
     most: int = 1
     number: int = 1
+    about: str = ''
 
     @property
     def further(self) -> str:
