@@ -37,7 +37,6 @@ GENERATORS = {
     'arms': 'checks.generators.arm_cases',
     'free-arms': 'checks.generators.free_arms',
     'mjcf': 'checks.generators.mjcf_cases',
-    'suspects': 'checks.blind.suspects',
 }
 EXIT_CODES = {0: 'scored, drawn, or verified', 1: 'stopped; the same command goes on'}
 
@@ -51,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--generator',
         choices=GENERATORS,
         default='reference',
-        help='what simulates, the slow reference by default; `suspects` is a table of its own',
+        help='what simulates, the slow reference by default',
     )
     parser.add_argument('--mjcf', metavar='FILE', help="of `mjcf`: the arm's description")
     parser.add_argument(

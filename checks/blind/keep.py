@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from checks.blind import arms, mjcf, seal, suspects
+from checks.blind import arms, mjcf, seal
 from checks.blind.score import figure, score
 from checks.blind.store import read_json, SEALS, Store, TABLE, write_json
 from checks.blind.truth import make_row
@@ -90,8 +90,6 @@ def _judge(labels: Labels) -> Judge:
         return mjcf.asked, mjcf.figures
     if 'truth' in label:
         return arms.asked, arms.figures
-    if 'row' in label:
-        return suspects.asked, suspects.figures
     return _asked, _figures
 
 

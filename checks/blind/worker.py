@@ -23,7 +23,6 @@ FORBIDDEN = (
     'checks.blind.forms',
     'checks.blind.seal',
     'checks.generators',
-    'checks.blind.suspects',
 )
 
 
