@@ -6,8 +6,7 @@
 # writes build/benchmarks.md, too.
 #
 # What changes less has to be named: search_belt, mujoco_blind (needs what peers installs, and half
-# an hour), simulators (installs several GB), practice (wants a folder of cases), report (wants
-# result directories and Chromium).
+# an hour), simulators (installs several GB), practice (wants a folder of cases).
 set -uo pipefail
 cd "${0%/*}/.." || exit
 failed=0
