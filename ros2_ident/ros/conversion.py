@@ -302,7 +302,9 @@ def _of_gap(name: str, value: Value) -> ParameterEstimate:
     )
 
 
-def diff_feedback(progress: run.Step, machine: Machine, stamp: Time) -> tuple[Diff.Feedback, str]:
+def diff_feedback(
+    progress: DiagnoseProgress, machine: Machine, stamp: Time
+) -> tuple[Diff.Feedback, str]:
     """Return a progress as the action's feedback and in words; arguments as of the others."""
     feedback = _filled(Diff.Feedback, progress)
     return feedback, f'comparing, {100 * feedback.fraction:.0f} %: {feedback.stage}'

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 import hashlib
 import math
 from pathlib import Path
@@ -74,19 +75,6 @@ class Wanted(Request):
         return yaml.safe_dump({'machine': machine, 'settings': asked}, sort_keys=False)
 
 
-@dataclass(frozen=True)
-class Step:
-    """How far a comparison is.
-
-    Attributes:
-        stage: What is being done.
-        fraction: Share of the work that is done.
-    """
-
-    stage: str
-    fraction: float
-
-
 def asked_of(done: Identified | Diagnosed | Compared) -> Wanted:
     """Return what the goal of a run asked for."""
     assert isinstance(done.request, Wanted)
@@ -116,14 +104,15 @@ def carry_out(
     Raises:
         IdentError: With the remedy.
     """
+    at = partial(DiagnoseProgress, best_so_far='', elapsed=0.0, eta=math.nan)
     if what == 'diff':
         return jobs.compare(
             wanted, wanted.later or (), paired=wanted.paired, received=received, cancel=cancel,
-            on_step=lambda share, text: on_progress(Step(text, share)),
+            on_step=lambda share, text: on_progress(at(text, share)),
         )  # fmt: skip
     identifying = what == 'identify'
     if not identifying:
-        on_progress(DiagnoseProgress('reading the recordings', 0.0, '', 0.0, math.nan))
+        on_progress(at('reading the recordings', 0.0))
     logs, rate = jobs.read(wanted, received), wanted.preview_rate
     listeners = [on_progress]
     if identifying and on_preview is not None and rate:
