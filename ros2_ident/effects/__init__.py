@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The catalogue: a module of this folder defines one effect as EFFECT, or several as EFFECTS.
+"""The catalogue: every effect that a module of this folder defines, by itself or in a tuple.
 
 Other packages add theirs by entry points, users by files of their own. The kernels are composed of
 all effects once, so these have to be known before; an environment variable tells the files to
@@ -53,7 +53,8 @@ class Catalogue:
         self.closed = False
         names = [name for _, name, _ in pkgutil.iter_modules(folders)]
         modules = [vars(importlib.import_module(f'{package}.{name}')) for name in names]
-        own = [e for x in modules for e in x.get('EFFECTS', (x.get('EFFECT'),)) if e is not None]
+        told = [e for x in modules for e in (*x.values(), *x.get('EFFECTS', ()))]
+        own = (effect for effect in told if isinstance(effect, Effect))
         for effect in sorted(own, key=lambda effect: effect.id):
             self._add(effect, package)
         for effect, source, module in _of_packages():
