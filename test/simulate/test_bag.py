@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from checks.reference import bag_making
 from ros2_ident.models import load_machine
 from ros2_ident.models.registry import space_of
 from ros2_ident.recording import read_bag
@@ -72,15 +73,20 @@ def test_streams_are_a_log(bag):
     assert np.abs(np.mean(residual)) < 5e-4
 
 
-def test_same_seed_same_bag(bag, motion):
-    again = simulate_bag(MACHINE, TRUTH, motion, 1)
-    other = simulate_bag(MACHINE, TRUTH, motion, 2)
+# The package's model, and the slow reference, which shares no equations of motion with it.
+BY_BOTH = pytest.mark.parametrize('simulate', [simulate_bag, bag_making.simulate_bag])
+
+
+@BY_BOTH
+def test_same_seed_same_bag(simulate, motion):
+    bag, again, other = (simulate(MACHINE, TRUTH, motion, seed) for seed in (1, 1, 2))
     for topic, stream in bag.streams.items():
         assert np.array_equal(stream.stamp, again.streams[topic].stamp)
         assert not np.array_equal(stream.stamp, other.streams[topic].stamp)
     assert np.array_equal(bag.streams['/effort'].effort, again.streams['/effort'].effort)
 
 
+@BY_BOTH
 @pytest.mark.parametrize(
     ('name', 'machine', 'kind', 'seconds', 'seed', 'truth'),
     [
@@ -101,8 +107,10 @@ def test_same_seed_same_bag(bag, motion):
         ),
     ],
 )
-def test_bundled_bags_are_what_their_command_makes(name, machine, kind, seconds, seed, truth):
-    made = simulate_bag(machine, truth, draw_motion(kind, machine, seconds, seed), seed)
+def test_bundled_bags_are_what_their_command_makes(
+    name, machine, kind, seconds, seed, truth, simulate
+):
+    made = simulate(machine, truth, draw_motion(kind, machine, seconds, seed), seed)
     (kept,) = read_bag(ROOT / 'bags' / name)
     stream = made.streams['/effort']
     assert np.array_equal(kept.effort.stamp, stream.stamp)
