@@ -207,7 +207,6 @@ class Effect:
 
     Attributes:
         id: Name in results.
-        group: What the effect sits on.
         title: Name in sentences.
         equation: The law, in plain text.
         source: Reference of the law.
@@ -215,6 +214,7 @@ class Effect:
         family: Structural class: effects of one family look alike on ordinary motions.
         confusable: Ids of effects that one log may not tell apart from this one.
         separated_by: The motion that would, as an instruction with `{drive}` for the place.
+        group: What the effect sits on.
         hook: Where it acts.
         kernel: The hook's kernel, compiled by numba; None for PARAMETER.
         place: `drive` where each drive can have its own, `all` where the machine has one.
@@ -235,7 +235,6 @@ class Effect:
     """
 
     id: str
-    group: Group
     title: str
     equation: str
     source: str
@@ -243,6 +242,7 @@ class Effect:
     family: str
     confusable: tuple[str, ...]
     separated_by: str
+    group: Group = 'drive'
     hook: Hook = Hook.PARAMETER
     kernel: Callable[..., Any] | None = None
     place: Literal['drive', 'all'] = 'drive'

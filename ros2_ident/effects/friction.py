@@ -22,7 +22,6 @@ def _asymmetric_friction(value: Any, drive: Any, p: Any) -> Any:
 
 ASYMMETRIC_FRICTION = Effect(
     id='asymmetric_friction',
-    group='drive',
     about='Friction that differs between the two directions.',
     title='asymmetric friction',
     equation='M_a + V_a |v| added to the friction torque in either direction',
@@ -50,7 +49,6 @@ def _degressive_friction(value: Any, drive: Any, p: Any) -> Any:
 
 DEGRESSIVE_FRICTION = Effect(
     id='degressive_friction',
-    group='drive',
     about='Friction that rises with speed and levels off, as of a lubricant that thins.',
     title='degressive friction',
     equation='M_D tanh(v/v_D) added to the friction torque, v_D well above the regularisation',
@@ -77,7 +75,6 @@ def _directional_load_friction(value: Any, drive: Any, p: Any) -> Any:
 
 DIRECTIONAL_LOAD_FRICTION = Effect(
     id='directional_load_friction',
-    group='drive',
     about='Friction of a gear that motor and load press together, each by a share of its own.',
     title='directional load friction',
     equation='|mu_M M + mu_F F / gear| sgn v added to the friction torque',
@@ -111,7 +108,6 @@ def _friction_drift_kept(value: Any, drive: Any, p: Any) -> Any:
 
 FRICTION_DRIFT = Effect(
     id='friction_drift',
-    group='drive',
     about='Friction that changes while the machine warms up.',
     title='drifting friction',
     equation='friction times (1 + a (1 - exp(-t/T))) exp(b w); T dw/dt = friction power - w',
@@ -140,7 +136,6 @@ def _load_dependent_friction(value: Any, drive: Any, p: Any) -> Any:
 
 LOAD_DEPENDENT_FRICTION = Effect(
     id='load_dependent_friction',
-    group='drive',
     about='Friction that grows with the force the gear carries.',
     title='load-dependent friction',
     equation='mu |F| / gear sgn v added to the friction torque',
@@ -161,7 +156,6 @@ def _position_dependent_friction(value: Any, drive: Any, p: Any) -> Any:
 
 POSITION_DEPENDENT_FRICTION = Effect(
     id='position_dependent_friction',
-    group='drive',
     about='Dry friction that changes along the rail.',
     title='position-dependent friction',
     equation='Coulomb torque times 1 + a (z - z_0) added',
@@ -187,7 +181,6 @@ def _presliding(value: Any, drive: Any, p: Any) -> Any:
 
 PRESLIDING = Effect(
     id='presliding',
-    group='drive',
     about='Presliding: friction builds up over a way, as in a brush of bristles, not at once.',
     title='presliding hysteresis',
     equation='friction direction h instead of sgn v: dh/dx = (1 - h sgn v)/delta',
@@ -212,7 +205,6 @@ def _quadratic_drag(value: Any, drive: Any, p: Any) -> Any:
 
 QUADRATIC_DRAG = Effect(
     id='quadratic_drag',
-    group='drive',
     about='Drag that grows with the square of speed.',
     title='quadratic drag',
     equation='Q v |v| added to the friction torque',
@@ -246,7 +238,6 @@ def _quadratic_load_friction(value: Any, drive: Any, p: Any) -> Any:
 
 QUADRATIC_LOAD_FRICTION = Effect(
     id='quadratic_load_friction',
-    group='drive',
     about='Friction of a gear that grows with the square of what presses it, while it hardly '
     'turns.',
     title='quadratic load friction',
@@ -270,7 +261,6 @@ def _stribeck(value: Any, drive: Any, p: Any) -> Any:
 
 STRIBECK = Effect(
     id='stribeck',
-    group='drive',
     about='Stribeck friction: more friction near standstill than at speed.',
     title='Stribeck friction',
     equation='M_S exp(-(v/v_S)^2) sgn v added to the friction torque',
@@ -298,7 +288,6 @@ def _stribeck_load_friction(value: Any, drive: Any, p: Any) -> Any:
 
 STRIBECK_LOAD_FRICTION = Effect(
     id='stribeck_load_friction',
-    group='drive',
     about='Friction of a loaded gear that falls off as it turns faster.',
     title='Stribeck load friction',
     equation='|mu_M M + mu_F F / gear| exp(-(v/v_S)^2) sgn v added to the friction torque',

@@ -16,7 +16,6 @@ def _backlash(value: Any, drive: Any, p: Any) -> Any:
 
 BACKLASH = Effect(
     id='backlash',
-    group='drive',
     about='Play in the gear: no force while the teeth do not touch.',
     title='backlash',
     equation='gear force from the deflection less its part within +-b/2',
@@ -42,7 +41,6 @@ def _position_dependent_stiffness(value: Any, drive: Any, p: Any) -> Any:
 
 POSITION_DEPENDENT_STIFFNESS = Effect(
     id='position_dependent_stiffness',
-    group='drive',
     about='A belt whose stiffness changes along the rail.',
     title='position-dependent stiffness',
     equation='c_G (1 + a (s - s_0))',
@@ -69,7 +67,6 @@ def _transmission_eccentricity(value: Any, drive: Any, p: Any) -> Any:
 
 TRANSMISSION_ECCENTRICITY = Effect(
     id='transmission_eccentricity',
-    group='drive',
     about='A pulley or pinion off centre: travel that wavers once a motor turn.',
     title='transmission eccentricity',
     equation='e = A sin(gear z) + B cos(gear z) added to the gear deflection; lever 1 + de/dz',
@@ -94,7 +91,6 @@ def _cable_spring(value: Any, drive: Any, p: Any) -> Any:
 
 CABLE_SPRING = Effect(
     id='cable_spring',
-    group='drive',
     about='A cable or hose that pulls as a spring.',
     title='cable spring',
     equation='-k (s - s_0) on the load side',
@@ -119,7 +115,6 @@ def _constant_force(value: Any, drive: Any, p: Any) -> Any:
 
 CONSTANT_FORCE = Effect(
     id='constant_force',
-    group='drive',
     about='A constant force or torque on the load side, a weight or a spring far from rest.',
     title='constant force',
     equation='F on the load side, against the positive direction',
@@ -157,7 +152,6 @@ def _end(name: str, symbol: str, *starts: float) -> EffectParameter:
 
 END_STOP = Effect(
     id='end_stop',
-    group='drive',
     about='An end stop that a drive runs into, at one end of its way or at both.',
     title='end stop',
     equation='k (max(0, s_1 - s) - max(0, s - s_2)) on the load side',

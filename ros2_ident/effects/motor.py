@@ -105,7 +105,6 @@ def _torque_ripple(value: Any, drive: Any, p: Any) -> Any:
 
 TORQUE_RIPPLE = Effect(
     id='torque_ripple',
-    group='drive',
     about='Torque that ripples with the motor angle: cogging.',
     title='torque ripple',
     equation='A sin(n gear z) + B cos(n gear z) added to the motor torque',

@@ -86,7 +86,6 @@ EFFECTS = (
     ),
     Effect(
         id='coulomb_friction',
-        group='drive',
         about='Coulomb friction, where the nominal model has none.',
         title='Coulomb friction',
         equation='M_C sgn v',
@@ -206,7 +205,6 @@ EFFECTS = (
     ),
     Effect(
         id='gear_flexibility',
-        group='drive',
         about='A gear, screw or belt that gives, where the nominal model moves motor and load as '
         'one mass.',
         title='gear flexibility',
@@ -323,7 +321,6 @@ EFFECTS = (
     _gain_error('velocity', 'k_v', 0.3, 3.0, ('viscous_friction',)),
     Effect(
         id='viscous_friction',
-        group='drive',
         about='Viscous friction, where the nominal model has none.',
         title='viscous friction',
         equation='M_V v',
