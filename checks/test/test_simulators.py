@@ -13,7 +13,8 @@ from checks.reference import arm as twin  # noqa: E402
 from checks.simulators import cases  # noqa: E402
 from checks.simulators.run import exported, page  # noqa: E402
 from ros2_ident.errors import IdentError  # noqa: E402
-from ros2_ident.export.targets import SUMMARY, TARGETS, urdf, write  # noqa: E402
+from ros2_ident.export.descriptions import urdf  # noqa: E402
+from ros2_ident.export.targets import SUMMARY, TARGETS, write  # noqa: E402
 from ros2_ident.models.drives.joints import PARTS  # noqa: E402
 
 

@@ -13,10 +13,9 @@ from typing import Any
 
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
+from ros2_ident.export import descriptions
 from ros2_ident.export.content import Content
-from ros2_ident.export.descriptions import drake, gazebo, is_urdf, mjcf, moved, odd, urdf
 from ros2_ident.export.laws import is_law
-from ros2_ident.export.usd import can_write, usd
 from ros2_ident.files import make_directory, mark, require_ours, write_text
 from ros2_ident.machine.keys import written
 from ros2_ident.models.drives.joints import Joint, PARTS
@@ -40,7 +39,8 @@ def _loader(text: str, content: Content, name: str) -> str:
     every = [(joint, law) for joint, laws in content.laws.items() for law in laws]
     functions = dict.fromkeys(f'\n\n{law.source}\n' for _, law in every)
     filled = _text(name).replace('LAWS = []\n', ''.join((*functions, _text('laws'))))
-    filled = filled.replace('MASSLESS = []', f'MASSLESS = {odd(text)["links without mass"]}')
+    massless = descriptions.odd(text)['links without mass']
+    filled = filled.replace('MASSLESS = []', f'MASSLESS = {massless}')
     laws = [
         f'({joint!r}, {law.effect}, {law.takes!r}, {law.values!r}, {dict(law.state)!r})'
         for joint, law in every
@@ -142,9 +142,9 @@ def _loaded(title: str, massless: str, follows: str, *holds: str) -> Target:
 _URDF, _ANY, _DRY = ('urdf',), ('urdf', 'mjcf'), ('viscous', 'coulomb')
 _SERVO = *PARTS, 'p', 'd'
 TARGETS = {
-    'urdf': Target('URDF', 'robot.urdf', urdf, _URDF, _DRY),
+    'urdf': Target('URDF', 'robot.urdf', descriptions.urdf, _URDF, _DRY),
     'mjcf': Target(
-        'MuJoCo', 'robot.xml', mjcf, _ANY, (*_SERVO, 'command_delay'),
+        'MuJoCo', 'robot.xml', descriptions.mjcf, _ANY, (*_SERVO, 'command_delay'),
         'weigh 1e-9 kg', 'are coupled by a soft constraint',
     ),
     'mjcf_effects': Target(
@@ -152,11 +152,12 @@ TARGETS = {
         (*_SERVO, 'command_delay', 'laws'), beside=('mjcf',),
     ),
     'drake': Target(
-        'Drake', 'drake.urdf', drake, _URDF, ('viscous', 'armature'),
+        'Drake', 'drake.urdf', descriptions.drake, _URDF, ('viscous', 'armature'),
         'weigh 0 kg', 'are coupled, in discrete time only',
     ),
     'gazebo': Target(
-        'Gazebo', 'gazebo.urdf', gazebo, _URDF, _DRY, 'weigh 1e-5 kg', 'are coupled'
+        'Gazebo', 'gazebo.urdf', descriptions.gazebo, _URDF, _DRY,
+        'weigh 1e-5 kg', 'are coupled',
     ),
     'pinocchio': _loaded('pinocchio', 'weigh 0 kg', 'move by themselves', 'armature', 'laws'),
     'pybullet': _loaded('PyBullet', 'weigh 0 kg', 'move by themselves', 'laws'),
@@ -165,7 +166,9 @@ TARGETS = {
     'newton': _loaded(
         'Newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws', 'p', 'd', 'command_delay'
     ),
-    'usd': Target('USD', 'robot.usda', usd, _URDF, _SERVO, 'weigh 1e-5 kg', 'are coupled'),
+    'usd': Target(
+        'USD', 'robot.usda', descriptions.usd, _URDF, _SERVO, 'weigh 1e-5 kg', 'are coupled'
+    ),
     'isaac': Target('Isaac Lab', 'isaac.yaml', isaac, (), _SERVO),
     'ros2_control': Target('ros2_control', 'ros2_control.yaml', ros2_control, (), tuple('pidf')),
 }  # fmt: skip
@@ -183,7 +186,7 @@ def _lack(name: str, content: Content, description: str) -> str:
         return (
             f'a machine of the kind {content.model.name} goes back into its MJCF; give --to mjcf'
         )
-    of, own = TARGETS[name].of, 'urdf' if is_urdf(description) else 'mjcf'
+    of, own = TARGETS[name].of, 'urdf' if descriptions.is_urdf(description) else 'mjcf'
     if of and not (description and own in of):
         kinds = ' or '.join(reversed(of)).upper()
         return (
@@ -196,7 +199,7 @@ def _lack(name: str, content: Content, description: str) -> str:
         return 'no effect was found that needs it; mjcf has all'
     if own == 'urdf' and name in ('mjcf', 'mjcf_effects') and not can_convert():
         return 'it needs MuJoCo; `pip install mujoco`'
-    if name == 'usd' and not can_write():
+    if name == 'usd' and not descriptions.can_write():
         return 'it needs its converter; `pip install urdf-usd-converter`'
     return ''
 
@@ -227,7 +230,9 @@ def write(
         if why := _lack(name, content, description):
             raise ErrorCode.INVALID_GOAL.error(f'nothing can be written for {name}: {why}')
     names = tuple(dict.fromkeys(x for n in names for x in (*TARGETS[n].beside, n)))
-    text = description if folder is None else moved(description, folder, Path(directory))
+    text = (
+        description if folder is None else descriptions.moved(description, folder, Path(directory))
+    )
     texts = {name: TARGETS[name].write(text, content) for name in names}
     paths = {name: Path(directory) / TARGETS[name].file for name in names}
     require_ours([*paths.values(), Path(directory) / SUMMARY])
@@ -275,7 +280,7 @@ def sentences(
             )
     if target.massless:
         made = target.massless, target.follows
-        for (kind, names), how in zip(odd(description).items(), made, strict=True):
+        for (kind, names), how in zip(descriptions.odd(description).items(), made, strict=True):
             if names:
                 yield f'{kind} {how}: {joined(names)}'
 
