@@ -27,6 +27,7 @@ from checks.reference.tripod import TABLE_5
 from ros2_ident.kernel import rows
 from ros2_ident.lanes import WIDTH
 from ros2_ident.models import load_machine
+from ros2_ident.models.drives.model import Compiled
 from ros2_ident.models.tripod.model import Tripod
 from ros2_ident.recording import Dataset
 from ros2_ident.search import GeneticSearch, GeneticSettings, minimise, ThreadedEvaluator
@@ -182,8 +183,9 @@ class Hooked(Tripod):
     """The tripod on the kernel with the hooks of effects, all of them off."""
 
     @property
-    def _flags(self) -> np.ndarray:
-        return self.candidates.on
+    def _kernel(self) -> Compiled:
+        of, room, (told, followed, mode, _, *rest) = super()._kernel
+        return of, room, (told, followed, mode, self.candidates.on, *rest)
 
 
 def compare(model: Tripod, limit: Limit, rounds: int) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from checks.benchmarks import economy, measure
+from checks.benchmarks.kernel import Hooked, synthetic
 
 
 def task(noise=0.0):
@@ -92,3 +93,9 @@ def test_jobs_are_timed_in_turns_and_by_their_share():
 def test_noise_is_how_far_the_median_lies_above_the_minimum():
     timing = measure.Timing((1.0, 1.5, 9.0))
     assert (timing.median, timing.least, timing.noise) == (1.5, 1.0, 0.5)
+
+
+def test_the_kernel_that_is_timed_with_hooks_has_them():
+    plain = synthetic(1.0)
+    flags = [model._kernel[2][3] for model in (plain, Hooked(plain.machine, plain.data))]
+    assert flags[0] is None and not flags[1].any()
