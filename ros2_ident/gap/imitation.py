@@ -8,7 +8,6 @@ cause outside the catalogue then looks like an effect that is in it.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from ros2_ident.gap.result import PARAMETERS
 from ros2_ident.identify.hidden import MOST, residuals_at, rows_of, slopes_of, whitening
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.model import SMOOTHING
-from ros2_ident.recording.motion import fill_gaps, low_pass
+from ros2_ident.recording.motion import fill_gaps, step_of
 from ros2_ident.search.least_squares import Point
 
 # What rows do not tell from other columns but for this share is rounding of derivatives.
@@ -122,46 +121,47 @@ def _own_share(fits: Fits, e: Hypothesis, at: EffectAt) -> float:
 def noise_does(fits: Fits, e: Hypothesis, at: EffectAt) -> bool:
     """Return whether noise of the recorded motion does as much as an effect that smooths efforts.
 
-    What is simulated of a noisy motion is too rough, and fits better where it is smoothed. But a
-    log that was smoothed is weaker itself: what is taken of it has less power than it has in
-    common with what is taken of the simulation. Of noise in the motion it has more.
+    What is simulated of a noisy motion, or with another friction, is too rough, and fits better
+    where it is smoothed. But a log that was smoothed has lost its own noise, too.
 
     Args:
         fits: The fits that `e` is one of.
         e: The fit that holds it.
         at: The effect.
-
-    Reference:
-        The two estimates of a frequency response, biased by noise of the input and of the output:
-        Bendat and Piersol (2010), Random Data, section 6.1.
     """
     targets = [p.target for p in get_effect(at.effect).parameters]
     if 'log_smoothing' not in targets:
         return False
-    column = e.columns(e.effects.index(at))[targets.index('log_smoothing')]
-    common, more, less = 0.0, 0.0, 0.0
-    for model, theta in fits.split.whole.with_effects(e.effects).each(e.theta):
-        # Effects come last in every recording's own parameters, too.
-        period, there = theta[column - len(e.theta)], np.isfinite(model.measured)
-        if model.data.effort is None or not period > 0.0:
-            continue
-        rows = [model.data.names.index(place) for place in model.places]
-        logged = np.stack([fill_gaps(model.data.effort[row]) for row in rows])
-        taken = partial(_taken, cycle=model.cycle, cutoff=1.0 / period)
-        simulated = taken(model.simulated_effort(theta))
-        seen = model.measured[there]
-        lost, left, power = (
-            float(seen @ model.in_band(x)[there])
-            for x in (simulated, simulated - taken(simulated), taken(logged))
-        )
-        common, less, more = common + lost, less + left, more + power
-    # Half way between a log smoothed so, without noise, and one that nothing was taken of.
-    return common > 0.0 and more > 0.5 * (common + less)
+    # Effects come last in every recording's own parameters, too.
+    column = e.columns(e.effects.index(at))[targets.index('log_smoothing')] - len(e.theta)
+    return any(
+        _is_noisy(model.data.effort[model.data.names.index(place)], model.cycle, theta[column])
+        for model, theta in fits.split.whole.with_effects(e.effects).each(e.theta)
+        if model.data.effort is not None
+        for place in model.places
+    )
 
 
-def _taken(efforts: Array, cycle: float, cutoff: float) -> Array:
-    """Return (O, K) what smoothing takes of efforts."""
-    return efforts - low_pass(efforts, cycle, cutoff, SMOOTHING)
+def _is_noisy(effort: Array, cycle: float, period: float) -> bool:
+    """Return whether an effort (K,) has noise that smoothing of the file would have taken.
+
+    Above the cut-off, 1 / period, what passed has a power that falls with the frequency, forwards
+    and backwards, by an order of four times the filter's. Noise that came later is rounding alone.
+    """
+    frequency = np.fft.rfftfreq(effort.size, cycle)
+    # Ends of octaves: of the first above the cut-off, and of the last of all.
+    near, far = 2.0 / max(period, cycle), float(frequency[-1])
+    if far < 2.0 * near:
+        return False
+    whole = fill_gaps(effort)
+    window = np.hanning(effort.size)
+    power = np.abs(np.fft.rfft(window * (whole - whole.mean()))) ** 2
+    least, most = (
+        float(power[(frequency > 0.5 * end) & (frequency <= end)].mean()) for end in (near, far)
+    )
+    rounding = step_of(effort[np.isfinite(effort)]) ** 2 / 12.0 * float(np.sum(window**2))
+    # Half way, in the order, to noise that is the same at all frequencies.
+    return most > 2.0 * rounding and most > least * (near / far) ** (2 * SMOOTHING)
 
 
 def _functions(fits: Fits, e: Hypothesis, at: EffectAt) -> Iterator[tuple[str, Array, Array]]:

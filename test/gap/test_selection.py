@@ -10,9 +10,11 @@ import pytest
 from gap.test_rules import DRAG, DRIVES, made, RULES, SAMPLES, STRIBECK
 from ros2_ident.gap import selection
 from ros2_ident.gap.hypothesis import Round
+from ros2_ident.gap.imitation import noise_does
 from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.gap.selection import Selector
 from ros2_ident.models import EffectAt
+from ros2_ident.recording.motion import low_pass
 from ros2_ident.search.noise import NoiseModel
 
 
@@ -128,3 +130,25 @@ def test_a_floor_too_large_and_slow_for_noise_is_told(selector):
     # Below a frequency all noise is slow.
     model.thinned = True
     assert not selector.restless()
+
+
+def test_a_log_that_has_noise_above_the_cut_off_was_not_smoothed():
+    rng, cycle, period = np.random.default_rng(3), 0.002, 0.1
+    smoothing = EffectAt('effort_smoothing', 'all')
+    slow = low_pass(rng.normal(0.0, 1.0, (1, 4000)), cycle, 1.0 / period, 2)[0]
+
+    def noisy(logged):
+        data = SimpleNamespace(names=['one'], effort=logged[None])
+        model = SimpleNamespace(data=data, places=['one'], cycle=cycle)
+        whole = SimpleNamespace(each=lambda theta: [(model, theta)])
+        split = SimpleNamespace(whole=SimpleNamespace(with_effects=lambda effects: whole))
+        e = SimpleNamespace(
+            effects=[smoothing], theta=np.array([period]), columns=lambda place: [0]
+        )
+        return noise_does(SimpleNamespace(split=split), e, smoothing)
+
+    for smoothed in (slow, np.round(slow, 2)):
+        assert not noisy(smoothed)
+    noise = rng.normal(0.0, 0.02, slow.shape)
+    for rough in (slow + noise, np.round(slow + noise, 2)):
+        assert noisy(rough)
