@@ -155,6 +155,34 @@ def test_it_is_the_minimum() -> None:
     assert better.fun >= best - 1e-9
 
 
+def test_right_angles_that_a_description_rounds_are_no_parameters(tmp_path):
+    body = '<inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    plain = {
+        'machine': 'serial', 'drives': ['turn', 'lift', 'roll'],
+        'geometry': {'description': 'arm.urdf'}, 'controller': {'cycle': 0.01},
+        'parameters': {**LINKS, 'drive_inertia': [0.0, 1.0, 'kg m^2']},
+    }  # fmt: skip
+    for quarter in ('1.5707963267948966', '1.570796', '1.5708', '1.57'):
+        joints = [
+            ('base', 'turn', '0'),
+            ('turn', 'lift', quarter),
+            ('lift', 'roll', f'-{quarter}'),
+        ]
+        parts = ''.join(
+            f'<link name="{own}">{body}</inertial></link><joint name="{own}" type="continuous">'
+            f'<parent link="{on}"/><child link="{own}"/><axis xyz="0 0 1"/>'
+            f'<origin xyz="0 {0.2 * (angle != "0")} 0" rpy="{angle} 0 0"/></joint>'
+            for on, own, angle in joints
+        )
+        (tmp_path / 'arm.urdf').write_text(f'<robot name="r"><link name="base"/>{parts}</robot>')
+        machine = machine_from_mapping(plain, 'arm', tmp_path)
+        inertials = Inertials(machine, arm_of(machine))
+        # About the first two axes links turn as their rotors do, and add to no other.
+        assert len(inertials.names) == 13
+        assert not {'turn.link_inertia_zz', 'lift.link_inertia_zz'} & set(inertials.names)
+        assert sorted(inertials.rotors) == ['lift.drive_inertia', 'turn.drive_inertia']
+
+
 def test_rotors_stand_for_the_links_that_are_given(tmp_path):
     place, speed, acceleration = np.random.default_rng(4).uniform(-1.0, 1.0, (3, len(JOINTS), 20))
     given = {'elbow.link_mass': 4.0, 'elbow.link_moment_x': 0.7, 'drive_inertia': 2.0}

@@ -30,8 +30,9 @@ _PAYLOAD_SOURCE = 'Newton; a point mass in the frame of the last joint'
 # Instants, speeds (rad/s or m/s) and accelerations of the motion that shows all that can be shown.
 _INSTANTS, _SPEED, _ACCELERATION = 60, 2.0, 5.0
 # A column counts as new where this much of it lies outside the others, as nothing where it is
-# this much of the longest: frames that are turned by half pi leave a rounding error behind.
-_NEW, _NOTHING = 1e-7, 1e-10
+# this much of the longest. By hand: descriptions round half pi to 1.57 at worst, twice in a chain
+# to 0.0016, and what is new of arms that were tried is above 0.02.
+_NEW, _NOTHING = 5e-3, 1e-10
 
 
 class Inertials:
@@ -58,7 +59,10 @@ class Inertials:
         )
         sought = 'drive_inertia' in machine.bounds
         self.inertias = [f'{drive}.drive_inertia' for drive in machine.drives if sought]
-        self.rotors = dict(_rotors(machine, arm, np.asarray(self._beside.any(axis=1))))
+        links, rotors = (np.linalg.norm(terms, axis=0) for terms in self._shown)
+        shares = np.abs(self._beside) * rotors[:, None]
+        joined = (shares > _NEW * links[self._listed]).any(axis=1)
+        self.rotors = dict(_rotors(machine, arm, np.asarray(joined)))
         self._base = self._listed[kept]
         self.middles = self._grouping @ self._known[self._listed]
         self.names = [self._name(machine, column) for column in self._base]
@@ -130,12 +134,14 @@ class Inertials:
     def _made_up(self) -> tuple[Array, Array]:
         """(E + B, 10 D) shares of rotors and base parameters in the links' inertials.
 
-        And (10 D,) by how much they miss each, as a share of the terms of all.
+        And (10 D,) by how much they miss each, as a share of its terms.
         """
         terms, rotors = self._shown
         own = np.concatenate([rotors, terms[:, self._base]], axis=1)
         by = _made_of(own, terms)
-        return by, np.linalg.norm(own @ by - terms, axis=0) / np.linalg.norm(terms)
+        lengths = np.linalg.norm(terms, axis=0)
+        missed = np.linalg.norm(own @ by - terms, axis=0)
+        return by, missed / np.maximum(lengths, _NOTHING * lengths.max(initial=1e-300))
 
     @functools.cached_property
     def links(self) -> list[tuple[npt.NDArray[np.int64], Array]]:
