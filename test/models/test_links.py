@@ -183,6 +183,29 @@ def test_right_angles_that_a_description_rounds_are_no_parameters(tmp_path):
         assert sorted(inertials.rotors) == ['lift.drive_inertia', 'turn.drive_inertia']
 
 
+@pytest.mark.parametrize(('coupled', 'shown'), [('none', True), ('lower', False)])
+def test_a_motor_that_turns_with_two_joints_is_no_other_than_the_link_it_turns(
+    tmp_path, coupled, shown
+):
+    """Level axes, the second link by a belt from the base: it turns as its motor does."""
+    plain = {
+        'machine': 'serial', 'drives': ['lower', 'upper'],
+        'geometry': {
+            'dh_a': [0.0, 0.3], 'dh_alpha': [0.5 * np.pi, 0.0], 'dh_d': [0.0, 0.0],
+            'dh_theta': [0.0, 0.0],
+        },
+        'drive': {'coupled_to': ['none', coupled]}, 'controller': {'cycle': 0.01},
+        'parameters': {
+            'link_moment': [-1.0, 1.0, 'kg m'], 'link_inertia': [-1.0, 1.0, 'kg m^2'],
+            'drive_inertia': [0.0, 1.0, 'kg m^2'],
+        },
+    }  # fmt: skip
+    machine = machine_from_mapping(plain, 'arm', tmp_path)
+    inertials = Inertials(machine, arm_of(machine))
+    assert ('upper.link_inertia_zz' in inertials.names) is shown
+    assert ('upper.drive_inertia' in inertials.rotors) is not shown
+
+
 def test_rotors_stand_for_the_links_that_are_given(tmp_path):
     place, speed, acceleration = np.random.default_rng(4).uniform(-1.0, 1.0, (3, len(JOINTS), 20))
     given = {'elbow.link_mass': 4.0, 'elbow.link_moment_x': 0.7, 'drive_inertia': 2.0}

@@ -230,7 +230,9 @@ def _shown(machine: Machine, arm: Arm) -> tuple[Array, Array]:
         place[d], speed[d], acceleration[d] = where, 0.0, 0.0
     moves = [drive not in machine.stands for drive in machine.drives]
     terms = arm.terms(place, _SPEED * speed, _ACCELERATION * acceleration)[moves]
-    rotors = (np.eye(shape[0])[:, None, :] * (_ACCELERATION * acceleration)[:, :, None])[moves]
+    # What motors ask turns with their own angles; these are the joints' shares of it.
+    motors = _coupled(machine)
+    rotors = np.einsum('ed,ek->dke', motors, motors @ (_ACCELERATION * acceleration))[moves]
     sought = 'drive_inertia' in machine.bounds
     rows = sum(moves) * shape[1]
     return terms.reshape(rows, -1), rotors.reshape(rows, -1)[:, : shape[0] if sought else 0]
