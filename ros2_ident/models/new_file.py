@@ -136,7 +136,7 @@ def one_joint_file(
             the log states an effort that is no force of what slides, or torque of what turns;
             MISSING_STREAM where position or effort stay the same.
     """
-    log, _ = with_positions(log, log.state.names if log.state else ())
+    log, summed = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None
     names = tuple(drives) or log.state.names
     keys = {key.name for key in kind.keys}
@@ -166,10 +166,11 @@ def one_joint_file(
     most = float(np.nanmax(np.abs(motion.effort)))
     moved = motion.acceleration, motion.velocity
     mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
-    weight = _weight(motion, motion.effort)
-    if rigid and weight and travel != 'm':
+    # An integral of a speed comes back to no place.
+    weight = 0.0 if travel == 'm' or summed else _weight(motion, motion.effort)
+    if rigid and weight:
         raise ErrorCode.INVALID_GOAL.error(
-            f'the effort of {names[0]} follows the sine of its position, up to {weight:.3g}: a '
+            f'the effort of {names[0]} follows its position, up to {weight:.3g}, as that of a '
             f'joint under gravity, which a {kind.name} does not have; take --kind serial, or '
             '--travel m where the position is a length'
         )
@@ -186,7 +187,8 @@ def one_joint_file(
         # is what the other one cannot have
         ways = np.stack([np.sin(motion.position), np.cos(motion.position)])
         change = motion.acceleration[None]
-        least = (np.linalg.norm(_apart(*x), -2) for x in ((change, ways), (ways, change)))
+        pairs = (change, ways), (ways, change)
+        least = (np.linalg.norm(x - x @ np.linalg.pinv(y) @ y, -2) for x, y in pairs)
         mass, pull = (2.0 * most * len(ways.T) ** 0.5 / max(float(x), 1e-12) for x in least)
         moment = pull / 9.81
         return (
@@ -208,31 +210,32 @@ def one_joint_file(
     )
 
 
-def _apart(rows: FloatArray, others: FloatArray) -> FloatArray:
-    """Return rows (P, T) less what other ones (Q, T) can have of them."""
-    return np.asarray(rows - rows @ np.linalg.pinv(others) @ others)
-
-
 def _weight(motion: Motion, logged: FloatArray) -> float:
     """Return the largest effort that follows a position's sine; 0 where it closes too little.
 
     It counts as an effect does, see `gap.rules`: where it closes half of what inertia, friction
-    and a spring leave, and is a tenth of the effort.
+    and a spring leave, and is a tenth of the effort. A small swing tells no sine from a spring,
+    which no kind has: where inertia and friction leave most of the effort, half of that counts.
     """
     effort = motion.slowly(fill_gaps(logged))
-    place = motion.position
-    friction = direction(motion.velocity)
-    spring = place - place.mean()
-    rows = np.stack([motion.acceleration, motion.velocity, friction, np.ones(place.size), spring])
-    plain = motion.slowly(rows).T
-    sines = motion.slowly(np.stack([np.sin(place), np.cos(place)])).T
-    without = effort - plain @ np.linalg.lstsq(plain, effort, rcond=None)[0]
-    wide = np.hstack([plain[:, :-1], sines])
-    fitted = np.linalg.lstsq(wide, effort, rcond=None)[0]
-    left = float(np.mean((effort - wide @ fitted) ** 2))
-    closed = float(np.mean(without**2)) - left
-    size = float(np.hypot(*fitted[-2:]))
-    return size if closed > left and size > 0.1 * float(effort.std()) else 0.0
+    place, still = motion.position, np.ones(motion.position.size)
+    plain = [motion.acceleration, motion.velocity, direction(motion.velocity), still]
+    rows = motion.slowly(np.stack([np.sin(place), np.cos(place), *plain, place]))
+
+    def fit(first: int, last: int) -> tuple[FloatArray, float]:
+        own = rows[first:last]
+        fitted = np.asarray(np.linalg.lstsq(own.T, effort, rcond=None)[0])
+        return fitted, float(np.mean((effort - fitted @ own) ** 2))
+
+    inert, without = fit(2, 6)
+    # Below its own frequency a swing looks like one of a negative mass: there is none.
+    alone = without if inert[0] > 0.0 else fit(3, 6)[1]
+    most = float(effort.var())
+    if alone < 0.5 * most:
+        without = fit(2, 7)[1]
+    fitted, left = fit(0, 6)
+    closes = without - left
+    return float(np.hypot(*fitted[:2])) if closes > left and closes > 0.1**2 * most else 0.0
 
 
 def followed_file(

@@ -274,6 +274,9 @@ def swing(tmp_path, rate):
 def test_bounds_hold_weight_and_inertia_of_a_swing_near_its_own_frequency(tmp_path, rate):
     log, out = swing(tmp_path, rate)
     bounds = yaml.safe_load(out.read_text())['parameters']
+    words = ['--kind', 'linear_axis', '--bag', str(log), '--out', str(tmp_path / 'axis.yaml')]
+    # so small a swing tells its weight from no spring, but the kind that has neither is refused
+    assert main(['new-machine', *words]) == 2
     # the largest effort alone would be far less than what it is the weight of
     assert np.abs(read_bag(log)[0].effort.effort).max() < 0.5 * 2.0
     assert bounds['link_moment'][0] < -2.0 / 9.81 and bounds['link_moment'][1] > 2.0 / 9.81
