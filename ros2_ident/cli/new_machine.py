@@ -109,12 +109,6 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
     return recording
 
 
-def _bounded_by_effort(args: argparse.Namespace) -> bool:
-    """Whether the bounds of the file come from the log's effort, in N m or N."""
-    keys = {key.name for key in KINDS[args.kind].keys} if args.kind else set()
-    return args.description is None and bool(keys & {'moving_mass', 'link_moment'})
-
-
 def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) -> None:
     """Write the column map of a table, or of arrays, by the names there, and print it."""
     import yaml
@@ -129,7 +123,9 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
     header = header.called(args.drives).driven(args.column, named).called(args.drives)
     header = header.assigned(args.column).driven(args.column, named)
     header.require_told(path)
-    effort = _bounded_by_effort(args)
+    # Bounds of the file come from the log's effort, in N m or N.
+    keys = {key.name for key in KINDS[args.kind].keys} if args.kind else set()
+    effort = args.description is None and bool(keys & {'moving_mass', 'link_moment'})
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
     header.require_scales(effort and len({x.joint for x in header.columns} - {''}) == 1)
     text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)

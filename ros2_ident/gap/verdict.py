@@ -185,7 +185,10 @@ def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
         named *= t.bounded
     ranking = _weigh(found, missing * named, rules, t)
     nothing = Verdict(NONE, (), 1.0 - missing, ranking=ranking, closed=closed)
-    unknown = replace(nothing, effect=UNKNOWN, where=_where(final, found.drives))
+    # Where the gap is at least half the worst drive's.
+    most = np.flatnonzero(final.gap >= 0.5 * final.gap.max())
+    where = _together(tuple(found.drives[d] for d in most), found.drives)
+    unknown = replace(nothing, effect=UNKNOWN, where=where)
     if base.size < rules.material:
         return nothing
     if len(found.chain) == 1 and not found.complete:
@@ -210,13 +213,6 @@ def _judge(found: Selection, rules: Rules, t: Temperatures) -> Verdict:
         confusable=_confusable(found, ranking, rules),
         facts=Facts(limits=limits),
     )
-
-
-def _where(e: Hypothesis, drives: Sequence[str]) -> tuple[str, ...]:
-    """Return the drives whose gap is at least half the worst drive's."""
-    least = 0.5 * e.gap.max()
-    chosen = tuple(name for name, value in zip(drives, e.gap, strict=True) if value >= least)
-    return _together(chosen, drives)
 
 
 def _together(chosen: tuple[str, ...], drives: Sequence[str]) -> tuple[str, ...]:

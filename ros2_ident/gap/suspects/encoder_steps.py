@@ -18,7 +18,7 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import shown_by
 from ros2_ident.gap.recordings import Part, Split
 from ros2_ident.gates.scale import LATEST_EFFORT
-from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models import EffectAt
 from ros2_ident.models.protocol import recorded_motion
 from ros2_ident.recording.motion import step_of
 
@@ -85,7 +85,9 @@ def find_encoder_steps(split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
     found = []
     unit, _ = split.fit.models[0].travel
     for drive in split.drives:
-        own = _OWN * max(_logged_step(m, drive) for m in split.whole.models)
+        logs = (model.data for model in split.whole.models)
+        rows = [x[d.names.index(drive)] for d in logs if (x := d.position) is not None]
+        own = _OWN * max((step_of(row[np.isfinite(row)]) for row in rows), default=0.0)
         for one, other in ((split.fit, split.check), (split.check, split.fit)):
             step, error = _step_in(_missed(one, theta, drive))
             # A line that chance or another cause makes is not there again at the same period.
@@ -94,15 +96,6 @@ def find_encoder_steps(split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
                 found.append(EncoderSteps(drive, step, error, unit))
                 break
     return tuple(found)
-
-
-def _logged_step(model: FullModel, drive: str) -> float:
-    """Return the step in which a log holds a drive's positions; 0 where it holds none."""
-    data = model.data
-    if data.position is None:
-        return 0.0
-    row = data.position[data.names.index(drive)]
-    return step_of(row[np.isfinite(row)])
 
 
 def made_by_steps(encoders: Sequence[EncoderSteps], split: Split, theta: Array) -> Array:
