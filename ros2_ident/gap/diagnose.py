@@ -336,7 +336,7 @@ class _Passes:
         if not clock.stopped():
             joint = split.fit.with_effects(())
             report = examine_models(joint.models, joint.own(0, base.theta)[0], floor.per_drive)
-        selector.limits = {law.drive: law.limit for law in report.laws if math.isfinite(law.limit)}
+        selector.laws = {law.drive: law for law in report.laws}
         selector.knows(first, floor)
         return _Pass(selector, base, report, encoders)
 

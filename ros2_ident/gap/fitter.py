@@ -9,6 +9,7 @@ left or nothing gains.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,6 +21,7 @@ from ros2_ident.effects import get_effect
 from ros2_ident.gap.fits import Fits, ITERATIONS, PROMISING, Start, Trials
 from ros2_ident.gap.hypothesis import Hypothesis, Round
 from ros2_ident.gap.recordings import Split
+from ros2_ident.gates.law import Law
 from ros2_ident.identify.hidden import MATERIAL, MOST, residuals_at, rows_of, slopes_of, whitening
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt, FullModel
@@ -55,7 +57,7 @@ class Fitter:
 
     Attributes:
         fits: The fits at the present noise floor.
-        limits: Size of the effort at which control laws show drives to be limited.
+        laws: The drives' control laws as the log shows them.
     """
 
     def __init__(
@@ -74,8 +76,14 @@ class Fitter:
         self.stopped = stopped
         self.on_step = on_step
         self.workers = workers or Threads()
-        self.limits: Mapping[str, float] = {}
+        self.laws: Mapping[str, Law] = {}
         self.fits = Fits(split, floor, stopped, certain=certain)
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """Size of the effort at which control laws show drives to be limited."""
+        shown = {drive: law.limit for drive, law in self.laws.items()}
+        return {drive: limit for drive, limit in shown.items() if math.isfinite(limit)}
 
     def refit(self, effects: Sequence[EffectAt], theta: Array) -> Hypothesis:
         """Fit a set of effects jointly from a start (N,)."""

@@ -203,8 +203,13 @@ class Selector(Fitter):
         return [*chain, final] if self.counts(less, final) else chain
 
     def untied(self, round_: Round) -> tuple[Round, list[Tie]]:
-        """Return a round without leaders that something else imitates, and these."""
+        """Return a round without what the control laws refute.
+
+        And without leaders that something else imitates, which are returned as well.
+        """
         ties, base = list[Tie](), round_.base
+        allowed = tuple(e for e in round_.fitted if not self.refuted(e))
+        round_ = replace(round_, fitted=allowed)
         while (best := self.rules.best(round_)) and self.rules.is_material(base, best):
             new = best.effects[len(base.effects) :]
             hidden = self.noise_hides(base, best)
@@ -217,6 +222,20 @@ class Selector(Fitter):
             ties += tied
             round_ = replace(round_, fitted=tuple(e for e in round_.fitted if e is not best))
         return round_, ties
+
+    def refuted(self, e: Hypothesis) -> bool:
+        """Return whether a drive's effort does not follow its law with the gains of a fit.
+
+        Where the log is too slow for the controllers' rows no fit sees that.
+        """
+        return any(
+            p.how == 'scale' and law.refutes(p.target, float(size))
+            for number, at in enumerate(e.effects)
+            if (law := self.laws.get(at.where))
+            for p, size in zip(
+                get_effect(at.effect).parameters, e.theta[e.columns(number)], strict=True
+            )
+        )
 
     def tie(self, base: Hypothesis, e: Hypothesis, at: EffectAt, hidden: bool) -> Tie | None:
         """Return what does along this motion what an effect does; None for nothing.

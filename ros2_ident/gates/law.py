@@ -39,17 +39,23 @@ class Gain:
         name: Its key in the machine file; `scale` for a factor on the whole effort.
         value: Estimate, in the machine file's unit.
         misfit: RMS that is left with it, in the effort's unit.
+        makes: RMS of the effort that it makes, but for a constant, in the effort's unit a unit.
     """
 
     name: str
     value: float
     expected: float
     misfit: float
+    makes: float = 0.0
 
     @property
     def ratio(self) -> float:
         """Estimate over expectation; NaN where nothing is expected."""
         return self.value / self.expected if self.expected else math.nan
+
+    def left(self, value: float) -> float:
+        """Return the RMS that is left with another value: the estimate is of least squares."""
+        return math.hypot(self.misfit, (value - self.value) * self.makes)
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,14 @@ class Law:
     def fits(self, misfit: float) -> bool:
         """Whether gains that leave so much, RMS, explain the log as well as free ones do."""
         return misfit**2 - self.misfit**2 <= (_EXCESS * self.misfit) ** 2
+
+    def refutes(self, name: str, share: float) -> bool:
+        """Whether a gain of so many times the stated one explains the log worse than the stated.
+
+        And worse than free ones do, where the gain that explains most explains it as well.
+        """
+        left = max((g.left(share * g.expected) for g in self.gains if g.name == name), default=0.0)
+        return self.fits(self.left) and left > self.misfit_file and not self.fits(left)
 
     @property
     def stray(self) -> bool:
@@ -193,7 +207,7 @@ def _law_at(
         )
         expected = gains.get(name, 1.0)
         value = float(factor[0]) * expected
-        alone.append(Gain(name, value, expected, misfit))
+        alone.append(Gain(name, value, expected, misfit, float(part.std()) / expected))
     alone.sort(key=lambda g: g.misfit)
     # Steps are multiplied by the gain that ran; quite another one shows.
     slope = next((abs(g.value) for g in alone[:1] if g.name == 'velocity_gain'), 0.0)

@@ -25,6 +25,8 @@ def test_a_log_of_the_package_passes_its_own_law():
     # The bag holds positions in steps of 1 um.
     assert law.steps == pytest.approx(machine.number('velocity_gain') * 1e-6 / 4e-3, rel=1e-6)
     assert [g.level for g in check_law(machine, law, 'emps_axis', 0.3)] == ['ok']
+    for name in ('velocity_gain', 'position_gain'):
+        assert [law.refutes(name, x) for x in (1.0, 0.8, 1.2)] == [False, True, True]
     moved = np.array(data.position) + 1e-7 * np.random.default_rng(0).standard_normal(data.cycles)
     assert fit_law(machine, replace(data, position=moved), 'emps_axis').steps < 1e-6
 

@@ -13,6 +13,7 @@ from ros2_ident.gap.hypothesis import Round
 from ros2_ident.gap.imitation import noise_does
 from ros2_ident.gap.noise_floor import Floor
 from ros2_ident.gap.selection import Selector
+from ros2_ident.gates.law import Gain, Law
 from ros2_ident.models import EffectAt
 from ros2_ident.recording.motion import low_pass
 from ros2_ident.search.noise import NoiseModel
@@ -115,6 +116,34 @@ def test_effects_that_something_else_imitates_are_ties_and_no_names(selector, mo
         assert [(tie.effect, tie.like, tie.beside) for tie in ties] == [(DRAG.effect, like, 0)]
         step = Round(base, {}, (made((0.1, 0.0), [STRIBECK, DRAG]),))
         assert [(x.effect, x.beside) for x in selector.untied(step)[1]] == [(DRAG.effect, 1)]
+
+
+def test_a_gain_that_the_law_of_the_log_refutes_is_no_effect(selector):
+    """A log slower than its controllers named a gain, which its own law knew to be right."""
+    # Of the second drive the velocity gain is another one, and its fit is near it.
+    one = Gain('position_gain', 50.1, 50.0, 0.0101, 0.02)
+    two = Gain('velocity_gain', 6.0, 5.0, 0.01, 0.1)
+    selector.laws = {
+        'one': Law('one', (one,), 0.0, 0.0, 0.01, 0.0102, 0.99, 0.0),
+        'two': Law('two', (two,), 0.0, 0.0, 0.01, 0.1, 0.99, 0.0),
+    }
+    for effect, where, size, refuted in (
+        ('position_gain_error', 'one', 2.5, True),
+        ('position_gain_error', 'one', 1.0, False),
+        ('position_gain_error', 'two', 2.5, False),
+        ('velocity_gain_error', 'two', 1.1, False),
+        ('velocity_gain_error', 'two', 0.9, True),
+        ('stribeck', 'one', 2.5, False),
+    ):
+        e = made((0.2, 0.0), effects=[EffectAt(effect, where)])
+        e = replace(e, theta=np.concatenate([e.theta[:2], np.full(len(e.theta) - 2, size)]))
+        assert selector.refuted(e) is refuted, effect
+        left, _ = selector.untied(Round(made((2.0, 0.0)), {}, (e,)))
+        assert left.fitted == (() if refuted else (e,))
+    # Where no gain explains the effort, it follows another law.
+    selector.laws = {'one': replace(selector.laws['one'], misfit=0.001)}
+    e = made((0.2, 0.0), effects=[EffectAt('position_gain_error', 'one')])
+    assert not selector.refuted(replace(e, theta=np.array([1.0, 2.0, 2.5])))
 
 
 def test_a_floor_too_large_and_slow_for_noise_is_told(selector):
