@@ -171,7 +171,7 @@ def find_change(
         paired=paired,
         price=price,
         complete=not stopped(),
-        friction=tuple(_friction(now, named, theta)),
+        friction=tuple(_friction(now, found, theta)) if named else (),
     )
 
 
@@ -463,31 +463,34 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
 def _friction(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Size]:
     """Yield what several changes of a drive's friction come to, as one of its Coulomb friction.
 
-    Laws found beside one another may do opposite things: each is projected on Coulomb friction.
+    Laws found beside one another may do opposite things: together they are projected on it, on
+    each side by itself.
     """
-    sides, told = now.sides, dict[str, list[_Fit]]()
+    sides, told = now.sides, dict[str, list[Column]]()
     width, first = sides.high - sides.low, sides.nominal
-    covariance = now.weighed.beside()[0]
-    for x in found:
-        c = x.column
+    for c in (x.column for x in found):
         if of_friction(c.at) if c.at else c.suspect.name.rpartition('.')[2] in FRICTION:
-            told.setdefault(c.place, []).append(x)
+            told.setdefault(c.place, []).append(c)
+    sign = np.concatenate([
+        np.full(here.stop - here.start, 1.0 if later else -1.0)
+        for here, later in zip(now.logs.rows, now.logs.after, strict=True)
+    ])  # fmt: skip
     for place, several in told.items():
         names = [f'{place}.{name}' for name in COULOMB]
         at = next((i for i, name in enumerate(sides.names[:first]) if name in names), None)
         if at is None or len(several) < 2:
             continue
-        slope, own, more = now.nominal[:, at], np.zeros(width.size - first), 0.0
-        # An effect acts on one side, a parameter's column is of both.
-        squares = np.maximum(slope**2 @ (now.kept != 0.0), 1e-300)
-        along = slope @ now.kept / squares * width[at]
-        for x in several:
-            sign = 1.0 if x.column.suspect.side == 'after' else -1.0
-            places = sides.places_of(x.column.at, x.column.suspect.name)
-            own[[i - first for i in places]] = sign
-            for i, none in _sizes(sides, x.column):
-                more += sign * float(along[i - first] * (now.theta[i] - none) / width[i])
-        half = NORMAL * math.sqrt((own * along) @ covariance @ (own * along))
+        slope, none, own = now.nominal[:, at], now.theta.copy(), np.zeros(width.size - first)
+        for c in several:
+            places = sides.places_of(c.at, c.suspect.name)
+            own[[i - first for i in places]] = 1.0 if c.suspect.side == 'after' else -1.0
+            for i, value in _sizes(sides, c):
+                none[i] = value
+        did = np.subtract(*residuals_at(sides, now.rows)(np.stack([now.theta, none])))
+        parts = np.column_stack([did * (sign > 0.0), did * (sign < 0.0), now.kept])
+        along = slope @ parts / np.maximum(slope**2 @ (parts != 0.0), 1e-300) * width[at]
+        more, own = float(along[0] - along[1]), own * along[2:]
+        half = NORMAL * math.sqrt(own @ now.weighed.beside()[0] @ own)
         p = sides.parameters[at]
         yield Size(p.name, more, more - half, more + half, p.unit, float(theta[at]))
 

@@ -123,8 +123,8 @@ class Comparison:
         complete: Whether nothing cut it short.
         pushed: Whether others than the drives made efforts in these logs; no fit tells what that
             did from a change.
-        friction: Of drives with several changes of friction all of them together, as the change of
-            their Coulomb friction that does the same along these motions.
+        friction: Of drives with several changes of friction all of them together, those of `apart`
+            too, as the change of their Coulomb friction that does the same along these motions.
     """
 
     changes: tuple[Change, ...]

@@ -84,9 +84,7 @@ def changed(c: Comparison) -> Iterator[str]:
             names = ', '.join(title_of(x) for x in change.ties)
             yield f'These logs do not tell it from: {names}.'
     for x in c.friction:
-        yield (
-            f'Together these are as much friction along these motions as a change of {_other(x)}.'
-        )
+        yield (f'All changes of friction do together along these motions as one of {_other(x)}.')
     if c.changes:
         data = 'logs' if min(c.logs) > 1 else 'quarters of the logs'
         share = 'nothing' if math.isnan(c.explained) else percent(c.explained)

@@ -128,7 +128,7 @@ def test_changes_of_friction_that_do_opposite_things_are_told_together(made, tmp
     assert whole.low < expected < whole.high
     # Alone one of the two is - 5 N, the other twice as much as both.
     assert whole.high - whole.low < 0.5 * expected
-    assert any(x.startswith('Together these are as much') for x in sentences(found))
+    assert any(x.startswith('All changes of friction') for x in sentences(found))
 
 
 def test_a_size_beyond_all_that_is_looked_for_would_not_show():
