@@ -146,6 +146,23 @@ def declared(root: ET.Element, tag: str, name: str) -> dict[str, list[float]]:
     }
 
 
+def fall_of(root: ET.Element) -> tuple[float, float, float]:
+    """Return the free fall along x, y and z that a description states, m/s^2; else the usual.
+
+    Raises:
+        IdentError: BAD_MACHINE_FILE where these are no three numbers.
+    """
+    stated = ['0', '0', '-9.81']
+    for option in root.iterfind('option'):
+        stated = option.get('gravity', ' '.join(stated)).split()
+    if any(x.get('gravity') == 'disable' for x in root.iterfind('option/flag')):
+        return 0.0, 0.0, 0.0
+    if len(stated) != 3 or not all(_number(x, -_LARGEST) for x in stated):
+        text = f'has the gravity {name_of(" ".join(stated))}; write three numbers'
+        raise ErrorCode.BAD_MACHINE_FILE.error(f'geometry.description {text}')
+    return float(stated[0]), float(stated[1]), float(stated[2])
+
+
 def _elements(root: ET.Element) -> Iterator[tuple[list[ET.Element], ET.Element]]:
     """Yield what is in the bodies of an MJCF and among its actuators, after the bodies about it.
 

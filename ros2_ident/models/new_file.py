@@ -16,6 +16,7 @@ import yaml
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import (
     declared,
+    fall_of,
     joints_in,
     judged_tree,
     own_physics,
@@ -82,6 +83,7 @@ def new_machine_file(
         root = judged_tree(description)
         slides = {*joints_in(root, SLIDE)}
         known = {description_key(kind): inline(named)}
+        known |= {key: digits(value) for key, value in _gravity(kind, root).items()}
         if kind.joints is not None:
             kind.joints(root)
         boxes = _boxes(kind, root)
@@ -113,6 +115,17 @@ def _effort_unit(kind: Kind, log: Recording | None, names: Sequence[str]) -> dic
     constant = STATED_FOR.get(units[0])
     own = {x.name: literal(x) for x in kind.keys if (x.section, x.name) == ('', constant)}
     return {'effort_unit': units[0], **own}
+
+
+def _gravity(kind: Kind, root: ET.Element) -> dict[str, float]:
+    """Return what a file has to say of gravity where an MJCF's is not the usual one."""
+    fall = np.array(fall_of(root))
+    if kind.tilt is None:
+        return {}
+    size = float(np.linalg.norm(fall))
+    stated = {'free_fall': size, **(kind.tilt(fall) if size else {})}
+    usual = {key.name: key.default for key in kind.keys}
+    return {key: y for key, x in stated.items() if (y := round(x, 9)) != usual[key]}
 
 
 def one_joint_file(
@@ -282,7 +295,7 @@ def followed_file(
         log = replace(log, state=replace(log.state, effort=None), effort=None)
     head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
     head += ''.join(f'{key}: {value}\n' for key, value in unit.items())
-    head += f'geometry: {{description: {inline(named)}}}\n'
+    head += f'geometry: {inline({"description": named, **_gravity(kind, root)})}\n'
     data = align(log, names, period, need=('position',))
     stated = f'  cycle: {short_number(period)}      # s, how long a set-point holds\n'
     limits = _stated_by_joint(root).get('force_limit', {})

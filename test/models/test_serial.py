@@ -594,13 +594,44 @@ def test_a_new_file_reads_the_description_once(monkeypatch) -> None:
     assert len(calls) == 1
 
 
+ONE_JOINT = (
+    '<worldbody><body name="b"><joint name="j" armature="1"/>'
+    '<inertial mass="3" pos="0.5 0 0" diaginertia="1 1 1"/></body></worldbody>'
+)
+
+
 def test_a_new_file_of_an_mjcf_bounds_its_links() -> None:
-    text = (
-        '<mujoco><worldbody><body name="b"><joint name="j" armature="1"/>'
-        '<inertial mass="3" pos="0.5 0 0" diaginertia="1 1 1"/></body></worldbody></mujoco>'
-    )
+    text = f'<mujoco>{ONE_JOINT}</mujoco>'
     made = yaml.safe_load(new_machine_file(KINDS['serial'], (), text))['parameters']
     assert made['link_moment'] == [-1.5, 1.5, 'kg m']
+
+
+@pytest.mark.parametrize(
+    ('option', 'fall'),
+    [
+        ('<option/><option timestep="0.01"/>', (0, 0, -9.81)),
+        ('<option gravity="0 0 0"/>', (0, 0, 0)),
+        ('<option gravity="0 0 -1.62"><flag gravity="disable"/></option>', (0, 0, 0)),
+        ('<option gravity="0 3.7 0"/><option timestep="0.01"/>', (0, 3.7, 0)),
+        ('<option gravity="3 -4 5"/>', (3, -4, 5)),
+    ],
+)
+def test_a_new_file_of_an_mjcf_has_its_gravity(option: str, fall: tuple[float, ...]) -> None:
+    text = f'<mujoco>{option}{ONE_JOINT}</mujoco>'
+    wave = Stream(('j',), STAMP, WAVE, WAVE, 7.0 * WAVE)
+    log = Recording(wave, command=Stream(('j',), STAMP, 1.1 * WAVE))
+    for made in (new_machine_file(KINDS['serial'], (), text), followed_file((), text, '', log)):
+        mapping = yaml.safe_load(made or '')
+        mapping['geometry']['description'] = '/robot_description'
+        arm = arm_of(machine_from_mapping(mapping).described(text))
+        assert arm.model.gravity.linear == pytest.approx(fall, abs=1e-7)
+
+
+@pytest.mark.parametrize('stated', ['0 -9', '0 0 down', '0 0 nan'])
+def test_a_gravity_that_is_no_three_numbers_is_refused(stated: str) -> None:
+    text = f'<mujoco><option gravity="{stated}"/>{ONE_JOINT}</mujoco>'
+    error = refused(new_machine_file, KINDS['serial'], (), text)
+    assert error.message.endswith(f' has the gravity {stated}; write three numbers')
 
 
 def test_rotors_and_friction_are_bounded_by_the_effort_of_the_log_in_its_unit() -> None:
