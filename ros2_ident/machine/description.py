@@ -225,9 +225,9 @@ def _of_shapes(root: ET.Element) -> Iterator[str]:
 
 
 def _leave_out_shapes(root: ET.Element) -> None:
-    """Take out of an MJCF what needs files of its own, or is for the eye alone."""
+    """Take out of an MJCF what needs files of its own, or has no part in the motion."""
     gone = {'mesh', 'texture', 'material', 'hfield', 'skin', 'light', 'camera'}
-    for tag in ('visual', 'statistic', 'keyframe'):
+    for tag in ('visual', 'statistic', 'keyframe', 'sensor'):
         for element in root.findall(tag):
             root.remove(element)
     names = set()

@@ -116,6 +116,20 @@ def test_positions_and_efforts_are_mujocos_to_the_bit(folder) -> None:
     assert np.ptp(position[0]) > 0.5
 
 
+@pytest.mark.parametrize('tie', ['', '<equality><joint joint1="two" joint2="three"/></equality>'])
+def test_a_search_begins_as_described_where_that_is_the_log(tmp_path, tie) -> None:
+    more = '<body><joint name="three"/><geom size="0.01"/></body></worldbody>'
+    sensors = '<sensor><framepos objtype="body" objname="lower"/></sensor>'
+    text = MJCF.replace('</worldbody>', more).replace('</mujoco>', f'{tie}{sensors}</mujoco>')
+    (tmp_path / 'tied.xml').write_text(text)
+    machine = machine_of(tmp_path, description='tied.xml')
+    model = Mujoco(machine, data_with(machine, COMMAND))
+    assert model.plant.model.nsensordata == 6  # three of each drive
+    log = model.simulate(theta_of(model)[None])[0]
+    model = Mujoco(machine, data_with(machine, log))
+    assert model.suggested() == pytest.approx(theta_of(model))
+
+
 CHANGES = {
     'armature': (0.03, lambda m: m.dof_armature.__setitem__(0, 0.03)),
     'damping': (0.4, lambda m: m.dof_damping.__setitem__(0, 0.4)),

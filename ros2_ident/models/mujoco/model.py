@@ -143,7 +143,7 @@ class Mujoco(MachineModel):
         By regression, or as described where that leaves less of the log: dry friction of MuJoCo
         gives way as a damper does, up to its size, and a regression takes it for one.
         """
-        if self.data.position is None or self.plant.model.neq:
+        if self.data.position is None:
             return None
         middle = np.array([0.5 * (p.low + p.high) for p in self.parameters])
         try:
