@@ -68,6 +68,8 @@ def run(args: argparse.Namespace) -> int:
     print(f'written: {path}; {first}change its values, then: {command}')
     if log is not None and kind.joints is not None:
         print(new_file.ways(kind, log, freely))
+    if args.description is not None and (said := new_file.held(kind, known['description'])):
+        print(said)
     return 0
 
 

@@ -90,7 +90,7 @@ def _include(element: ET.Element, folder: Path, top: Path, read: set[Path]) -> N
 
 
 def judged_tree(
-    text: str, named: object = 'geometry.description', shapes: bool = True
+    text: str, named: object = 'geometry.description', shapes: bool = True, floats: bool = True
 ) -> ET.Element:
     """Return the root of a description in which nothing is found wrong; of a URDF its dynamics.
 
@@ -98,20 +98,24 @@ def judged_tree(
         named: What to call it in messages.
         shapes: Whether the files of an MJCF's shapes are of use; what needs them, or is for the
             eye alone, is left out where not.
+        floats: Whether its bodies may float; they are held as drawn where not.
 
     Raises:
         IdentError: BAD_MACHINE_FILE with the first thing that is wrong.
     """
-    return judged(_tree(text, named), named, shapes)
+    return judged(_tree(text, named), named, shapes, floats)
 
 
 def judged(
-    root: ET.Element, named: object = 'geometry.description', shapes: bool = True
-) -> ET.Element:
+    root: ET.Element, named: object = 'geometry.description', shapes: bool = True,
+    floats: bool = True,
+) -> ET.Element:  # fmt: skip
     """Return the root that it is given, if nothing is wrong in it, else as `judged_tree`."""
     problem = None
     if root.tag != 'robot':
         _state_defaults(root)
+        for body, joint in floating(root) if not floats else ():
+            body.remove(joint)
         if not shapes:
             problem = next(_of_shapes(root), None)
             _leave_out_shapes(root)
@@ -203,6 +207,14 @@ def _state_defaults(root: ET.Element) -> None:
                 element.attrib.setdefault(key, value)
 
 
+def floating(root: ET.Element) -> list[tuple[ET.Element, ET.Element]]:
+    """Return the bodies of an MJCF that float, with their free joints."""
+    return [
+        (body, x) for body in root.iter('body') for x in body
+        if x.tag == 'freejoint' or (x.tag, x.get('type')) == ('joint', 'free')
+    ]  # fmt: skip
+
+
 def name_all(root: ET.Element) -> None:
     """Give the bodies and joints of an MJCF that have no name one by their place in it."""
     for path in ('.//body', './/body/joint'):
@@ -258,7 +270,7 @@ _SILENT = (('joint', 'stiffness', 0.0), *((tag, 'gear', 1.0) for tag in sorted(_
 def own_physics(root: ET.Element, joints: Collection[str]) -> str:
     """Return what of an MJCF acts on joints beside links, friction and PD; empty for nothing.
 
-    Contacts are not looked at; other joints than those given stand still.
+    Contacts are not looked at; other joints than those given, and bases, stand still.
     """
     still = frozenset[str]()
     # The joints that move a body or a site, by its name; the world has none.
@@ -269,9 +281,8 @@ def own_physics(root: ET.Element, joints: Collection[str]) -> str:
         now = before | {x.get('name', '') for x in body.findall('joint')} & {*joints}
         moved |= {x.get('name'): now for x in (body, *body.findall('site')) if x.get('name')}
         level += [(x, now) for x in body if x.tag in ('body', 'frame')]
-        loose = {'ball', 'free', 'freejoint'} & {x.get('type', x.tag) for x in body}
-        carries = any(x.get('name') in joints for x in body.iter('joint'))
-        if carries and (loose or body.get('gravcomp')):
+        loose = body.get('gravcomp') or any(x.get('type') == 'ball' for x in body)
+        if loose and any(x.get('name') in joints for x in body.iter('joint')):
             return f'body {name_of(body.get("name"))}, which floats'
     for tie in (*root.iterfind('equality/*'), *root.iterfind('tendon/*')):
         tied = {tie.get('joint1'), tie.get('joint2'), *(x.get('joint') for x in tie)}

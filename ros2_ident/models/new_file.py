@@ -17,6 +17,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.machine.description import (
     declared,
     fall_of,
+    floating,
     joints_in,
     judged_tree,
     own_physics,
@@ -25,7 +26,7 @@ from ros2_ident.machine.description import (
 )
 from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, literal
 from ros2_ident.machine.kind import Kind
-from ros2_ident.machine.units import STATED_FOR
+from ros2_ident.machine.units import name_of, STATED_FOR
 from ros2_ident.models.registry import KINDS, machine_from_mapping, make_model
 from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.align import align
@@ -339,16 +340,17 @@ def _steps_as_mujoco(
     A log that MuJoCo simulated in steps that are long for its actuators' damping is no motion of
     the machine described. Both begin as a search would.
     """
-    other = new_machine_file(arm_kind(True), names, description, named)
-    other = re.sub('( cycle: )[^ ]*', rf'\g<1>{short_number(data.cycle)}', other)
     left = []
-    for each in (text, other):
+    for simulator in (False, True):
         try:
-            model = _model_by(each, description, data)
-        except IdentError as error:
-            if error.code is not ErrorCode.UNKNOWN_MODEL or each is text:
+            if simulator:
+                text = new_machine_file(arm_kind(True), names, description, named)
+                text = re.sub('( cycle: )[^ ]*', rf'\g<1>{short_number(data.cycle)}', text)
+            model = _model_by(text, description, data)
+        except IdentError:
+            if not simulator:
                 raise
-            return False  # MuJoCo is not installed
+            return False  # MuJoCo is not installed, or cannot simulate the description
         begin = model.suggested()
         left.append(np.inf if begin is None else float(np.mean(model.residuals(begin[None]) ** 2)))
     return left[1] < _FAR_LESS * left[0]
@@ -526,6 +528,20 @@ def _boxes(kind: Kind, root: ET.Element) -> dict[str, str]:
         name: f'[{-x:.2g}, {x:.2g}, {unit}]'
         for name, (x, unit) in zip(kind.described, links, strict=True)
     }
+
+
+def held(kind: Kind, description: str) -> str:
+    """Return what is said of an MJCF's floating bases under a kind that holds them, else empty."""
+    bodies = [] if kind.extent is None else floating(judged_tree(description))
+    names = ', '.join(
+        name_of(x.get('name')) for x, _ in bodies if x.find('.//body/joint') is not None
+    )
+    if not names:
+        return ''
+    return (
+        f'{names}: floats in the description and is held as drawn, which is right where it stands '
+        'still; --kind mujoco lets it float'
+    )
 
 
 def description_key(kind: Kind) -> str:

@@ -600,6 +600,40 @@ ONE_JOINT = (
 )
 
 
+TRUNK = (
+    '<mujoco><asset><mesh name="m" file="m.stl"/></asset>'
+    '<worldbody><body name="trunk" quat="1 1 0 0">{0}<body name="b"><joint name="j"/>'
+    '<inertial mass="3" pos="0.5 0 0" diaginertia="1 1 1"/></body></body></worldbody></mujoco>'
+)
+
+
+@pytest.mark.parametrize(
+    'base',
+    ['<freejoint/>', '<geom mesh="m"/><freejoint/>', '<geom mesh="m"/><joint type="free"/>'],
+)
+def test_a_floating_base_is_held_as_drawn_and_that_is_said(tmp_path, capsys, base: str) -> None:
+    efforts = []
+    for part in ('', base):
+        text = TRUNK.format(part)
+        mapping = yaml.safe_load(new_machine_file(KINDS['serial'], (), text))
+        assert mapping['drives'] == ['j']
+        mapping['geometry']['description'] = '/robot_description'
+        arm = arm_of(machine_from_mapping(mapping).described(text))
+        efforts.append(arm.efforts(WAVE.T, 0.0 * WAVE.T, WAVE.T))
+    assert np.array_equal(*efforts)
+    (tmp_path / 'robot.xml').write_text(text)
+    description, out = str(tmp_path / 'robot.xml'), str(tmp_path / 'robot.yaml')
+    assert (
+        main(['new-machine', '--kind', 'serial', '--description', description, '--out', out]) == 0
+    )
+    said = 'trunk: floats in the description and is held as drawn, which is right where it stands'
+    assert said in capsys.readouterr().out
+    log = Recording(
+        Stream(('j',), STAMP, WAVE, WAVE, 7.0 * WAVE), command=Stream(('j',), STAMP, 1.1 * WAVE)
+    )
+    assert (followed_file((), text, 'robot.xml', log) or '').startswith('machine: serial')
+
+
 def test_a_new_file_of_an_mjcf_bounds_its_links() -> None:
     text = f'<mujoco>{ONE_JOINT}</mujoco>'
     made = yaml.safe_load(new_machine_file(KINDS['serial'], (), text))['parameters']

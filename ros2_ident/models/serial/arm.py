@@ -253,7 +253,7 @@ def arm_of(machine: Machine) -> Arm:
     text = machine.described(None).text('description')
     bodies: tuple[Body, ...] = ()
     if text:
-        whole = _whole(pin, judged_tree(text, shapes=False), machine.drives)
+        whole = _whole(pin, judged_tree(text, shapes=False, floats=False), machine.drives)
         bodies = tuple(_body(pin, whole, name) for name in machine.drives)
         model = _reduced(pin, whole, machine.drives)
     else:
