@@ -607,6 +607,18 @@ TRUNK = (
 )
 
 
+@pytest.mark.parametrize('named', ['hip', 'foot'])
+def test_a_body_may_have_the_name_of_a_joint_that_stands_still(named: str) -> None:
+    text = (
+        f'<mujoco><worldbody><body name="{named}"><joint name="hip"/><geom size="0.1"/>'
+        '<body name="b" pos="1 0 0"><joint name="j"/><geom size="0.1"/></body></body></worldbody>'
+        '</mujoco>'
+    )
+    mapping = yaml.safe_load(new_machine_file(KINDS['serial'], ('j',), text))
+    mapping['geometry']['description'] = '/robot_description'
+    assert arm_of(machine_from_mapping(mapping).described(text)).bodies[0].name == 'b'
+
+
 @pytest.mark.parametrize(
     'base',
     ['<freejoint/>', '<geom mesh="m"/><freejoint/>', '<geom mesh="m"/><joint type="free"/>'],

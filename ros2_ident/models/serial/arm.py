@@ -342,6 +342,9 @@ def _body(pin: Any, whole: Any, joint: str) -> Body:
 def _reduced(pin: Any, whole: Any, drives: Sequence[str]) -> Any:
     """Return a model in which only the drives' joints move."""
     locked = [j for j in range(1, whole.njoints) if whole.names[j] not in drives]
+    for number, frame in enumerate(whole.frames):
+        if frame.type != pin.FrameType.JOINT:
+            frame.name = f'ident frame {number}'  # pinocchio looks for joints by their name alone
     model = pin.buildReducedModel(whole, locked, pin.neutral(whole)) if locked else whole
     for name in drives:
         if model.joints[model.getJointId(name)].nv != 1:
