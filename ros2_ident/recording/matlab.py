@@ -4,7 +4,8 @@
 SciPy's reader is not made for damaged files, as its documentation says: some end the process.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import islice
 import math
 import struct
 from typing import Any
@@ -19,16 +20,19 @@ from ros2_ident.recording.limits import require_memory, total_of
 _FORMATS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 9: 'f8'}
 _FORMATS |= {12: 'i8', 13: 'u8'}
 _MATRIX, _COMPRESSED = 14, 15
-# Classes of arrays: structures, numbers from double to uint64, and objects, as a timeseries, of
-# which only MATLAB knows what they hold; all others are passed over.
-_STRUCTURE, _NUMBERS, _OBJECT, _COMPLEX = 2, range(6, 16), 17, 0x0800
+# Classes of arrays: structures, texts, numbers from double to uint64, and objects, as a
+# timeseries, of which only MATLAB knows what they hold; all others are passed over.
+_STRUCTURE, _CHARACTERS, _NUMBERS, _OBJECT, _COMPLEX = 2, 4, range(6, 16), 17, 0x0800
 # Whole numbers and texts as MATLAB writes them, and as others do.
 _WHOLE, _TEXTS = (5, 6), (1, 2, 16)
 _HEADER, _DEEPEST = 128, 8
+_NOTHING = 0, memoryview(b'')
 
 
 def arrays_of(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the arrays of numbers in a file's bytes, those of structures by paths with points.
+
+    Of several structures in one array each is called by the text that tells it apart.
 
     Of an object an empty one.
 
@@ -41,7 +45,7 @@ def arrays_of(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
         raise ValueError('it is no MATLAB file of level 5 or 7.3; save it by `save -v7`')
     order = '<' if mark == b'IM' else '>'
     left = total_of(len(data))
-    for kind, payload in _elements(data[_HEADER:], order):
+    for kind, payload in _elements(memoryview(data)[_HEADER:], order):
         if kind == _COMPRESSED:
             unpack = zlib.decompressobj()
             try:
@@ -52,14 +56,14 @@ def arrays_of(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
             require_memory('an array takes', 3 * len(raw))
             if unpack.unconsumed_tail or not unpack.eof:
                 raise ValueError('a packed array is larger than allowed, or cut off')
-            for inner, body in _elements(raw, order):
+            for inner, body in _elements(memoryview(raw), order):
                 if inner == _MATRIX:
                     yield from _matrix(body, order, '', 0)
         elif kind == _MATRIX:
             yield from _matrix(payload, order, '', 0)
 
 
-def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
     """Yield type and bytes of the data elements that follow each other."""
     at = 0
     while at + 8 <= len(data):
@@ -78,13 +82,13 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _matrix(
-    data: bytes, order: str, before: str, deep: int, name: str = ''
+    data: memoryview, order: str, before: str, deep: int, name: str = ''
 ) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the array of an element, or those in a structure."""
     parts = iter(_elements(data, order))
 
-    def part(*kinds: int) -> bytes:
-        found, payload = next(parts, (0, b''))
+    def part(*kinds: int) -> memoryview:
+        found, payload = next(parts, _NOTHING)
         if found not in kinds:
             raise ValueError(f'a data element of type {found} is not expected')
         return payload
@@ -93,31 +97,62 @@ def _matrix(
         return
     flags = int(_numbers(6, part(6), order)[0])
     if flags & 0xFF == _OBJECT:
-        yield before + (name or part(*_TEXTS).decode('latin-1')), np.empty(0)
+        yield before + (name or str(part(*_TEXTS), 'latin-1')), np.empty(0)
         return
     shape = tuple(_numbers(5, part(*_WHOLE), order).tolist())
-    own = part(*_TEXTS).decode('latin-1')
+    own = str(part(*_TEXTS), 'latin-1')
     name = name or own  # empty in a structure
     kind = flags & 0xFF
-    if kind == _STRUCTURE and math.prod(shape) == 1 and deep < _DEEPEST:
+    if kind == _STRUCTURE and deep < _DEEPEST:
         width = int(_numbers(5, part(5), order)[0])
-        text = part(*_TEXTS)
+        text = bytes(part(*_TEXTS))
         if not 0 < width <= 64 or len(text) % width:
             raise ValueError('names of fields that make no sense')
-        names = [text[k : k + width].split(b'\0')[0] for k in range(0, len(text), width)]
-        for field, (inner, body) in zip(names, parts, strict=True):
-            if inner == _MATRIX:
-                path = f'{before}{name}.'
+        fields = [text[k : k + width].split(b'\0')[0] for k in range(0, len(text), width)]
+        bodies = [body for inner, body in parts if inner == _MATRIX]
+        count = len(fields)
+        if len(bodies) != math.prod(shape) * count:
+            raise ValueError(f'{len(bodies)} values in {math.prod(shape)} structures of {count}')
+        for k, called in enumerate(_called(bodies, count, order)):
+            for field, body in zip(fields, bodies[k * count :], strict=False):
+                path = f'{before}{name}{called}.'
                 yield from _matrix(body, order, path, deep + 1, field.decode('latin-1'))
-    elif kind in _NUMBERS and not flags & _COMPLEX:
-        values = _numbers(*next(parts, (0, b'')), order)
+    elif kind in _NUMBERS and math.prod(shape) and not flags & _COMPLEX:
+        values = _numbers(*next(parts, _NOTHING), order)
         if min(shape, default=0) < 0 or math.prod(shape) != values.size:
             raise ValueError(f'{values.size} numbers in an array of {shape}')
         if before + name:  # what has no name holds objects
             yield before + name, values.reshape(shape, order='F')
 
 
-def _numbers(kind: int, data: bytes, order: str) -> NDArray[Any]:
+def _called(bodies: Sequence[memoryview], count: int, order: str) -> Iterator[str]:
+    """Yield what tells structures apart: the first field with another text in each; or numbers.
+
+    Args:
+        bodies: Values of the first structure's fields, of the second one's, and so on.
+        count: Fields of a structure.
+    """
+    structures = range(len(bodies) // max(1, count))
+    for n in range(count if len(structures) > 1 else 0):
+        texts = {_text(body, order) for body in bodies[n::count]}
+        if len(texts) == len(structures) and '' not in texts:
+            yield from (f'.{_text(body, order)}' for body in bodies[n::count])
+            return
+    yield from (f'[{k}]' if len(structures) > 1 else '' for k in structures)
+
+
+def _text(data: memoryview, order: str) -> str:
+    """Return a line of text, empty for all else."""
+    if not data:
+        return ''
+    flags, _, _, (kind, text) = (*islice(_elements(data, order), 4), *[_NOTHING] * 4)[:4]
+    if _numbers(*flags, order)[0] & 0xFF != _CHARACTERS:
+        return ''
+    wide = 'utf-16-le' if order == '<' else 'utf-16-be'
+    return str(text, {1: 'latin-1', 2: 'latin-1', 16: 'utf-8'}.get(kind, wide), 'replace')
+
+
+def _numbers(kind: int, data: memoryview, order: str) -> NDArray[Any]:
     form = _FORMATS.get(kind)
     if form is None or not data or len(data) % int(form[1:]):
         raise ValueError('numbers of no known format')

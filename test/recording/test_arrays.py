@@ -313,6 +313,44 @@ def test_data_in_other_files_are_none_of_this_one(tmp_path):
         read_bag(tmp_path / 'log.hdf5', Topics(columns=str(tmp_path / 'map.yaml')))
 
 
+NAMED = [
+    {'Name': 'q_ref', 'Unit': ''},
+    {'Name': 'q_act', 'Unit': ''},
+    {'Name': 'torque', 'Unit': ''},
+]
+# as recorders and scopes write them: a first text that is the same, one that is empty, none
+TOLD = {
+    'named': ([{'Kind': 'out', **x} for x in NAMED], '.q_ref .q_act .torque'),
+    'labelled': ([{'label': x['Name'], 'n': 1.0} for x in NAMED], '.q_ref .q_act .torque'),
+    'alike': ([{'label': 'q'}] * 3, '[0] [1] [2]'),
+    'untold': ([{'label': ''}, {'label': 'a'}, {'label': 'b'}], '[0] [1] [2]'),
+    'numbers': ([{'empty': np.zeros((1, 0))}] * 3, '[0] [1] [2]'),
+}
+
+
+@pytest.mark.parametrize('told', TOLD)
+def test_several_structures_of_matlab_are_called_by_what_tells_them_apart(tmp_path, told):
+    texts, called = TOLD[told]
+    wave = np.sin(0.1 * np.arange(ROWS))
+    rows = [{**x, 'Data': k * wave[None]} for k, x in enumerate(texts, 1)]
+    several = np.empty((1, 3), dtype=[(name, object) for name in rows[0]])
+    for k, row in enumerate(rows):
+        several[0, k] = tuple(row.values())
+    time = {'Data': 0.02 * np.arange(ROWS)[None]}
+    scipy.io.savemat(tmp_path / 'log.mat', {'rec': {'X': time, 'Y': several}}, do_compression=True)
+    names = [f'rec.Y{x}.Data' for x in called.split()]
+    held = dict(arrays_of((tmp_path / 'log.mat').read_bytes()))
+    assert [x for x in held if x.endswith('.Data')] == ['rec.X.Data', *names]
+    (tmp_path / 'log.columns.yaml').write_text(
+        'time: {column: rec.X.Data, unit: s}\njoints:\n  a:\n'
+        f"    command_position: '{names[0]}'\n    position: '{names[1]}'\n"
+        f"    effort: '{names[2]}'\n"
+    )
+    (log,) = read_bag(tmp_path / 'log.mat')
+    assert np.array_equal(log.state.position[:, 0], 2.0 * wave)
+    assert np.array_equal(log.effort.effort[:, 0], 3.0 * wave)
+
+
 def _packed(kind, payload):
     """Return a data element of a MATLAB file."""
     return struct.pack('<II', kind, len(payload)) + payload + bytes(-len(payload) % 8)
