@@ -236,9 +236,7 @@ def header_of(path: Path) -> Header:
     if path.is_dir() or path.suffix.lower() in ARRAYS:
         return _of_arrays(path)
     lines = list(islice(io.StringIO(text_of(path), newline=''), _HEAD))
-    delimiter = max(',;\t', key=lambda x: sum(line.count(x) for line in lines))
-    if not any(delimiter in line for line in lines):
-        delimiter = ' '
+    delimiter = _delimiter(lines)
     decimal = ',' if delimiter != ',' and re.search(r'\d,\d', ''.join(lines[-3:])) else '.'
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     try:
@@ -264,10 +262,15 @@ def header_of(path: Path) -> Header:
     # A line of names may begin with the mark of a comment.
     above = [row[1:] if len(row) > 1 and row[0] == '#' else row for row in rows[:first]]
     wide = [n for n, row in enumerate(above) if values and len(row) == len(values[0])]
-    if any(len(row) > 3 and len({*row[::2]}) == 1 and row[0] for row in above):
-        text = 'has a block of properties above a time for each channel'
-        where = f'{path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md'
-        raise maps.refuse(path, f'{text}; export it with one common time, or write {where}')
+    # Each line of a block of properties begins anew before each channel, or each group of them.
+    again = Counter(tuple(n for n, x in enumerate(row) if x == row[0] != '') for row in above)
+    grouped = any(len(at) > 1 and (n > 1 or at[:2] == (0, 2)) for at, n in again.items())
+    if grouped or (held and last[0] and not _is_number(values[0][0] or '0', decimal)):
+        text = (
+            f'a block of properties above {"a time for each channel" if grouped else "its values"}'
+        )
+        where = f'export it with names and one common time, or write {path.stem}{maps.MAP_SUFFIX}'
+        raise maps.refuse(path, f'has {text}; {where}, as in docs/logs.md')
     if not wide:
         if not held:
             said = 'is empty; record again'
@@ -302,6 +305,20 @@ def header_of(path: Path) -> Header:
     unique = {x for x in names if x and names.count(x) == 1 and names is rows[top]}
     cells = tuple(x if x in unique else n for n, x in enumerate(names, 1))
     return Header(tuple(columns), cells, delimiter, decimal, top, bool(units), words=words)
+
+
+def _delimiter(lines: Sequence[str]) -> str:
+    """Return what cuts the last lines of a table into numbers; a blank only into nothing else."""
+
+    def share(mark: str) -> tuple[float, int]:
+        parts = [x for line in lines[-3:] for x in line.split(None if mark == ' ' else mark)]
+        cells, decimal = [x.strip(' \r\n"') for x in parts], '.' if mark == ',' else ','
+        read = [_is_number(x, '.') or _is_number(x, decimal) for x in cells]
+        told = sum(read) / max(1, len(read)) if mark != ' ' or all(read) else -1.0
+        return told, sum(line.count(mark) for line in lines)
+
+    there = [x for x in ',;\t' if any(x in line for line in lines)]
+    return max([*there, ' '], key=share)
 
 
 def _of_arrays(path: Path) -> Header:

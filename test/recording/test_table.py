@@ -314,6 +314,16 @@ def test_the_commands_take_a_table_like_a_bag(tmp_path, capsys):
                          'effort': {'column': 'Torque actual value', 'unit': '%'}}},
             (1, 'ms'), {'delimiter': ';', 'skip': 2, 'skip_below': 1},
         ),
+        (  # more decimal commas than marks between cells
+            '"Time [s]";"q";"tau"\n0,002;1,500;2,5\n0,004;1,625;3,5\n',
+            {'joint_1': {'position': 'q', 'effort': 'tau'}},
+            ('Time [s]', 's'), {'delimiter': ';', 'decimal': ','},
+        ),
+        (
+            'Time q tau\n' + '0,002 1,500 2,5\n' * 9,
+            {'joint_1': {'position': 'q', 'effort': 'tau'}},
+            ('Time', 's'), {'delimiter': ' ', 'decimal': ','},
+        ),
     ],
 )  # fmt: skip
 def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
@@ -351,6 +361,11 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
         ('t,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
          "several rows for each time, by 'joint': a, b"),
         ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
+        # two channels of one task behind a time, with decimal commas; one time for all
+        ('Name\ta\tb\tName\tc\nUnit\t\t\tUnit\t\n' + '0,0\t1,5\t2,5\t0,0\t3,5\n' * 9,
+         'a time for each channel'),
+        ('Name,a,b\nData-Type,REAL64,REAL64\nSampleTime[ms],2,2\nUnit,,\n' + '0.0,1.5,2.5\n' * 9,
+         'a block of properties above its values; export it with names'),
     ],
 )  # fmt: skip
 def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
