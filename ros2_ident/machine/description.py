@@ -6,6 +6,7 @@ does not name what it refuses.
 """
 
 from collections.abc import Collection, Iterator
+import math
 from pathlib import Path
 import re
 import xml.etree.ElementTree as ET
@@ -114,6 +115,7 @@ def judged(
     problem = None
     if root.tag != 'robot':
         _state_defaults(root)
+        _state_turns(root)
         for body, joint in floating(root) if not floats else ():
             body.remove(joint)
         if not shapes:
@@ -205,6 +207,39 @@ def _state_defaults(root: ET.Element) -> None:
         for key, value in stated.items():
             if key != 'class' and key not in told:
                 element.attrib.setdefault(key, value)
+
+
+def _state_turns(root: ET.Element) -> None:
+    """Write as quaternions the turns of an MJCF by an axis and an angle, or about fixed axes."""
+    stated = {key: x for part in root.iterfind('compiler') for key, x in part.attrib.items()}
+    unit = 1.0 if stated.get('angle') == 'radian' else math.pi / 180.0
+    sequence = stated.get('eulerseq', 'xyz')
+    for element in root.iter():
+        if element.tag == 'replicate':
+            continue  # turns by so much from copy to copy
+        name = 'axisangle' if 'axisangle' in element.attrib else 'euler'
+        numbers = element.get(name, '').split()
+        told = name == 'axisangle' or not sequence.islower()
+        if not told or not numbers or not all(_number(x, -_LARGEST) for x in numbers):
+            continue
+        *axis, angle = map(float, numbers)
+        if name == 'euler':
+            axes = [[float(x == y) for y in 'xyz'] for x in sequence.lower()]
+            turns = [*zip(sequence, axes, [*axis, angle], strict=False)]
+        else:
+            turns = [('x', axis, angle)]
+        whole = 1.0, 0.0, 0.0, 0.0
+        for letter, (x, y, z), angle in turns:
+            half, length = 0.5 * unit * angle, math.hypot(x, y, z) or 1.0
+            own = math.cos(half), *(math.sin(half) * v / length for v in (x, y, z))
+            # A lower letter is an axis that has turned along, an upper one stays.
+            (a, b, c, d), (e, f, g, h) = (whole, own) if letter.islower() else (own, whole)
+            whole = (
+                a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g,
+                a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e,
+            )  # fmt: skip
+        del element.attrib[name]
+        element.set('quat', ' '.join(map(repr, whole)))
 
 
 def floating(root: ET.Element) -> list[tuple[ET.Element, ET.Element]]:

@@ -4,6 +4,7 @@
 from pathlib import Path
 
 import pytest
+from scipy.spatial.transform import Rotation
 import yaml
 
 from ros2_ident.errors import IdentError
@@ -107,6 +108,40 @@ NOTHING = dict.fromkeys(('base', 'joint', 'gear', 'actuator', 'more'), '')
 def test_own_physics_of_an_mjcf_is_named(part: str, text: str, said: str) -> None:
     root = judged_tree(CHAIN.format(**{**NOTHING, part: text}))
     assert own_physics(root, ('a', 'b')) == said
+
+
+@pytest.mark.parametrize(
+    ('compiler', 'turn', 'told'),
+    [
+        ('', 'axisangle="0 3 4 30"', Rotation.from_rotvec([0.0, 18.0, 24.0], degrees=True)),
+        ('angle="radian"', 'axisangle="0 0 1 -0.7"', Rotation.from_rotvec([0.0, 0.0, -0.7])),
+        # MuJoCo's upper letters are axes that stay, SciPy's such as turn along
+        ('eulerseq="XYZ"', 'euler="10 20 30"', Rotation.from_euler('xyz', [10, 20, 30], True)),
+        ('eulerseq="ZYX"', 'euler="10 20 30"', Rotation.from_euler('zyx', [10, 20, 30], True)),
+        ('eulerseq="zXy"', 'euler="10 20 30"',
+         Rotation.from_euler('x', 20, True) * Rotation.from_euler('ZY', [10, 30], True)),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize('of', ['body', 'class'])
+def test_turns_that_are_no_quaternions_become_such(
+    compiler: str, turn: str, told: Rotation, of: str
+) -> None:
+    own, usual = (f' {turn}', '') if of == 'body' else ('', f' {turn}')
+    root = judged_tree(
+        f'<mujoco><compiler {compiler}/><default><geom{usual}/></default>'
+        f'<worldbody><body><geom{own}/></body></worldbody></mujoco>'
+    )
+    geom = root.find('worldbody/body/geom')
+    assert geom is not None and {*geom.attrib} == {'quat'}
+    w, *xyz = map(float, geom.attrib['quat'].split())
+    assert (Rotation.from_quat([*xyz, w]) * told.inv()).magnitude() == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize('sequence', ['xyz', 'zyx'])
+def test_turns_that_every_reader_knows_stay(sequence: str) -> None:
+    text = f'<mujoco><compiler eulerseq="{sequence}"/><worldbody><body euler="1 2 3"/></worldbody>'
+    root = judged_tree(f'{text}<replicate euler="1 2 3"/></mujoco>')
+    assert [x.attrib for x in root.iter() if 'euler' in x.attrib] == [{'euler': '1 2 3'}] * 2
 
 
 def test_includes_are_read_from_the_folder_and_no_further(tmp_path: Path) -> None:

@@ -358,8 +358,8 @@ def _reduced(pin: Any, whole: Any, drives: Sequence[str]) -> Any:
 # What pinocchio 4.1 passes over in an MJCF, or reads as MuJoCo does not: axes are taken for unit
 # vectors, the rest has no effect.
 _PASSED_OVER = frozenset((
-    'attach', 'composite', 'flexcomp', 'frame', 'replicate', 'axisangle', 'balanceinertia',
-    'boundinertia', 'boundmass', 'inertiagrouprange', 'settotalmass',
+    'attach', 'composite', 'flexcomp', 'frame', 'replicate', 'balanceinertia', 'boundinertia',
+    'boundmass', 'inertiagrouprange', 'settotalmass',
 ))  # fmt: skip
 
 
@@ -367,8 +367,6 @@ def _from_mjcf(pin: Any, root: ET.Element) -> Any:
     """Return the model of an MJCF; pinocchio takes files only, this one is in memory."""
     for element in root.iter():
         odd = _PASSED_OVER & {element.tag, *element.attrib}
-        if not element.get('eulerseq', 'xyz').islower():
-            odd |= {'eulerseq'}
         if odd:
             raise ValueError(
                 f'{min(odd)}, which pinocchio passes over: write what mujoco.mj_saveLastXML makes'
