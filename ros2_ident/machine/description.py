@@ -11,6 +11,8 @@ from pathlib import Path
 import re
 import xml.etree.ElementTree as ET
 
+import numpy as np
+
 from ros2_ident.errors import ErrorCode
 from ros2_ident.files import read_small
 from ros2_ident.machine.units import name_of, shown
@@ -214,32 +216,25 @@ def _state_turns(root: ET.Element) -> None:
     stated = {key: x for part in root.iterfind('compiler') for key, x in part.attrib.items()}
     unit = 1.0 if stated.get('angle') == 'radian' else math.pi / 180.0
     sequence = stated.get('eulerseq', 'xyz')
+    if not re.fullmatch('[xyzXYZ]{3}', sequence):
+        return  # no reader takes it
     for element in root.iter():
-        if element.tag == 'replicate':
-            continue  # turns by so much from copy to copy
-        name = 'axisangle' if 'axisangle' in element.attrib else 'euler'
+        name = 'axisangle' if 'axisangle' in element.attrib else 'euler' * (not sequence.islower())
         numbers = element.get(name, '').split()
-        told = name == 'axisangle' or not sequence.islower()
-        if not told or not numbers or not all(_number(x, -_LARGEST) for x in numbers):
-            continue
-        *axis, angle = map(float, numbers)
-        if name == 'euler':
-            axes = [[float(x == y) for y in 'xyz'] for x in sequence.lower()]
-            turns = [*zip(sequence, axes, [*axis, angle], strict=False)]
-        else:
-            turns = [('x', axis, angle)]
-        whole = 1.0, 0.0, 0.0, 0.0
-        for letter, (x, y, z), angle in turns:
-            half, length = 0.5 * unit * angle, math.hypot(x, y, z) or 1.0
-            own = math.cos(half), *(math.sin(half) * v / length for v in (x, y, z))
+        told = len(numbers) == 3 + (name == 'axisangle') and element.tag != 'replicate'
+        if not (told and all(_number(x, -_LARGEST) for x in numbers)):
+            continue  # wrong, or by how much copies turn
+        from scipy.spatial.transform import Rotation  # hardly any description needs it
+
+        values, whole = np.array(numbers, dtype=float), Rotation.identity()
+        order = ['xyz'.index(x) for x in sequence.lower()]
+        axes = np.eye(3)[order] if name == 'euler' else values[None, :3]
+        for letter, axis, angle in zip(sequence, axes, values[-len(axes) :], strict=False):
+            own = Rotation.from_rotvec(unit * angle * axis / max(np.linalg.norm(axis), 1e-300))
             # A lower letter is an axis that has turned along, an upper one stays.
-            (a, b, c, d), (e, f, g, h) = (whole, own) if letter.islower() else (own, whole)
-            whole = (
-                a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g,
-                a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e,
-            )  # fmt: skip
+            whole = whole * own if letter.islower() else own * whole
         del element.attrib[name]
-        element.set('quat', ' '.join(map(repr, whole)))
+        element.set('quat', ' '.join(map(repr, np.roll(whole.as_quat(), 1).tolist())))
 
 
 def floating(root: ET.Element) -> list[tuple[ET.Element, ET.Element]]:

@@ -358,8 +358,8 @@ def _reduced(pin: Any, whole: Any, drives: Sequence[str]) -> Any:
 # What pinocchio 4.1 passes over in an MJCF, or reads as MuJoCo does not: axes are taken for unit
 # vectors, the rest has no effect.
 _PASSED_OVER = frozenset((
-    'attach', 'composite', 'flexcomp', 'frame', 'replicate', 'balanceinertia', 'boundinertia',
-    'boundmass', 'inertiagrouprange', 'settotalmass',
+    'attach', 'composite', 'flexcomp', 'frame', 'replicate', 'axisangle', 'balanceinertia',
+    'boundinertia', 'boundmass', 'inertiagrouprange', 'settotalmass',
 ))  # fmt: skip
 
 
