@@ -171,7 +171,7 @@ def find_change(
         paired=paired,
         price=price,
         complete=not stopped(),
-        friction=tuple(_friction(now, found, theta)) if named else (),
+        friction=tuple(_all_friction(now, found, theta)) if named else (),
     )
 
 
@@ -460,7 +460,7 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
         yield Change(s, tuple(sizes), x.evidence, x.ties)
 
 
-def _friction(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Size]:
+def _all_friction(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Size]:
     """Yield what several changes of a drive's friction come to, as one of its Coulomb friction.
 
     Laws found beside one another may do opposite things: together they are projected on it, on
