@@ -39,7 +39,7 @@ class Gain:
         name: Its key in the machine file; `scale` for a factor on the whole effort.
         value: Estimate, in the machine file's unit.
         misfit: RMS that is left with it, in the effort's unit.
-        makes: RMS of the effort that it makes, but for a constant, in the effort's unit a unit.
+        makes: RMS of the effort that one unit of it makes, but for a constant.
     """
 
     name: str

@@ -84,7 +84,7 @@ def changed(c: Comparison) -> Iterator[str]:
             names = ', '.join(title_of(x) for x in change.ties)
             yield f'These logs do not tell it from: {names}.'
     for x in c.friction:
-        yield (f'All changes of friction do together along these motions as one of {_other(x)}.')
+        yield f'All changes of friction do together along these motions as one of {_other(x)}.'
     if c.changes:
         data = 'logs' if min(c.logs) > 1 else 'quarters of the logs'
         share = 'nothing' if math.isnan(c.explained) else percent(c.explained)
@@ -157,7 +157,8 @@ def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:
         texts.append(f'{title_of(v.suspect)} {quantity(v.size, v.unit)}{share}')
     more = f' and {len(texts) - _LISTED} more' if len(texts) > _LISTED else ''
     none = ', '.join(dict.fromkeys(title_of(v.suspect) for v in visible if v not in shown))
+    beyond = f' However large, these would not: {none}.' if none else ''
     return (
         f'The smallest {"other change" if beside else "change"} that would have shown: '
-        f'{", ".join(texts[:_LISTED])}{more}.' + f' However large, no {none} would.' * bool(none)
+        f'{", ".join(texts[:_LISTED])}{more}.{beyond}'
     )

@@ -138,8 +138,10 @@ def test_a_size_beyond_all_that_is_looked_for_would_not_show():
         for s, size in ((stribeck, math.inf), (replace(stribeck, name='backlash'), 2.0))
     )
     *_, said = sentences(Comparison((), math.nan, smallest, (), (2, 2), False, 5.0, True))
-    assert said.endswith('shown: backlash on x_axis 2 N. However large, no Stribeck friction on '
-                         'x_axis would.')  # fmt: skip
+    assert said.endswith(
+        'shown: backlash on x_axis 2 N. However large, these would not: Stribeck friction on '
+        'x_axis.'
+    )
 
 
 def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):

@@ -213,7 +213,9 @@ def write_difference(directory: str | Path, page: str | Path | None = None) -> P
         'state_of': CHANGED[level],
         'headline': headline,
         'sentences': [text for text in sentences(found) if text != headline],
-        'smallest': [{**vars(v), 'what': title_of(v.suspect)} for v in found.smallest],
+        'smallest': [
+            {**vars(v), 'what': title_of(v.suspect)} for v in found.smallest if v.size < math.inf
+        ],
     }
     return write_page(Path(page or Path(directory) / PAGE), 'change.html', context)
 
