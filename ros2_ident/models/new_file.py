@@ -340,20 +340,19 @@ def _steps_as_mujoco(
     A log that MuJoCo simulated in steps that are long for its actuators' damping is no motion of
     the machine described. Both begin as a search would.
     """
-    left = []
-    for simulator in (False, True):
-        try:
-            if simulator:
-                text = new_machine_file(arm_kind(True), names, description, named)
-                text = re.sub('( cycle: )[^ ]*', rf'\g<1>{short_number(data.cycle)}', text)
-            model = _model_by(text, description, data)
-        except IdentError:
-            if not simulator:
-                raise
-            return False  # MuJoCo is not installed, or cannot simulate the description
+
+    def left(model: Any) -> float:
         begin = model.suggested()
-        left.append(np.inf if begin is None else float(np.mean(model.residuals(begin[None]) ** 2)))
-    return left[1] < _FAR_LESS * left[0]
+        return np.inf if begin is None else float(np.mean(model.residuals(begin[None]) ** 2))
+
+    as_written = left(_model_by(text, description, data))
+    try:
+        other = new_machine_file(arm_kind(True), names, description, named)
+        other = re.sub('( cycle: )[^ ]*', rf'\g<1>{short_number(data.cycle)}', other)
+        simulator = _model_by(other, description, data)
+    except IdentError:
+        return False  # MuJoCo is not installed, or cannot simulate the description
+    return left(simulator) < _FAR_LESS * as_written
 
 
 # What may belong to an arm's law beside P and D, the plainest first; and by how much more than the
