@@ -471,10 +471,7 @@ def _all_friction(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[
     for c in (x.column for x in found):
         if of_friction(c.at) if c.at else c.suspect.name.rpartition('.')[2] in FRICTION:
             told.setdefault(c.place, []).append(c)
-    sign = np.concatenate([
-        np.full(here.stop - here.start, 1.0 if later else -1.0)
-        for here, later in zip(now.logs.rows, now.logs.after, strict=True)
-    ])  # fmt: skip
+    later = np.repeat(now.logs.after, [log.stop - log.start for log in now.logs.rows])
     for place, several in told.items():
         names = [f'{place}.{name}' for name in COULOMB]
         at = next((i for i, name in enumerate(sides.names[:first]) if name in names), None)
@@ -487,7 +484,7 @@ def _all_friction(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[
             for i, value in _sizes(sides, c):
                 none[i] = value
         did = np.subtract(*residuals_at(sides, now.rows)(np.stack([now.theta, none])))
-        parts = np.column_stack([did * (sign > 0.0), did * (sign < 0.0), now.kept])
+        parts = np.column_stack([did * later, did * ~later, now.kept])
         along = slope @ parts / np.maximum(slope**2 @ (parts != 0.0), 1e-300) * width[at]
         more, own = float(along[0] - along[1]), own * along[2:]
         half = NORMAL * math.sqrt(own @ now.weighed.beside()[0] @ own)
