@@ -27,7 +27,7 @@ TRUTH = {
     'viscous_torque': 0.03,
 }
 # An arm's is held against the arms' reference in test/models/test_serial.py.
-OF_ARMS = {'hand_load'}
+OF_ARMS = {'hand_load', 'joint_zero_error'}
 CATALOGUE = {TWINS.get(name, name) for name in effects.CATALOGUE} - OF_ARMS
 AXIS = load_machine(ROOT / 'config' / 'emps.yaml')
 AXIS_TRUTH = {'moving_mass': 95.0, 'viscous_friction': 200.0, 'coulomb_friction': 20.0}

@@ -128,12 +128,12 @@ def simulate(
     each = [(at, effect) for effect in effects for at in effect.places(machine)]
     there = [at for at, _ in each]
     added = {f'{at.prefix}{name}': x for at, one in each for name, x in one.values.items()}
-    offered = model.extensions(changed=True) if there else ()
+    offered = {*model.extensions(), *model.extensions(changed=True)} if there else set()
     for at in there:
         if at not in offered:
             raise ErrorCode.INVALID_GOAL.error(
                 f'{at.effect} has no place on {at.where} of this machine; choose from '
-                f'{", ".join(dict.fromkeys(x.effect for x in offered)) or "none"}'
+                f'{", ".join(sorted({x.effect for x in offered})) or "none"}'
             )
     if there:
         model = planned_model(machine, motion.position, motion.velocity, effects=there)

@@ -298,8 +298,8 @@ def _instead(tie: Tie) -> str:
 def _missing(names: Sequence[str], logged: Sequence[str] = ()) -> str:
     """Return which effects the simulation lacks, and which are of the log alone."""
     if not names:
-        return f'The logged effort is off, not the simulation: {joined(logged)}'
-    too = f'; the logged effort is off, too: {joined(logged)}' if logged else ''
+        return f'The log is off, not the simulation: {joined(logged)}'
+    too = f'; the log is off, too: {joined(logged)}' if logged else ''
     verb = 'is' if len(names) == 1 else 'are'
     return f'{capital(joined(names))} {verb} missing in the simulation{too}'
 

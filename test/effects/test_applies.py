@@ -20,7 +20,7 @@ PRESSED = {
 }
 # Of logs without a set-point only.
 OF_FILES = {'effort_smoothing'}
-OF_ARMS = {'hand_load'}
+OF_ARMS = {'hand_load', 'joint_zero_error'}
 GEAR = {'backlash', 'transmission_eccentricity', 'position_dependent_stiffness'}
 
 
@@ -49,7 +49,7 @@ def test_on_a_tripod_only_what_is_nominal_is_left_out() -> None:
 def test_on_a_rigid_axis_gear_platform_and_what_is_nominal_are_left_out() -> None:
     nominal = {'coulomb_friction', 'viscous_friction', 'constant_force', 'effort_bias'}
     single = {'integral_gain_error', 'effort_crosstalk'}
-    others = GEAR | STRUCTURE | OF_FILES | PRESSED
+    others = GEAR | STRUCTURE | OF_ARMS | OF_FILES | PRESSED
     assert left_out(machine_of('emps')) == nominal | single | others
 
 

@@ -44,20 +44,20 @@ def test_an_interval_is_told_by_its_ends_where_its_halves_differ(value, low, hig
     [
         ((EffectAt('stribeck', 'drive_1'),), ONE, ONE),
         (
-            (FILTER,), 'The logged effort is off, not the simulation: smoothed effort',
-            'The logged effort is off, not the simulation: smoothed effort',
+            (FILTER,), 'The log is off, not the simulation: smoothed effort',
+            'The log is off, not the simulation: smoothed effort',
         ),
         (
             (FILTER, EffectAt('stribeck', 'drive_1')),
-            f'{ONE}; the logged effort is off, too: smoothed effort',
-            f'{ONE}; the logged effort is off, too: smoothed effort',
+            f'{ONE}; the log is off, too: smoothed effort',
+            f'{ONE}; the log is off, too: smoothed effort',
         ),
         (
             (FILTER, *MANY),
             'Constant force on wrist_2_joint and 2 more effects are missing in the simulation',
             'Constant force on wrist_2_joint, asymmetric friction on wrist_1_joint and '
             'load-dependent friction on shoulder_lift_joint are missing in the simulation; the '
-            'logged effort is off, too: smoothed effort',
+            'log is off, too: smoothed effort',
         ),
     ],
 )  # fmt: skip

@@ -226,7 +226,9 @@ class DriveModel(MachineModel):
         """Return every effect at every place it can sit, see `FullModel.extensions`."""
         context = self.context
         if changed:
-            context = replace(context, combined=frozenset())
+            # Each log has zeros of its own.
+            known = context.identified | {'log_zero'}
+            context = replace(context, combined=frozenset(), identified=known)
         return tuple(
             EffectAt(effect.id, where)
             for effect in CATALOGUE.values()

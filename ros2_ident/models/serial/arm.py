@@ -37,6 +37,8 @@ _TURN, _SLIDE, _SPEED, _ACCELERATION = 1.2, 0.3, 2.5, 6.0
 _ENDLESS = 100.0
 # Sine of an angle below which a free fall points along an axis.
 _STEEP = 0.05
+# In place of no mass, kg: pinocchio divides first moments by it.
+_WEIGHTLESS = 1e-6
 # Half the side of the base, as a share of how far the arm reaches.
 _BASE = 0.12
 
@@ -152,6 +154,28 @@ class Arm:
         states = zip(self._places(position), velocity[order].T, acceleration[order].T, strict=True)
         rows = [_pinocchio().rnea(self.model, data, *state) for state in states]
         return np.array(rows).T[back]
+
+    def slopes(
+        self, inertials: Array, position: Array, velocity: Array, acceleration: Array
+    ) -> Array:
+        """Return (D, K, D) by how much efforts change with the positions (the last axis).
+
+        Args:
+            inertials: (10 D,) of the links.
+            position: (D, K), and what follows, as of `terms`.
+
+        Reference:
+            Carpentier and Mansard, Robotics: Science and Systems 2018.
+        """
+        pin, model = _pinocchio(), self.model.copy()
+        for joint, own in zip(self.joints, inertials.reshape(-1, INERTIALS).copy(), strict=True):
+            own[0] = own[0] or _WEIGHTLESS
+            model.inertias[int(joint)] = pin.Inertia.FromDynamicParameters(own)
+        data = model.createData()
+        order, back = self.orders
+        states = zip(self._places(position), velocity[order].T, acceleration[order].T, strict=True)
+        rows = [pin.computeRNEADerivatives(model, data, *state)[0].copy() for state in states]
+        return np.array(rows)[:, back][:, :, back].transpose(1, 0, 2)
 
     def mass(self, position: Array) -> Array:
         """Return the (D, D) mass matrix of the described links at positions (D,), kg m^2 or kg."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An arm along its log: recorded motion, and what the described links ask along it."""
 
+from collections.abc import Callable
 import functools
 from typing import NamedTuple
 
@@ -17,6 +18,8 @@ from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, smooth_motion
 
 # Samples that a motion has at least, see `smooth_motion`.
 _FEW = 3
+# Instants of a log that tell its links well enough for what is small. By hand.
+_ENOUGH = 2000
 
 
 class Terms(NamedTuple):
@@ -99,21 +102,37 @@ class ArmLog(DriveLog):
         return np.ascontiguousarray(out)
 
     @functools.cached_property
-    def terms(self) -> Terms:
-        """Terms of the motors' efforts along the recorded motion."""
-        return self._terms(hand=self.inertials.carries)
+    def terms(self) -> Callable[..., Terms]:
+        """Terms of the motors' efforts along the recorded motion.
+
+        Those of what hangs at the last joint, where it is asked for with `hand`, or looked for;
+        with `zeros` those of joints whose positions are more by 1.
+        """
+        made = functools.cache(self._terms)
+        return lambda *, hand, zeros: made(hand or self.inertials.carries, zeros)
+
+    def _terms(self, hand: bool, zeros: bool) -> Terms:
+        links = self.inertials.terms(self.arm.terms(*self.followed), hand=hand)
+        joints = [links, self.transmission.terms(self.followed[0])]
+        if zeros:
+            joints.append(self.arm.slopes(self._probable, *self.followed))
+        terms = np.ascontiguousarray(self.transmission.at_motors(np.concatenate(joints, axis=2)))
+        return Terms(terms, np.asarray(np.argmax((terms != 0.0).any(axis=1), axis=1)))
 
     @functools.cached_property
-    def hand_terms(self) -> Terms:
-        """The same with those of what hangs at the last joint."""
-        return self.terms if self.inertials.carries else self._terms(hand=True)
-
-    def _terms(self, *, hand: bool) -> Terms:
-        links = self.inertials.terms(self.arm.terms(*self.followed), hand=hand)
-        balance = self.transmission.terms(self.followed[0])
-        joints = np.concatenate([links, balance], axis=2)
-        terms = np.ascontiguousarray(self.transmission.at_motors(joints))
-        return Terms(terms, np.asarray(np.argmax((terms != 0.0).any(axis=1), axis=1)))
+    def _probable(self) -> Array:
+        """(10 D,) inertials of the links, as logged efforts make them probable beside friction."""
+        if self.data.effort is None:
+            return self.arm.inertials
+        every = slice(None, None, 1 + self.data.cycles // _ENOUGH)
+        terms = self.terms(hand=False, zeros=False).each[:, every]
+        given = np.ravel(self.transmission.coefficients({}, 1))
+        links = terms.shape[2] - given.size
+        effort = self.data.effort[self.order, every] * self.machine.numbers('gear_factor')[:, None]
+        _, speed, acceleration = self.driven[:, :, every]
+        beside = np.stack([np.ones_like(speed), np.sign(speed), speed, acceleration], axis=2)
+        left = effort - terms[:, :, links - 1] - terms[:, :, links:] @ given
+        return self.inertials.probable(terms, left, beside)
 
     # ------------------------------------------------------------------ under its controllers
 

@@ -40,7 +40,7 @@ class Serial(DriveModel):
     """
 
     gains = ('position_gain',)
-    features = frozenset({'hand'})
+    features = frozenset({'links'})
 
     reads = ArmLog
     log: ArmLog
@@ -203,6 +203,8 @@ class Serial(DriveModel):
         hand = self._hand(block)
         if not self.log.closed:
             links = self.inertials.coefficients(own, hand)
+            if self._homed:
+                balance = np.hstack([balance, -self.candidates.of(block, 'log_zero')])
         else:
             each = self.inertials.whole(own, hand).reshape(count, -1, INERTIALS)
             order = np.argsort(self.arm.joints)
@@ -220,6 +222,11 @@ class Serial(DriveModel):
     def loads(self) -> list[EffectAt]:
         """Effects that are inertials of the last link."""
         return self.candidates.acting(_HAND[0])
+
+    @property
+    def _homed(self) -> bool:
+        """Whether effects move zeros of joints."""
+        return bool(self.candidates.acting('log_zero'))
 
     def carried(self, theta: Array) -> Array:
         """Return (10,) inertials of payload and load at the last joint, of one candidate (N,)."""
@@ -254,7 +261,7 @@ class Serial(DriveModel):
     def _kernel(self) -> Compiled:
         drives, effects, log = len(self.machine.drives), self.candidates, self.log
         if not self.log.closed:
-            terms = log.hand_terms if self.loads else log.terms
+            terms = log.terms(hand=bool(self.loads), zeros=self._homed)
             given = *terms, log.driven.ravel(), effects.on, self.cycle
             return kernel.simulate, kernel.sizes(drives), given
         read = log.command, log.added, log.driven, log.begin

@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator, Mapping
 import functools
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -102,6 +103,36 @@ class Inertials:
         last = whole[:, :, -INERTIALS:] if hand else whole[:, :, :0]
         known = (whole @ self._known)[:, :, None]
         return np.concatenate([whole[:, :, self._base], last, known], axis=2)
+
+    def probable(self, terms: Array, efforts: Array, beside: Array) -> Array:
+        """Return (10 D,) inertials that fit efforts best, the base parameters within their boxes.
+
+        By least squares, with the variance of a box as what is known of its parameter; others are
+        as described.
+
+        Args:
+            terms: (D, K, B') as of `terms`, with more behind.
+            efforts: (D, K) less what the file describes; NaN where none is known.
+            beside: (D, K, M) what else may be in each drive's, in any size.
+        """
+        boxes = {p.name: p.high - p.low for of in self.parameters.values() for p in of}
+        count = len(self.names)
+        rows = [np.diag([math.sqrt(12.0) / boxes[name] for name in self.names])]
+        wanted = [np.zeros(count)]
+        for own, effort, others in zip(terms, efforts, beside, strict=True):
+            seen = np.isfinite(effort)
+            basis = np.linalg.qr(others[seen])[0]
+            whole = np.column_stack([own[seen, :count], effort[seen]])
+            whole -= basis @ (basis.T @ whole)
+            shares = np.linalg.lstsq(whole[:, :-1], whole[:, -1], rcond=None)[0]
+            left = whole[:, -1] - whole[:, :-1] @ shares
+            whole /= math.sqrt(float(left @ left) / max(left.size, 1)) or 1.0
+            rows.append(whole[:, :-1])
+            wanted.append(whole[:, -1])
+        found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]
+        out = self._known.copy()
+        out[self._base] += found
+        return out
 
     @functools.cached_property
     def changes(self) -> tuple[Array, Array]:
