@@ -310,7 +310,7 @@ def truth_of(folder: Path, robot: Robot) -> dict[str, float]:
     joints = len(robot.masses)
     reach = np.array([np.pi, 2.0, 5.0])[:, None, None]
     motion = reach * np.random.default_rng(0).uniform(-1.0, 1.0, (3, joints, 200))
-    terms = inertials.terms(arm.terms(*motion))
+    terms = inertials.terms(arm.terms(*motion), hand=False)
     rotors = np.eye(joints)[:, None, :] * motion[2][:, :, None]
     columns = np.concatenate([terms[:, :, :-1], rotors], axis=2)
     asked = _torques(robot, motion) - terms[:, :, -1]
