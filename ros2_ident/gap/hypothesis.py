@@ -116,6 +116,13 @@ class Hypothesis:
         """Return the RMS that is taken away from the drive helped most, in floors."""
         return float(np.sqrt(np.maximum(before.gap - self.gap, 0.0)).max())
 
+    @cached_property
+    def numbers(self) -> list[tuple[EffectAt, EffectParameter, float]]:
+        """The numbers of its effects, those of one after the other."""
+        own = [(at, p) for at in self.effects for p in get_effect(at.effect).parameters]
+        values = self.theta[len(self.theta) - len(own) :].tolist()
+        return [(*one, x) for one, x in zip(own, values, strict=True)]
+
     def ended(self, at: EffectAt) -> list[EffectParameter]:
         """Return the numbers of one of its effects that ended at bounds, but for nothing."""
         own, columns = get_effect(at.effect).parameters, self.columns(self.effects.index(at))
@@ -131,9 +138,8 @@ class Hypothesis:
 
     def columns(self, index: int) -> list[int]:
         """Return the columns of theta that hold an effect's parameters."""
-        sizes = [len(get_effect(x.effect).parameters) for x in self.effects]
-        first = len(self.theta) - sum(sizes[index:])
-        return list(range(first, first + sizes[index]))
+        own, first = self.effects[index], len(self.theta) - len(self.numbers)
+        return [k for k, (at, _, _) in enumerate(self.numbers, first) if at == own]
 
 
 @dataclass(frozen=True)

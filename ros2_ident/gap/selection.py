@@ -4,6 +4,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 import math
 from typing import Any
 
@@ -21,6 +22,7 @@ from ros2_ident.gap.result import NOISE, PARAMETERS, Tie
 from ros2_ident.gap.rules import Rules, TIE
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.models import EffectAt
+from ros2_ident.models.trials import turns_of
 from ros2_ident.search import intervals
 from ros2_ident.search.evidence import Certainty, Evidence
 from ros2_ident.search.jacobian import Known
@@ -98,9 +100,8 @@ class Selector(Fitter):
         )
         known = joint.box.known
         found = told(known=known)
-        own = [p for at in e.effects for p in get_effect(at.effect).parameters]
-        first, half = len(e.theta) - len(own), found.half_width
-        loose = [k for k, p in enumerate(own, first) if p.limit and math.isinf(half[k])]
+        own = enumerate(e.numbers, len(e.theta) - len(e.numbers))
+        loose = [k for k, (_, p, _) in own if p.limit and math.isinf(found.high[k])]
         if loose:
             # A parameter does what the law's limit does, so any value will do: the others are
             # meant at this one, to a ten-thousandth of its box. By hand.
@@ -203,7 +204,7 @@ class Selector(Fitter):
         return [*chain, final] if self.counts(less, final) else chain
 
     def untied(self, round_: Round) -> tuple[Round, list[Tie]]:
-        """Return a round without what the control laws refute.
+        """Return a round without what is refuted.
 
         And without leaders that something else imitates, which are returned as well.
         """
@@ -224,17 +225,19 @@ class Selector(Fitter):
         return round_, ties
 
     def refuted(self, e: Hypothesis) -> bool:
-        """Return whether a drive's effort does not follow its law with the gains of a fit.
+        """Return whether a fit has gains that its drive's effort refutes, or one ripple as two.
 
-        Where the log is too slow for the controllers' rows no fit sees that.
+        Where the log is too slow for the controllers' rows no fit sees such gains. Two orders that
+        differ by less than a period over the stroke are one (Rayleigh's criterion).
         """
+        orders = sorted((at.where, x) for at, p, x in e.numbers if p.role == 'order')
+        model = self.split.fit.models[0]
         return any(
-            p.how == 'scale' and law.refutes(p.target, float(size))
-            for number, at in enumerate(e.effects)
-            if (law := self.laws.get(at.where))
-            for p, size in zip(
-                get_effect(at.effect).parameters, e.theta[e.columns(number)], strict=True
-            )
+            p.how == 'scale' and at.where in self.laws and self.laws[at.where].refutes(p.target, x)
+            for at, p, x in e.numbers
+        ) or any(
+            one == other and (second - first) * turns_of(model, one) < 1.0
+            for (one, first), (other, second) in pairwise(orders)
         )
 
     def tie(self, base: Hypothesis, e: Hypothesis, at: EffectAt, hidden: bool) -> Tie | None:

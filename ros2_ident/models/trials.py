@@ -35,7 +35,7 @@ def shape_values(
     """Return the values of a shape parameter to start from, in its own unit."""
     if parameter.role == 'order':
         # With fewer periods it is a spring or a constant force.
-        return (*(n for n in parameter.starts if n * _turns(model, where) >= _PERIODS), *orders)
+        return (*(n for n in parameter.starts if n * turns_of(model, where) >= _PERIODS), *orders)
     if parameter.role == 'position' and not parameter.starts:
         data = model.data
         position = data.command_position if data.command_position is not None else data.position
@@ -166,14 +166,14 @@ def _best(grid: Array, gain: Array, sizes: int, clear: bool) -> tuple[float, ...
 
 def _grid(model: FullModel, place: str, order: EffectParameter) -> Array:
     """Return the orders that outputs show, so dense that none lies unseen between two."""
-    turns = _turns(model, place)
+    turns = turns_of(model, place)
     if not turns > 0.0:
         return np.empty(0)
     high = min(order.high, model.highest_order(place))
     return np.arange(max(order.low, _PERIODS / turns), high, _DENSE / turns)
 
 
-def _turns(model: FullModel, place: str) -> float:
+def turns_of(model: FullModel, place: str) -> float:
     """Return over how many turns of its motor a place moves; 0 where that is not known."""
     # A joint that turns does so with its motor where nothing else is stated.
     turn = model.motor_turn(place) or float(model.travel[0] == 'rad')

@@ -146,6 +146,28 @@ def test_a_gain_that_the_law_of_the_log_refutes_is_no_effect(selector):
     assert not selector.refuted(replace(e, theta=np.array([1.0, 2.0, 2.5])))
 
 
+@pytest.mark.parametrize(('second', 'where', 'beats'), [
+    (41.7, 'one', True), (45.2, 'one', False), (41.7, 'two', False),
+])  # fmt: skip
+def test_two_orders_that_the_stroke_does_not_part_are_no_two_ripples(
+    selector, second, where, beats
+):
+    """Two of 41.7 and 42.2 a turn, over a third of one, had large sizes of opposite sign."""
+    stroke = 0.35 * 2.0 * np.pi * np.linspace(0.0, 1.0, 100)
+    selector.split.fit.models[0] = SimpleNamespace(
+        data=SimpleNamespace(names=DRIVES, position=np.stack([stroke] * 2), command_position=None),
+        motor_turn=lambda place: 0.0,
+        travel=('rad', 1.0),
+    )
+    effects = [EffectAt('torque_ripple', 'one')]
+    effects.append(EffectAt('torque_ripple_2' if where == 'one' else 'torque_ripple', where))
+    e = made((0.2, 0.0), effects)
+    sizes = [[0.23, -0.28, 42.2], [0.02, 0.35, second]]
+    e = replace(e, theta=np.concatenate([e.theta[: e.columns(0)[0]], *sizes]))
+    left, _ = selector.untied(Round(made((2.0, 0.0)), {}, (e,)))
+    assert left.fitted == (() if beats else (e,))
+
+
 def test_a_floor_too_large_and_slow_for_noise_is_told(selector):
     selector.floor, model = floor_of(1.0, 0.1), selector.split.fit.models[0]
     for stated, drives in ((0.1, ['two']), (0.3, [])):
