@@ -75,7 +75,8 @@ def print_diagnosis(d: 'Diagnosis') -> None:
     for name, v in d.parameters.items():
         moves = abs(d.moved.get(name, 0.0)) >= 0.01
         before = f'  {d.nominal[name]:.5g} before' if moves else ''
-        end = '  at its bound' if v.at_bound or v.confined else ''
+        bound = v.at_bound or v.end == 'upper' or (v.end and v.lower_bound)
+        end = '  at its bound' if bound else ''
         told = interval(v.value, v.low, v.high)
         print(f'  {name:45s} {v.value:12.5g} {told} {v.unit}{before}{end}')
     for text in advice(d):

@@ -201,18 +201,26 @@ def _values(selector: Selector, e: Hypothesis, ends: Array) -> dict[str, Value]:
     joint = selector.split.fit.with_effects(e.effects)
     # What the log does not say the box does: an interval ends where its parameter was searched.
     rows = np.clip(ends, joint.low, joint.high).T.tolist()
-    # Those of the effects come last; the bounds of the others are the machine file's matter.
+    # Those of the effects come last. A bound of the machine file counts where, to first order and
+    # beside the other bounds, it keeps more of the gap open than forms of a law differ by; below
+    # nothing there is nothing.
     sizes = [p for at in e.effects for p in joint.models[0].scaled(at)]
-    own = [None] * (len(rows) - len(sizes)) + sizes
+    unit = np.round(e.unit, 3)
+    edge = (unit == 1.0) | ((unit == 0.0) & (joint.low != 0.0))
+    inverse = np.linalg.pinv(e.jacobian.T @ e.jacobian, hermitian=True)
+    beyond = (inverse @ (e.jacobian.T @ e.residual)) ** 2
+    gap = max(e.cost - float(e.samples.fit.sum()), 0.0)
+    counts = beyond > selector.rules.alike * gap * np.diag(inverse)
+    held = edge & counts & selector.rules.open(e)
+    nominal = len(rows) - len(sizes)
+    own = zip(sizes, e.theta[nominal:].tolist(), strict=True)
+    ended = [*held[:nominal].tolist(), *(at_bound(*x) for x in own)]
     return {
-        p.name: Value(
-            v, p.unit, low, high, bool(size and at_bound(size, v)), less, more,
-            p.low, p.high, p.kind,
+        p.name: Value(v, p.unit, low, high, at, less, more, p.low, p.high, p.kind)
+        for p, v, at, (low, high, less, more) in zip(
+            joint.parameters, e.theta.tolist(), ended, rows, strict=True
         )
-        for p, v, size, (low, high, less, more) in zip(
-            joint.parameters, e.theta.tolist(), own, rows, strict=True
-        )
-    }  # fmt: skip
+    }
 
 
 def _steps(encoders: Sequence[EncoderSteps]) -> dict[str, Value]:

@@ -161,7 +161,8 @@ class Value:
         value: Estimate.
         low: Lower end of the 95 % interval, within its search; NaN where not known.
         high: Upper end.
-        at_bound: Whether it is the size of an effect and ended at a bound of its search.
+        at_bound: Whether it is the size of an effect and ended at a bound of its search, or a
+            parameter of the machine file without whose bound the gap would close by a share.
         noise_low: Lower end of the interval if the model lacked nothing: noise alone.
         noise_high: Upper end likewise.
         lower_bound: Lower end of its search, NaN where it was not searched.
@@ -187,11 +188,6 @@ class Value:
         if self.value <= self.lower_bound + edge:
             return 'lower'
         return 'upper' if self.value >= self.upper_bound - edge else ''
-
-    @property
-    def confined(self) -> bool:
-        """Whether it ended at a bound of its search, other than at nothing."""
-        return self.end == 'upper' or (self.end == 'lower' and self.lower_bound != 0.0)
 
 
 def at_bound(parameter: EffectParameter, value: float) -> bool:

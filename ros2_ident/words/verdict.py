@@ -85,7 +85,7 @@ def at_bounds(d: Diagnosis) -> Iterator[str]:
             'Check the unit of the effort and the constants of the machine file, or exclude the '
             'effect.'
         )
-    names = [name for name, v in d.parameters.items() if name in d.nominal and v.confined]
+    names = [name for name, v in d.parameters.items() if name in d.nominal and v.at_bound]
     if names:
         lie = 'lies' if len(names) == 1 else 'lie'
         yield (
@@ -95,8 +95,8 @@ def at_bounds(d: Diagnosis) -> Iterator[str]:
 
 
 def _at_bounds(d: Diagnosis) -> str:
-    """Return which parameters ended at a bound of their search; empty for none."""
-    names = [name for name, v in d.parameters.items() if v.at_bound]
+    """Return which effects' parameters ended at a bound of their search; empty for none."""
+    names = [name for name, v in d.parameters.items() if name not in d.nominal and v.at_bound]
     ends = 'ends at a bound' if len(names) == 1 else 'end at bounds'
     return f'{", ".join(names)} {ends} of the search' if names else ''
 

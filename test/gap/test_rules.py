@@ -35,8 +35,10 @@ def test_an_interval_ends_where_its_parameter_was_searched():
     joint = SimpleNamespace(parameters=(box,), low=np.array([0.0]), high=np.array([0.08]))
     ends = np.array([[0.0], [4.46], [-4.46], [4.46]])
     fit = SimpleNamespace(with_effects=lambda effects: joint)
-    selector = SimpleNamespace(split=SimpleNamespace(fit=fit))
-    found = _values(selector, SimpleNamespace(effects=(), theta=np.array([0.07])), ends)
+    selector = SimpleNamespace(split=SimpleNamespace(fit=fit), rules=RULES)
+    e = replace(made((0.0, 0.0)), theta=np.array([0.07]), unit=np.array([0.9]))
+    e = replace(e, jacobian=np.ones((2, 1)), residual=np.zeros(2))
+    found = _values(selector, e, ends)
     value = found['measurement_delay']
     assert (value.low, value.high, value.noise_low, value.noise_high) == (0.0, 0.08, 0.0, 0.08)
     assert undetermined(value) and not undetermined(replace(value, low=0.05))

@@ -7,11 +7,13 @@ from pathlib import Path
 from identify_cases import axis, axis_data, AXIS_TRUTH, identified, QUICK
 import numpy as np
 import pytest
+from values import with_bounds
 
 from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.identify.data import Data
 from ros2_ident.identify.run import identify
 from ros2_ident.report.schema import from_mapping, to_mapping
+from ros2_ident.words import verdict as words
 
 
 def with_more(data: Data, more: np.ndarray) -> Data:
@@ -64,6 +66,16 @@ def test_a_diagnosis_reports_the_parameters_of_an_identification():
         q, half = also.parameters[p.name], 0.5 * (p.high - p.low)
         assert q.value == pytest.approx(p.value, abs=0.1 * half), p.name
         assert (q.low, q.high) == pytest.approx((p.low, p.high), abs=0.3 * half), p.name
+
+
+def test_only_a_bound_that_keeps_the_gap_open_is_told():
+    """A force that ends 0.1 N short of its value leaves hardly a thing of what friction leaves."""
+    near = {'viscous_friction': (0.0, 100.0, 'N s/m'), 'constant_force': (-2.9, -2.5, 'N')}
+    machine = with_bounds(axis(), {**axis().bounds, **near})
+    found = diagnose(machine, axis_data().datasets, seed=3)
+    assert found.parameters['emps_axis.constant_force'].end
+    (told,) = words.at_bounds(found)
+    assert told.startswith('emps_axis.viscous_friction lies at a bound of the machine file')
 
 
 def at_an_even_speed(seed: int) -> Data:
