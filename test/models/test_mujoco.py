@@ -71,9 +71,9 @@ def machine_of(folder, boxes=BOXES, description='robot.xml', drives=('one', 'two
     return load_machine(path)
 
 
-def plain(command, change=lambda model: None):
+def plain(command, change=lambda model: None, text=MJCF):
     """Return position and joint torque of MuJoCo's own loop, called step by step."""
-    model = mujoco.MjModel.from_xml_string(MJCF)
+    model = mujoco.MjModel.from_xml_string(text)
     change(model)
     data = mujoco.MjData(model)
     position, effort = np.empty(command.shape), np.empty(command.shape)
@@ -128,6 +128,80 @@ def test_a_search_begins_as_described_where_that_is_the_log(tmp_path, tie) -> No
     log = model.simulate(theta_of(model)[None])[0]
     model = Mujoco(machine, data_with(machine, log))
     assert model.suggested() == pytest.approx(theta_of(model))
+
+
+FLAGS = {
+    'damper': ('damping', 0.3), 'frictionloss': ('frictionloss', 0.3), 'gravity': ('free_fall', 3),
+    'constraint': ('frictionloss', 0.3), 'spring': ('stiffness', 2.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('flag', [*FLAGS, 'sensor', 'spring="disable" damper'])
+def test_what_a_flag_switches_off_is_zero_and_can_be_sought(tmp_path, flag) -> None:
+    joint = '<default><joint stiffness="1 0.5" springref="0.4"'
+    text = MJCF.replace('<default><joint', joint).replace(
+        '<body name="up', '<body gravcomp="0.5" name="up'
+    )
+    text = text.replace(
+        '<compiler', f'<option viscosity="2"><flag {flag}="disable"/></option><compiler'
+    )
+    (tmp_path / 'robot.xml').write_text(text)
+    position, effort = plain(COMMAND, text=text)
+    name, value = FLAGS.get(flag, ('damping', 0.3))
+    unit = 'm/s^2' if name == 'free_fall' else UNITS[name]
+    machine = machine_of(tmp_path, {name: [0.0, 10.0, unit]})
+    model = Mujoco(machine, data_with(machine, position, effort), quantities=('position',))
+    model._begin[:] = 0.0
+    stated = list(model.as_described({}).values())
+    told = model.simulate(np.array([stated, [value] * len(stated)]))
+    assert np.abs(told[0] - position).max() < 1e-12
+    assert flag == 'sensor' or not any(stated)
+    assert np.abs(told[1] - position).max() > 1e-3
+
+
+@pytest.mark.parametrize('lag', ['timeconst="0.05"', 'delay="0.02" nsample="20"'])
+def test_an_actuator_that_takes_its_set_point_late_begins_with_the_first_one(
+    tmp_path, lag
+) -> None:
+    text = MJCF.replace('kv="0.5"', f'kv="0.5" {lag}')
+    (tmp_path / 'robot.xml').write_text(text)
+    machine = machine_of(tmp_path)
+    still = np.full((2, COUNT), 0.8)
+    model = Mujoco(machine, data_with(machine, still, command=still), quantities=('effort',))
+    effort = model.simulate(theta_of(model)[None])[0]
+    assert abs(effort[0, 0]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    'actuator', ['<motor', '<velocity', '<intvelocity actrange="-1 1" kp="9"', 'flag', 'group']
+)
+def test_an_actuator_that_follows_no_position_is_refused(tmp_path, actuator) -> None:
+    wrong = {'flag': '<option><flag actuation="disable"/></option><compiler',
+             'group': '<option actuatorgroupdisable="0"/><compiler'}  # fmt: skip
+    if actuator in wrong:
+        text = MJCF.replace('<compiler', wrong[actuator])
+    else:
+        text = MJCF.replace(
+            '<position name="first" joint="one" kp="20" kv="0.5" forcerange="-6 6"',
+            f'{actuator} name="first" joint="one"',
+        )
+    (tmp_path / 'robot.xml').write_text(text)
+    machine = machine_of(tmp_path, {'damping': BOXES['damping']})
+    with pytest.raises(IdentError, match='the actuator of one .*(take that out|follows no pos)'):
+        Mujoco(machine, data_with(machine, COMMAND))
+
+
+def test_a_motor_under_gains_of_the_machine_file_follows_positions(tmp_path) -> None:
+    motors = MJCF
+    for n, gains in (('one', 'kp="20" kv="0.5"'), ('two', 'kp="10" kv="0.2"')):
+        motors = motors.replace(f'joint="{n}" {gains}', f'joint="{n}"')
+    (tmp_path / 'robot.xml').write_text(motors.replace('<position', '<motor'))
+    machine = machine_of(tmp_path, {**BOXES, 'kv': [0.0, 5.0, UNITS['kv']]})
+    position, _ = plain(COMMAND)
+    model = Mujoco(machine, data_with(machine, position))
+    model._begin[:] = 0.0
+    told = model.simulate(theta_of(model, kv=(0.5, 0.2))[None])[0]
+    assert np.array_equal(told, position)
 
 
 CHANGES = {

@@ -383,7 +383,13 @@ def _plant(machine: Machine) -> Plant:
     words = ('description', 'joint', 'actuator', 'direction', 'body')
     # As text: what is unknown is NaN, which is unlike itself.
     numbers = (str(machine.numbers(word)) for word in (*OWN, 'cycle'))
-    made = (machine.drives, machine.given & {*OWN}, *numbers, *map(machine.texts, words))
+    made = (
+        machine.drives,
+        machine.given & {*OWN},
+        'kp' in machine.bounds,
+        *numbers,
+        *map(machine.texts, words),
+    )
     return _compiled(_Same(made, machine))
 
 

@@ -32,7 +32,8 @@ _SUBSTEPS = 10_000
 # Sensors of a joint by the quantity that they tell.
 _SENSORS = {'position': 'JOINTPOS', 'velocity': 'JOINTVEL', 'effort': 'JOINTACTFRC'}
 # Of an actuator, what a machine file states in the description's place.
-OWN = 'kp', 'kv', 'force_limit'
+GAINS = 'kp', 'kv'
+OWN = *GAINS, 'force_limit'
 # See `Plant.rollout`.
 Felt = Callable[[float, Array, Array, Array], Array]
 # Steps to close a loop, and how far apart its ends may be, m or rad.
@@ -202,8 +203,11 @@ def _put(name: str, model: Any, at: Place, value: float) -> None:
         return
     if name == 'body_mass':
         model.body_inertia[at.body] *= value / model.body_mass[at.body]
-    elif name == 'kp':
-        model.actuator_biasprm[at.actuator, 1] = -value
+    elif name in GAINS:
+        # A motor's effort has no part of position and speed otherwise.
+        model.actuator_biastype[at.actuator] = loaded().mjtBias.mjBIAS_AFFINE
+        if name == 'kp':
+            model.actuator_biasprm[at.actuator, 1] = -value
     numbers, place, sign = _number_of(name, model, at)
     numbers[place] = sign * value
 
@@ -211,8 +215,33 @@ def _put(name: str, model: Any, at: Place, value: float) -> None:
 # All that is written.
 _FIELDS = (
     *dict.fromkeys(field for field, *_ in _NUMBERS_OF.values()), *_FACTORS.values(),
-    'actuator_forcelimited', 'actuator_forcerange', 'jnt_actfrclimited',
+    'actuator_biastype', 'actuator_forcelimited', 'actuator_forcerange', 'jnt_actfrclimited',
 )  # fmt: skip
+
+
+# What a flag of an MJCF switches off: numbers by a word of their name.
+_SWITCHED = {'DAMPER': 'damping', 'SPRING': 'stiffness', 'FRICTIONLOSS': 'frictionloss'}
+
+
+def _switched_off(model: Any) -> None:
+    """Write what the flags of a model switch off as zeros, beside which a parameter acts."""
+    bits, opt = loaded().mjtDisableBit, model.opt
+    bit = {x: int(getattr(bits, f'mjDSBL_{x}', 0)) for x in (*_SWITCHED, 'GRAVITY')}
+    if opt.disableflags & int(bits.mjDSBL_CONSTRAINT):
+        others = bits.mjDSBL_LIMIT, bits.mjDSBL_EQUALITY, bits.mjDSBL_CONTACT
+        opt.disableflags |= sum(map(int, others)) + bit['FRICTIONLOSS']
+    off = {name for name in bit if opt.disableflags & bit[name]}
+    words = [_SWITCHED[name] for name in off - {'GRAVITY'}]
+    if {'DAMPER', 'SPRING'} <= off:  # nothing passive is left, as MuJoCo has it
+        words.append('gravcomp')
+        opt.density = opt.viscosity = 0.0
+    for name in dir(model):
+        numbers = getattr(model, name) if any(x in name for x in words) else None
+        if isinstance(numbers, np.ndarray):
+            numbers[:] = 0.0
+    opt.gravity *= 'GRAVITY' not in off
+    gone = int(bits.mjDSBL_CONSTRAINT) | int(bits.mjDSBL_SENSOR) | sum(bit.values())
+    opt.disableflags &= ~gone
 
 
 class _Own(threading.local):
@@ -254,6 +283,9 @@ class Plant:
             self.model = spec.compile()
         except ValueError as error:
             raise _unreadable(text, joints, error) from error
+        size = float(np.linalg.norm(self.model.opt.gravity))
+        self._down = self.model.opt.gravity / size if size else np.array([0.0, 0.0, -1.0])
+        _switched_off(self.model)
         self.places = []
         for joint, name in zip(joints, machine.drives, strict=True):
             sense = 1.0 if machine.text('direction', name) == 'forward' else -1.0
@@ -276,6 +308,30 @@ class Plant:
             for q in _SENSORS
         }
         self._own = _Own(self.model)
+        dynamics = mj.mjtDyn
+        self._filters = {int(dynamics.mjDYN_FILTER), int(dynamics.mjDYN_FILTEREXACT)}
+        self._refuse_what_takes_no_position(machine)
+
+    def _refuse_what_takes_no_position(self, machine: Machine) -> None:
+        """Raise BAD_MACHINE_FILE where a set-point of a position is nothing for an actuator."""
+        model, options = self.model, self.model.opt
+        gained = machine.stated('kp') or 'kp' in machine.bounds
+        off = int(loaded().mjtDisableBit.mjDSBL_ACTUATION) & options.disableflags
+        for name, at in zip(machine.drives, self.places, strict=True):
+            n = at.actuator
+            if off or options.disableactuator >> int(model.actuator_group[n]) & 1:
+                why = 'is switched off by an option or a flag; take that out'
+            elif model.actuator_dyntype[n] == loaded().mjtDyn.mjDYN_INTEGRATOR or (
+                not gained and model.actuator_biasprm[n, 1] == 0.0
+            ):
+                why = (
+                    'follows no position; write a position actuator, or of a motor seek kp and kv'
+                )
+            else:
+                continue
+            raise ErrorCode.BAD_MACHINE_FILE.error(
+                f'the actuator of {name} in geometry.description {why}'
+            )
 
     def changed(self, model: Any, values: Mapping[str, Mapping[int, float]]) -> None:
         """Write attributes into a copy of the model, from the description's on.
@@ -289,9 +345,7 @@ class Plant:
         model.opt.gravity[:] = self.model.opt.gravity
         for name, each in values.items():
             if name == 'free_fall':
-                size = float(np.linalg.norm(self.model.opt.gravity))
-                down = self.model.opt.gravity / size if size else np.array([0.0, 0.0, -1.0])
-                model.opt.gravity[:] = each[0] * down
+                model.opt.gravity[:] = each[0] * self._down
                 continue
             for drive, value in each.items():
                 _put(name, model, self.places[drive], value)
@@ -365,6 +419,7 @@ class Plant:
             mj.mj_resetData(model, data)
             for d, at in enumerate(self.places):
                 data.qpos[at.position], data.qvel[at.dof] = start[s, :, d]
+                self._held(model, at.actuator, command[min(s, len(command) - 1), d, 0])
             if model.neq:
                 close_loops(mj, model, data, [at.dof for at in self.places])
             mj.mj_getState(model, data, states[s], mj.mjtState.mjSTATE_FULLPHYSICS)
@@ -381,6 +436,17 @@ class Plant:
         # What a step's sensors tell is of its beginning.
         told = told[:, :: self.substeps]
         return {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
+
+    def _held(self, model: Any, actuator: int, value: float) -> None:
+        """Give an actuator that filters or delays its set-point the past of one that stood."""
+        mj, data = loaded(), self._own.data
+        if model.actuator_ctrllimited[actuator]:
+            value = float(np.clip(value, *model.actuator_ctrlrange[actuator]))
+        if int(model.actuator_dyntype[actuator]) in self._filters:
+            data.act[model.actuator_actadr[actuator]] = value
+        past = int(model.actuator_history[actuator, 0]) if getattr(model, 'nhistory', 0) else 0
+        if past:
+            mj.mj_initCtrlHistory(model, data, actuator, None, np.full((past, 1), value))
 
     def inverse(self, position: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (D, K) what the links ask of the drives' joints, N m or N.
