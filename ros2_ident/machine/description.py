@@ -261,8 +261,8 @@ def _of_shapes(root: ET.Element) -> Iterator[str]:
         if mesh and moves and body.find('inertial') is None:
             yield (
                 f'has body {name_of(body.get("name"))}, whose mass is that of the mesh '
-                f'{name_of(mesh)}, which is not read; give it an inertial, or the MJCF that '
-                'mujoco.mj_saveLastXML writes'
+                f'{name_of(mesh)}, which is not read; give it an inertial, or <compiler '
+                'saveinertial="true"/> and take the MJCF that mujoco.mj_saveLastXML then writes'
             )
 
 

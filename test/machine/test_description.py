@@ -2,6 +2,8 @@
 """Descriptions as people have them: includes, meshes, classes of defaults, keyframes."""
 
 from pathlib import Path
+import re
+import sys
 
 import pytest
 from scipy.spatial.transform import Rotation
@@ -57,6 +59,21 @@ def test_what_is_for_the_eye_alone_is_left_out_where_an_arm_is_simulated() -> No
 def test_a_mass_that_only_a_mesh_tells_is_asked_for() -> None:
     with pytest.raises(IdentError, match='has body "?upper.* mesh "?link"?, which is not read'):
         judged_tree(ARM.format(inertial=''), shapes=False)
+
+
+def test_what_is_said_of_a_mass_that_only_a_mesh_tells_is_the_way_out(tmp_path) -> None:
+    sys.path.append(str(Path(__file__).parents[2] / 'build/peers'))
+    mujoco = pytest.importorskip('mujoco', reason='MuJoCo is not installed; see CONTRIBUTING.md')
+    text = """<mujoco><asset><mesh name="link" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>
+    <worldbody><body name="upper"><joint/><geom type="mesh" mesh="link"/></body></worldbody>
+    </mujoco>"""
+    with pytest.raises(IdentError) as caught:
+        judged_tree(text, shapes=False)
+    element = re.search('<compiler [^>]*>', str(caught.value))[0]
+    model = mujoco.MjModel.from_xml_string(text.replace('<asset>', f'{element}<asset>'))
+    mujoco.mj_saveLastXML(str(tmp_path / 'saved.xml'), model)
+    inertial = judged_tree((tmp_path / 'saved.xml').read_text(), shapes=False).find('.//inertial')
+    assert float(inertial.get('mass')) == pytest.approx(model.body_mass[1], rel=1e-4)
 
 
 def test_classes_of_defaults_and_bounds_hold_what_they_state() -> None:
