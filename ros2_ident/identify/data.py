@@ -287,9 +287,12 @@ def _aligned(
                 f'{where}: the effort of {name} is {there[0]:g} in every sample; '
                 'switch its measurement on in the drive, or leave this drive out'
             )
-    driving = dataset.position if dataset.command_position is None else dataset.command_position
-    if driving is not None and np.allclose(
-        np.nanmin(driving, axis=1), np.nanmax(driving, axis=1), rtol=0.0, equal_nan=True
+    driving = [x for x in (dataset.command_position, dataset.position) if x is not None]
+    # A model that begins where the log does goes from there to a set-point that stands.
+    driving = driving[: 1 + kind_of(machine).starts_in_motion]
+    if driving and all(
+        np.allclose(np.nanmin(x, axis=1), np.nanmax(x, axis=1), rtol=0.0, equal_nan=True)
+        for x in driving
     ):
         raise ErrorCode.NO_DATA.error(
             f'{where}: no drive moves; record a motion that accelerates every drive'

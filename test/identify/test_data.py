@@ -51,6 +51,24 @@ def test_a_segment_that_starts_in_motion_is_compared_later():
     assert 'segment 1 of 1 starts in motion: its first 0.3 s' in data.warnings[0]
 
 
+@pytest.mark.parametrize('kind', ['linear_axis', 'tripod'])
+def test_a_step_of_the_set_point_before_the_log_is_a_motion_where_a_model_begins_there(kind):
+    tripods = kind == 'tripod'
+    whole = recording_of((tripod_bag if tripods else axis_bag)())
+    assert whole.command is not None
+    still = np.zeros_like(whole.command.position)
+    command = replace(whole.command, position=still, velocity=still)
+    stepped, machine = replace(whole, command=command), (tripod if tripods else axis)()
+    if tripods:  # it begins at its set-point
+        with pytest.raises(IdentError, match='no drive moves'):
+            gather([stepped], machine)
+    else:
+        assert gather([stepped], machine).datasets
+        with pytest.raises(IdentError, match='no drive moves'):
+            resting = replace(whole.state, position=np.zeros_like(whole.state.position))
+            gather([replace(stepped, state=resting)], machine)
+
+
 def test_only_the_chosen_drives_need_an_effort():
     whole = recording_of(tripod_bag())
     assert whole.effort is not None
