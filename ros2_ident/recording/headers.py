@@ -29,6 +29,8 @@ _LONG = (
     'holds one value a row; make it a table with a column for each of its quantities, as by the '
     'pivot of pandas'
 )
+_EXPORT = 'export it with names and one common time'
+_TIMES = f'time for each channel; {_EXPORT}, or interpolate to one'
 _NO_ROWS = 'it has no row of numbers for each time'
 
 
@@ -262,15 +264,16 @@ def header_of(path: Path) -> Header:
     # A line of names may begin with the mark of a comment.
     above = [row[1:] if len(row) > 1 and row[0] == '#' else row for row in rows[:first]]
     wide = [n for n, row in enumerate(above) if values and len(row) == len(values[0])]
-    # Each line of a block of properties begins anew before each channel, or each group of them.
+    # Each line of a block of properties begins anew before each channel, or each group of them;
+    # below one the column of its names is empty.
     again = Counter(tuple(n for n, x in enumerate(row) if x == row[0] != '') for row in above)
-    grouped = any(len(at) > 1 and (n > 1 or at[:2] == (0, 2)) for at, n in again.items())
-    if grouped or (held and last[0] and not _is_number(values[0][0] or '0', decimal)):
-        text = (
-            f'a block of properties above {"a time for each channel" if grouped else "its values"}'
-        )
-        where = f'export it with names and one common time, or write {path.stem}{maps.MAP_SUFFIX}'
-        raise maps.refuse(path, f'has {text}; {where}, as in docs/logs.md')
+    grouped = any(len(at) > 1 and n > 1 for at, n in again.items())
+    nameless = bool(above) and not wide and not any(row[0] for row in values)
+    if grouped:
+        raise maps.refuse(path, f'has a block of properties above a {_TIMES}')
+    if nameless or (held and last[0] and not _is_number(values[0][0] or '0', decimal)):
+        where = f', or write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md' * (not nameless)
+        raise maps.refuse(path, f'has a block of properties above its values; {_EXPORT}{where}')
     if not wide:
         if not held:
             said = 'is empty; record again'
@@ -293,11 +296,17 @@ def header_of(path: Path) -> Header:
     units = above[wide[-1]] if wide[1:] and any(map(is_unit, above[wide[-1]])) else []
     top = wide[-2 if units else -1]
     names = above[top]
+    # pandas tells names apart that stand there again, as those of a time for each channel
+    again_at = [n for n, x in enumerate(names) if n and re.sub(r'\.\d+$', '', x) == names[0] != '']
+    if any(row[n] != row[0] for row in values for n in again_at):
+        raise maps.refuse(path, f'has a {_TIMES}')
     below = list(zip(*values, strict=True))
     wordy = [n for n, x in enumerate(below) if not all(_is_number(y, decimal) for y in x if y)]
     columns = meanings(['' if n in wordy else name for n, name in enumerate(names)], units)
     for n in wordy:
         columns[n] = Meaning(names[n], why=_HOLDS_WORDS)
+    for n in again_at:
+        columns[n] = columns[n].left_out('the first column again')
     _require_wide(path, columns, values)
     unread = meanings(names, units)
     told = next((n for n in wordy if unread[n].quantity), None)

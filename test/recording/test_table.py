@@ -361,6 +361,11 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
         ('t,joint,pos,tau\n' + ''.join(f'{k},{j},1,2\n' for k in range(50) for j in 'ab'),
          "several rows for each time, by 'joint': a, b"),
         ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
+        # without properties, the times' names as pandas marks them; trace of CODESYS
+        ('Time,q,Time,tau\n0,1,0,2\n1,1,2,2\n', 'has a time for each .*, or interpolate to one'),
+        ('t (s),q,tau,t (s).1,v\n0,1,2,0.1,2\n', 'has a time for each channel'),
+        ('[key]; [value]\nName; Trace\n0.Variable; Main.q\n0.Data; \n' + '; 2; 25\n; 4; 25\n' * 9,
+         'a block of properties above its values; export it with names and one common time$'),
         # two channels of one task behind a time, with decimal commas; one time for all
         ('Name\ta\tb\tName\tc\nUnit\t\t\tUnit\t\n' + '0,0\t1,5\t2,5\t0,0\t3,5\n' * 9,
          'a time for each channel'),
@@ -373,6 +378,16 @@ def test_a_header_that_says_nothing_is_refused(tmp_path, text, said):
     with pytest.raises(IdentError, match=said) as caught:
         header_of(tmp_path / 'log.csv').require_told(tmp_path / 'log.csv')
     assert caught.value.code == ErrorCode.INVALID_GOAL
+
+
+@pytest.mark.parametrize('again', ['Time (s)', 'Time (s).1'])
+def test_a_time_that_stands_there_twice_is_read_once(tmp_path, again):
+    rows = ''.join(f'{k},{k + 1},{k},3\n' for k in range(9))
+    (tmp_path / 'log.csv').write_text(f'Time (s),position,{again},torque\n{rows}')
+    header = header_of(tmp_path / 'log.csv')
+    header.require_told(tmp_path / 'log.csv')
+    assert [x.quantity for x in header.columns] == ['time', 'position', '', 'effort']
+    assert header.columns[2].why == 'the first column again'
 
 
 @pytest.mark.parametrize(
