@@ -31,6 +31,10 @@ _LONG = (
 )
 _EXPORT = 'export it with names and one common time'
 _TIMES = f'time for each channel; {_EXPORT}, or interpolate to one'
+_LYING = (
+    '{} rows of {} numbers, as with a row for each quantity; turn it over, so that each time has '
+    'a row'
+)
 _NO_ROWS = 'it has no row of numbers for each time'
 
 
@@ -284,8 +288,7 @@ def header_of(path: Path) -> Header:
                 said = _wordy(zip(rows[0], rows[1], strict=False), decimal)
             raise maps.refuse(path, said)
         if usual > len(rows):  # fewer times than quantities
-            text = f'has {len(rows)} rows of {usual} numbers, as with a row for each quantity'
-            raise maps.refuse(path, f'{text}; turn it over, so that each time has a row')
+            raise maps.refuse(path, _LYING.format(f'has {len(rows)}', usual))
         said = 'no line of names above its numbers'
         if any(filter(None, above[-1:])):
             said = f'{usual} columns and {len(above[-1])} of names, {listed(above[-1])}'
@@ -342,6 +345,10 @@ def _of_arrays(path: Path) -> Header:
         for name, (long, width) in sizes.items()
         if long == rows > 0
     }
+    lying = [x for x in each if sizes[x][1] > rows]
+    if lying and len(lying) == len(each):  # as Simulink writes a signal to a file
+        shown = f'holds {short(lying[0])} of {rows}'
+        raise maps.refuse(path, _LYING.format(shown, sizes[lying[0]][1]))
     cells = [x for name in each for x in each[name]]
     # The structure or group that all lie in is none of a joint.
     within = re.match('(.*[./])?', commonprefix([*each]))

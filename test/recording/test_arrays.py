@@ -202,6 +202,20 @@ def test_a_folder_of_arrays_is_read_as_one_file_of_them(tmp_path, capsys, suffix
         read_bag(run)
 
 
+def test_arrays_with_a_row_for_each_quantity_are_to_be_turned_over(tmp_path, capsys):
+    values = samples()
+    rows = np.vstack([values['time'], values['q'].T])
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.mat')]
+    scipy.io.savemat(tmp_path / 'log.mat', {'ans': rows})
+    assert main(words) == 2
+    said = f"holds 'ans' of {len(rows)} rows of {ROWS} numbers, as with a row for each quantity; "
+    assert f'{said}turn it over' in capsys.readouterr().err
+    # a scan beside joints is none
+    np.savez(tmp_path / 'log.npz', scan=np.zeros((ROWS, 2 * ROWS)), **values)
+    words[-1] = str(tmp_path / 'log.npz')
+    assert main([*words, '--out', str(tmp_path / 'm.yaml')]) == 0
+
+
 def test_arrays_without_a_time_are_refused_with_the_remedy(tmp_path, capsys):
     np.savez(tmp_path / 'log.npz', data=np.zeros((ROWS, 7)), gain=2.0)
     words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.npz')]
