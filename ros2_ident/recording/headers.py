@@ -17,7 +17,7 @@ import shlex
 from ros2_ident.errors import ErrorCode
 from ros2_ident.recording import columns as maps
 from ros2_ident.recording.limits import listed, printable, short
-from ros2_ident.recording.names import is_unit, Meaning, meanings
+from ros2_ident.recording.names import is_unit, Meaning, meanings, of_drive
 from ros2_ident.recording.table import array_sizes, ARRAYS, text_of
 
 # Units of a time by what one of it is in s.
@@ -368,11 +368,16 @@ def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Seque
     if words and len(others) == 1 and not others[0].quantity:
         raise maps.refuse(path, _LONG)
     held = [{row[n] for row in values} for n in range(len(columns))]
-    kinds = [n for n in words if len(held[n]) > 1]
-    if kinds and any(len(held[n]) <= len(values) / 2 for n in times):
+    few = [n for n, x in enumerate(held) if 1 < len(x) <= len(values) / 2]
+    # What says whose row it is: words beside times that repeat, or the number of a drive.
+    kinds = [n for n in words if n in few and {*times} & {*few}]
+    kinds += [n for n in few if of_drive(columns[n]) and all(x.isdigit() for x in held[n])]
+    if kinds:
         name, shown = columns[kinds[0]].name, listed(sorted(held[kinds[0]]), 5)
-        text = f'holds several rows for each time, by {short(name)}: {shown}; write a column map '
-        raise maps.refuse(path, f'{text}that chooses one by `where`, as in docs/logs.md')
+        text = f'holds rows of several drives or quantities, by {short(name)}: {shown}; write a '
+        raise maps.refuse(
+            path, f'{text}column map that chooses one by `where`, as in docs/logs.md'
+        )
 
 
 def _wordy(cells: Iterable[tuple[str, str]], decimal: str) -> str:

@@ -326,6 +326,12 @@ def _without_unit(name: str) -> tuple[str, str, bool]:
     return name, '', False
 
 
+def of_drive(column: Meaning) -> bool:
+    """Return whether a column says of which drive its row is: `motor_id`, `Axis`."""
+    words = {_MEANT.get(x.lower()) for x in _WORD.findall(column.name)}
+    return not column.quantity and words == {'place'}
+
+
 def is_unit(text: str) -> bool:
     """Return whether a text is a unit, of whatever, or made of several, as Nm/A and m/s^2."""
     parts = re.split('[/*·]', text.strip().lower())
