@@ -36,7 +36,11 @@ _LARGEST_MAP, _MOST_COLUMNS, _MOST_LINES = 1 << 20, 1 << 16, 1 << 31
 
 Cell = str | int
 
-TIME_UNITS = {'s': 's', 'sec': 's', 'seconds': 's', 'ms': 'ms', 'us': 'us', 'µs': 'us', 'ns': 'ns'}
+TIME_UNITS = {'µs': 'us', 'millis': 'ms', 'micros': 'us'}
+for _marks, _plain in (('', 's'), ('m milli', 'ms'), ('u micro', 'us'), ('n nano', 'ns')):
+    for _mark in _marks.split(' '):
+        _spelled = (f'{_mark}{x}' for x in ('sec', 'secs', 'second', 'seconds'))
+        TIME_UNITS |= dict.fromkeys((_plain, *_spelled), _plain)
 _DEGREE, _TURN = math.pi / 180.0, 2.0 * math.pi
 # Factors to m or rad, and a second; to N, N m, A or percent. NaN where only the owner knows it.
 _COUNTED = 'inc incs increments count counts cnt cts tick ticks puls pulses lsb steps raw digits'

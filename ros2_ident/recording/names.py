@@ -15,23 +15,26 @@ import re
 from ros2_ident.recording import columns as maps
 from ros2_ident.recording.limits import short
 
-# Words of names: English and German, textbooks' symbols, common drivers. Where another word names
-# a quantity, a faint one does not (`current_position`, `load.position`).
+# Words of names: English, German, Romance languages, textbooks' symbols, common drivers. Where
+# another word names a quantity, a faint one does not (`current_position`, `load.position`).
 _WORDS = {
     'position': 'pos posn qpos position positions angle angles winkel lage weg '
-    'displacement displacements',
+    'displacement displacements posición posicion posição posizione ángulo angulo',
     'velocity': 'vel velo qvel velocity velocities speed speeds omega dq qdot geschwindigkeit '
-    'drehzahl',
+    'drehzahl velocidad velocidade vitesse velocità velocita',
     'effort': 'eff effort efforts torque torques tau tor tq trq currents curr amps iq force '
-    'moment momenten drehmoment drehmomenten strom kraft',
+    'moment momenten drehmoment drehmomenten strom kraft '
+    'corriente corrente courant coppia fuerza força',
     'command': 'cmd command commands commanded ref reference references set setpoint setpoints '
-    'desired des demand demanded goal target input action actions soll sollwert interpolated ipo',
+    'desired des demand demanded goal target input action actions soll sollwert interpolated ipo '
+    'consigna consigne referencia riferimento deseado deseada',
     'measured': 'act actual meas measured present feedback fb estimate est estimated ist istwert '
-    'observation observations averaged avg',
+    'observation observations averaged avg '
+    'real medido medida mesuré mesurée mesure misurato misurata',
     'other': 'ext external gravity grav coriolis ff feedforward err error following deviation '
     'temp temperature temperatures voltage volt pwm duty acc accel acceleration ddq qdd jerk tcp '
     'pose kp kd ki gain limit scaling computed cmptd calculated calc',
-    'time': 'time times t stamp stamps timestamp timestamps clock zeit sec secs seconds',
+    'time': 'time times t stamp stamps timestamp timestamps clock zeit elapsed tiempo tempo temps',
     'vague': 'value values state states data controller control trajectory mapper foc rel header '
     'field raw',
     'treated': 'filtered filt fil gefiltert smoothed compensated compensate',
@@ -51,7 +54,10 @@ _WORD = re.compile(r'[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![^\W\d_A-Z])|[A-Z]|\d+')
 _BESIDE = ' _-./:'
 # Units, and of what is no motion and no effort, too.
 _KNOWN = maps.MOTION.keys() | maps.SPEEDS.keys() | maps.EFFORT.keys() | maps.TIME_UNITS.keys()
-_UNITS = _KNOWN | {*['1', 'v', 'mv', 'w', 'kw', 'khz', '°c', 'kg', 'bar', 'pa']}
+_UNITS = _KNOWN | {
+    *['1', 'v', 'mv', 'w', 'kw', 'khz', '°c', 'kg', 'bar', 'pa', 'samples', 'minutes']
+}
+_NO_TIME = 'a time is in s, ms, us or ns'
 _NAMES_NONE = 'names no position, velocity or effort'
 
 
@@ -194,6 +200,8 @@ class _Name:
         pieces = re.split(r'([/.])', text)
         parts = [_Part(x, derived) for x in pieces[::2]]
         kinds = {kind for part in parts for kind in part.kinds}
+        words = [word for part in parts for word in part.plain]
+        units = [x for x in (*words, plain) if x in maps.TIME_UNITS and x != 's']
         self.treated = 'treated' in kinds
         role = next((x for x in _ROLES if x in kinds), '')
         # The last part that names a quantity says it; what others name is of the joint's name.
@@ -212,8 +220,13 @@ class _Name:
         self.quantity, self.why, self.scale = '', '', 1.0
         if 'other' in kinds:
             self.why = 'no position, velocity or effort of a drive'
-        elif not quantity and ('time' in kinds or (not kinds and plain in maps.TIME_UNITS)):
-            self.quantity = 'time'
+        elif not quantity and ('time' in kinds or (units and {*words} <= {*units})):
+            # its unit may be one of its words: `timeMs`, `stamp.nanosec`; not of 0.1 ms
+            self.unit = unit or ''.join(units[:1])
+            known = maps.plain_unit(self.unit) in maps.TIME_UNITS
+            known &= not re.search(rf'\d\W*{re.escape(self.unit)}', text)
+            told = known if self.unit else not re.search(r'[\[(<]', text)
+            self.quantity, self.why = ('time', '') if told else ('', _NO_TIME)
         elif not quantity:
             self.why = _NAMES_NONE
         elif not fits:

@@ -53,6 +53,27 @@ def test_a_unit_is_a_factor_or_has_to_be_asked_for(name, scale):
     assert found.scale == pytest.approx(scale, nan_ok=True)
 
 
+@pytest.mark.parametrize(
+    ('name', 'unit'),
+    [
+        ('time (millisec)', 'ms'), ('time [msec]', 'ms'), ('t_usec', 'us'), ('timeMs', 'ms'),
+        ('Zeit/ms', 'ms'), ('time_milliseconds', 'ms'), ('header.stamp.nanosec', 'ns'),
+        ('millis()', 'ms'), ('elapsed_ms', 'ms'), ('us', 'us'), ('Tiempo (s)', 's'), ('t', 's'),
+        # of no unit that is read, or of one that is not known
+        ('time (min)', ''), ('time [ticks]', ''), ('Time [0.1ms]', ''), ('time [hh:mm:ss]', ''),
+        ('latency_ms', ''), ('s', ''), ('delay ms', ''),
+    ],
+)  # fmt: skip
+def test_the_unit_of_a_time_is_told_or_asked_for(tmp_path, name, unit):
+    rows(tmp_path / 'log.csv', f'{name},position,torque', '{t},{a},{b}')
+    header = header_of(tmp_path / 'log.csv')
+    if unit:
+        assert header.map()['time'] == {'column': name, 'unit': unit}
+    else:
+        with pytest.raises(IdentError, match='no column is named as a time'):
+            header.require_told(tmp_path / 'log.csv')
+
+
 def rows(path, header, row, count=200):
     lines = [
         row.format(t=0.01 * k, a=math.sin(0.1 * k), b=math.cos(0.1 * k)) for k in range(count)
