@@ -383,13 +383,8 @@ def _plant(machine: Machine) -> Plant:
     words = ('description', 'joint', 'actuator', 'direction', 'body')
     # As text: what is unknown is NaN, which is unlike itself.
     numbers = (str(machine.numbers(word)) for word in (*OWN, 'cycle'))
-    made = (
-        machine.drives,
-        machine.given & {*OWN},
-        'kp' in machine.bounds,
-        *numbers,
-        *map(machine.texts, words),
-    )
+    own = machine.given & {*OWN}, 'kp' in machine.bounds
+    made = (machine.drives, *own, *numbers, *map(machine.texts, words))
     return _compiled(_Same(made, machine))
 
 

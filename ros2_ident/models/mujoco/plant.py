@@ -21,7 +21,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from ros2_ident.arrays import Array
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.machine.description import joints_in, judged, judged_tree
 from ros2_ident.machine.machine import Machine
 
@@ -118,14 +118,14 @@ class Place:
         joint: Number of its joint.
         position: Where its position is in qpos.
         dof: Number of its degree of freedom.
-        actuator: Number of its actuator.
+        actuator: Number of its actuator, which follows a position, or does so once it has gains.
         body: Number of the body whose mass and place are parameters.
         sense: 1, or -1 where the log counts backwards.
         slides: Whether the joint slides, so that its position is in m and its effort in N.
     """
 
     def __init__(
-        self, model: Any, joint: str, actuator: str, sense: float, body: str = ''
+        self, model: Any, joint: str, actuator: str, sense: float, body: str, gained: bool
     ) -> None:
         mj = loaded()
         self.joint = _number(model, 'joint', joint)
@@ -141,18 +141,24 @@ class Place:
         own = int(model.jnt_bodyid[self.joint])
         self.body = _number(model, 'body', body) if body else own
         self.sense = sense
-        if actuator:
-            self.actuator = _number(model, 'actuator', actuator)
-            return
         # The number is that of a tendon, a site or a body where the actuator acts on one.
         on_joint = model.actuator_trntype <= int(mj.mjtTrn.mjTRN_JOINTINPARENT)
         acting = np.flatnonzero(on_joint & (model.actuator_trnid[:, 0] == self.joint))
-        if acting.size != 1:
+        if not actuator and acting.size != 1:
             raise ErrorCode.BAD_MACHINE_FILE.error(
                 f'{acting.size} actuators of geometry.description act on joint {joint}; name the '
                 'one that follows the set-point in drive.actuator'
             )
-        self.actuator = int(acting[0])
+        n = self.actuator = _number(model, 'actuator', actuator) if actuator else int(acting[0])
+        off = bool(model.opt.disableflags & int(mj.mjtDisableBit.mjDSBL_ACTUATION))
+        off |= bool(model.opt.disableactuator >> int(model.actuator_group[n]) & 1)
+        rate = int(model.actuator_dyntype[n]) == int(mj.mjtDyn.mjDYN_INTEGRATOR)
+        if off or rate or not (gained or model.actuator_biasprm[n, 1]):
+            raise ErrorCode.BAD_MACHINE_FILE.error(
+                f'the actuator of joint {joint} in geometry.description follows no position, or '
+                'an option or flag switches it off; write a position actuator that is on, or of a '
+                'motor seek kp and kv'
+            )
 
 
 def _number(model: Any, word: str, name: str) -> int:
@@ -226,22 +232,21 @@ _SWITCHED = {'DAMPER': 'damping', 'SPRING': 'stiffness', 'FRICTIONLOSS': 'fricti
 def _switched_off(model: Any) -> None:
     """Write what the flags of a model switch off as zeros, beside which a parameter acts."""
     bits, opt = loaded().mjtDisableBit, model.opt
-    bit = {x: int(getattr(bits, f'mjDSBL_{x}', 0)) for x in (*_SWITCHED, 'GRAVITY')}
-    if opt.disableflags & int(bits.mjDSBL_CONSTRAINT):
-        others = bits.mjDSBL_LIMIT, bits.mjDSBL_EQUALITY, bits.mjDSBL_CONTACT
-        opt.disableflags |= sum(map(int, others)) + bit['FRICTIONLOSS']
-    off = {name for name in bit if opt.disableflags & bit[name]}
-    words = [_SWITCHED[name] for name in off - {'GRAVITY'}]
-    if {'DAMPER', 'SPRING'} <= off:  # nothing passive is left, as MuJoCo has it
+
+    def bit(*names: str) -> int:
+        return sum(int(getattr(bits, f'mjDSBL_{name}', 0)) for name in names)
+
+    if opt.disableflags & bit('CONSTRAINT'):
+        opt.disableflags |= bit('FRICTIONLOSS', 'LIMIT', 'EQUALITY', 'CONTACT')
+    words = [word for name, word in _SWITCHED.items() if opt.disableflags & bit(name)]
+    if {'damping', 'stiffness'} <= {*words}:  # nothing passive is left, as MuJoCo has it
         words.append('gravcomp')
         opt.density = opt.viscosity = 0.0
-    for name in dir(model):
-        numbers = getattr(model, name) if any(x in name for x in words) else None
-        if isinstance(numbers, np.ndarray):
-            numbers[:] = 0.0
-    opt.gravity *= 'GRAVITY' not in off
-    gone = int(bits.mjDSBL_CONSTRAINT) | int(bits.mjDSBL_SENSOR) | sum(bit.values())
-    opt.disableflags &= ~gone
+    for name in dir(model) if words else ():
+        if any(x in name for x in words) and isinstance(getattr(model, name), np.ndarray):
+            getattr(model, name)[:] = 0.0
+    opt.gravity *= not opt.disableflags & bit('GRAVITY')
+    opt.disableflags &= ~bit(*_SWITCHED, 'GRAVITY', 'CONSTRAINT', 'SENSOR')
 
 
 class _Own(threading.local):
@@ -275,22 +280,26 @@ class Plant:
         tried(text)
         try:
             spec = mj.MjSpec.from_string(text)
-            for joint in joints:
-                on = {'objtype': mj.mjtObj.mjOBJ_JOINT, 'objname': joint}
-                for quantity, word in _SENSORS.items():
-                    kind = getattr(mj.mjtSensor, f'mjSENS_{word}')
-                    spec.add_sensor(name=f'ident {quantity} {joint}', type=kind, **on)
-            self.model = spec.compile()
+            model = spec.compile()
         except ValueError as error:
-            raise _unreadable(text, joints, error) from error
-        size = float(np.linalg.norm(self.model.opt.gravity))
-        self._down = self.model.opt.gravity / size if size else np.array([0.0, 0.0, -1.0])
-        _switched_off(self.model)
+            reason = ' '.join(str(error).split()).partition(', line ')[0]
+            raise ErrorCode.BAD_MACHINE_FILE.error(
+                f'geometry.description cannot be read ({reason}); give another MJCF'
+            ) from error
+        gained = machine.stated('kp') or 'kp' in machine.bounds
         self.places = []
         for joint, name in zip(joints, machine.drives, strict=True):
             sense = 1.0 if machine.text('direction', name) == 'forward' else -1.0
             actuator, body = machine.text('actuator', name), machine.text('body', name)
-            self.places.append(Place(self.model, joint, actuator, sense, body))
+            self.places.append(Place(model, joint, actuator, sense, body, gained))
+            for quantity, word in _SENSORS.items():
+                kind = getattr(mj.mjtSensor, f'mjSENS_{word}')
+                on = {'type': kind, 'objtype': mj.mjtObj.mjOBJ_JOINT, 'objname': joint}
+                spec.add_sensor(name=f'ident {quantity} {joint}', **on)
+        self.model = spec.compile()
+        size = float(np.linalg.norm(self.model.opt.gravity))
+        self._down = self.model.opt.gravity / size if size else np.array([0.0, 0.0, -1.0])
+        _switched_off(self.model)
         for name, at in zip(machine.drives, self.places, strict=True):
             for word in filter(machine.stated, OWN):
                 _put(word, self.model, at, machine.number(word, name))
@@ -308,30 +317,7 @@ class Plant:
             for q in _SENSORS
         }
         self._own = _Own(self.model)
-        dynamics = mj.mjtDyn
-        self._filters = {int(dynamics.mjDYN_FILTER), int(dynamics.mjDYN_FILTEREXACT)}
-        self._refuse_what_takes_no_position(machine)
-
-    def _refuse_what_takes_no_position(self, machine: Machine) -> None:
-        """Raise BAD_MACHINE_FILE where a set-point of a position is nothing for an actuator."""
-        model, options = self.model, self.model.opt
-        gained = machine.stated('kp') or 'kp' in machine.bounds
-        off = int(loaded().mjtDisableBit.mjDSBL_ACTUATION) & options.disableflags
-        for name, at in zip(machine.drives, self.places, strict=True):
-            n = at.actuator
-            if off or options.disableactuator >> int(model.actuator_group[n]) & 1:
-                why = 'is switched off by an option or a flag; take that out'
-            elif model.actuator_dyntype[n] == loaded().mjtDyn.mjDYN_INTEGRATOR or (
-                not gained and model.actuator_biasprm[n, 1] == 0.0
-            ):
-                why = (
-                    'follows no position; write a position actuator, or of a motor seek kp and kv'
-                )
-            else:
-                continue
-            raise ErrorCode.BAD_MACHINE_FILE.error(
-                f'the actuator of {name} in geometry.description {why}'
-            )
+        self._remembers = bool(getattr(self.model, 'nhistory', 0))
 
     def changed(self, model: Any, values: Mapping[str, Mapping[int, float]]) -> None:
         """Write attributes into a copy of the model, from the description's on.
@@ -419,7 +405,14 @@ class Plant:
             mj.mj_resetData(model, data)
             for d, at in enumerate(self.places):
                 data.qpos[at.position], data.qvel[at.dof] = start[s, :, d]
-                self._held(model, at.actuator, command[min(s, len(command) - 1), d, 0])
+                # A set-point that is filtered or delayed has stood before.
+                n, held = at.actuator, command[min(s, len(command) - 1), d, 0]
+                if model.actuator_ctrllimited[n]:
+                    held = np.clip(held, *model.actuator_ctrlrange[n])
+                if (state := int(model.actuator_actadr[n])) >= 0:
+                    data.act[state] = held
+                if past := int(model.actuator_history[n, 0]) if self._remembers else 0:
+                    mj.mj_initCtrlHistory(model, data, n, None, np.full((past, 1), held))
             if model.neq:
                 close_loops(mj, model, data, [at.dof for at in self.places])
             mj.mj_getState(model, data, states[s], mj.mjtState.mjSTATE_FULLPHYSICS)
@@ -436,17 +429,6 @@ class Plant:
         # What a step's sensors tell is of its beginning.
         told = told[:, :: self.substeps]
         return {q: told[:, :, adr].swapaxes(1, 2) for q, adr in self._sensors.items()}
-
-    def _held(self, model: Any, actuator: int, value: float) -> None:
-        """Give an actuator that filters or delays its set-point the past of one that stood."""
-        mj, data = loaded(), self._own.data
-        if model.actuator_ctrllimited[actuator]:
-            value = float(np.clip(value, *model.actuator_ctrlrange[actuator]))
-        if int(model.actuator_dyntype[actuator]) in self._filters:
-            data.act[model.actuator_actadr[actuator]] = value
-        past = int(model.actuator_history[actuator, 0]) if getattr(model, 'nhistory', 0) else 0
-        if past:
-            mj.mj_initCtrlHistory(model, data, actuator, None, np.full((past, 1), value))
 
     def inverse(self, position: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (D, K) what the links ask of the drives' joints, N m or N.
@@ -502,24 +484,6 @@ class Plant:
             states[:], told[:, n] = now[:, 0], seen[:, 0]
             effort = told[:, n, self._sensors['effort']]
         return now, told
-
-
-def _unreadable(text: str, joints: list[str], error: ValueError) -> IdentError:
-    """Return what is wrong with a description that does not compile with the sensors in it."""
-    try:
-        model = loaded().MjModel.from_xml_string(text)
-        for joint in joints:
-            _number(model, 'joint', joint)
-            if model.nu:
-                Place(model, joint, '', 1.0)
-    except IdentError as found:
-        return found
-    except ValueError:
-        pass
-    reason = ' '.join(str(error).split()).partition(', line ')[0]
-    return ErrorCode.BAD_MACHINE_FILE.error(
-        f'geometry.description cannot be read ({reason}); give another MJCF'
-    )
 
 
 def close_loops(mj: Any, model: Any, data: Any, driven: Sequence[int]) -> None:
