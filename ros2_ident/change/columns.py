@@ -306,7 +306,8 @@ def _effects(first: FullModel, seen: Missing, nominal: int) -> _Places:
 def _friction(sides: Sides, theta: Array, slopes: Array) -> Callable[[str, Array], float]:
     """Return by how much a form (R,) of a drive's friction differs from log to log.
 
-    One standard deviation: as much force as the usual difference of all its friction.
+    One standard deviation: as much force, where it acts, as the usual difference of all its
+    friction there.
     """
     width, whole = sides.high - sides.low, dict[str, Array]()
     for i, p in enumerate(sides.parameters[: sides.nominal]):
@@ -315,9 +316,10 @@ def _friction(sides: Sides, theta: Array, slopes: Array) -> Callable[[str, Array
             whole[place] = whole.get(place, 0.0) + slopes[:, i] * theta[i] / width[i]
 
     def usual(place: str, form: Array) -> float:
-        there = form != 0.0
         own = sum((x for at, x in whole.items() if not at or place in (at, 'all', '')), 0.0 * form)
-        square = float(form @ form)
-        return BY_ITSELF / NORMAL * math.sqrt(own[there] @ own[there] / square) if square else 0.0
+        # Where it acts: a peak at low speed has little of the force along a motion.
+        square = form**2
+        there = float(square @ square)
+        return BY_ITSELF / NORMAL * math.sqrt(square @ own**2 / there) if there else 0.0
 
     return usual

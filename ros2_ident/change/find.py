@@ -15,6 +15,7 @@ from ros2_ident.change.columns import (
     Column,
     columns_of,
     Homed,
+    is_delay,
     of_friction,
     SETTLED,
     shifted,
@@ -401,7 +402,8 @@ def _named(now: _Round, x: _Fit, price: float) -> bool:
     more = now.weighed.scatter[0] / now.weighed.inflation[[*now.weighed.kept]]
     if not sizes or not x.evidence > price * float(more[sizes].mean()):
         return not sizes
-    return evidence_of(now.weighed.beyond(share, sizes), x.column.numbers) > price
+    # Of its shape nothing is asked here: that was paid for when it was found.
+    return evidence_of(now.weighed.beyond(share, sizes), len(sizes)) > price
 
 
 def _sizes(sides: Sides, c: Column) -> Iterator[tuple[int, float]]:
@@ -452,7 +454,7 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
                  float(theta[sides.names.index(s.name)]) if s.kind == 'parameter' else math.nan)
             for i in sides.places_of(c.at, s.name) for value in [float(now.theta[i])]
         ]  # fmt: skip
-        here = _same(now, c)
+        here = next((x for x in now.columns if x.suspect == s), None)
         if s.kind == 'constant' and here:
             ends = NORMAL * math.sqrt(now.weighed.of(here.columns)[1][0, 0]) * here.value
             moved = here.value - c.value
@@ -516,15 +518,6 @@ def _still(
     return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price
 
 
-def _same(now: _Round, c: Column) -> Column | None:
-    """Return a suspect of another round; of an effect that has the same shape."""
-
-    def key(x: Column) -> tuple[object, ...]:
-        return x.suspect.kind, x.suspect.name, x.suspect.where, x.begin.tobytes()
-
-    return next((x for x in now.columns if key(x) == key(c)), None)
-
-
 def _visible(now: _Round, price: float) -> Iterator[Visible]:
     """Yield the smallest change of each suspect that shows."""
     smallest = dict[tuple[str, str], Visible]()
@@ -570,12 +563,13 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
 
 
 def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
-    """Yield what fits as a change and differs by as much itself; laws of friction first."""
-    told: dict[ApartKind, list[Apart]] = {'friction': [], 'scatter': []}
+    """Yield what fits as a change and differs by as much itself, by what it is."""
+    told: dict[ApartKind, list[Apart]] = {'timing': [], 'friction': [], 'scatter': []}
     for c in (x.column for x in several):
         for i, none in _sizes(now.sides, c):
             p, values = now.sides.parameters[i], (none, float(now.theta[i]))
             one, other = values if now.sides.later[i] else values[::-1]
             kind: ApartKind = 'friction' if c.at and of_friction(c.at) else 'scatter'
+            kind = 'timing' if c.at and is_delay(c.at) else kind
             told[kind].append(Apart(kind, p.name.removesuffix(AFTER), one, other, p.unit))
     yield from chain(*told.values())

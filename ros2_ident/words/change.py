@@ -133,13 +133,13 @@ def _told_apart(kind: str, several: Sequence[Apart]) -> Iterator[str]:
 
 
 def _difference(x: Apart) -> str:
-    more, size = x.after > 0.0, abs(x.after)
+    by = x.after - x.before
     if x.kind == 'timing':
-        return f'{x.text} is {1e3 * size:.2g} ms {"later" if more else "earlier"}'
+        return f'{x.text} is {1e3 * abs(by):.2g} ms {"later" if by > 0.0 else "earlier"}'
     if x.kind == 'zero':
-        return f'{x.text} reads {quantity(size, x.unit)} {"higher" if more else "lower"}'
+        return f'{x.text} reads {quantity(abs(by), x.unit)} {"higher" if by > 0.0 else "lower"}'
     if x.kind in ('friction', 'scatter'):
-        return f'{x.text} {quantity(x.after - x.before, x.unit)}'
+        return f'{x.text} {quantity(by, x.unit)}'
     return f'{x.text} {quantity(x.before, x.unit)} before, {quantity(x.after, x.unit)} after'
 
 

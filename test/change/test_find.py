@@ -161,6 +161,18 @@ def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
     assert next(sentences(found)).startswith(f'Friction differs by {law.text} ')
 
 
+def test_a_law_is_told_from_friction_where_it_acts(tmp_path):
+    # A sixth of the Coulomb friction, at low speed: little of all friction along a fast motion.
+    law = 'stribeck@emps_axis:torque=2.5,velocity=0.005'
+    for name, more in (('one', ['--seed', '1']), ('two', ['--seed', '2', '--effect', law])):
+        words = ['simulate', f'{tmp_path}/{name}', '--machine', str(AXIS), '--motion', 'multisine']
+        assert main([*words, '--seconds', '12', '--noise', '0.2', *more]) == 0
+    (change,) = compared(tmp_path, ['one'], ['two']).result.changes
+    assert change.suspect.name == 'stribeck'
+    (torque,) = (x for x in change.sizes if x.name.endswith('torque'))
+    assert torque.low < 2.5 < torque.high and torque.low > 1.0
+
+
 def test_a_large_change_is_one_change(made):
     # Beyond the box of what was known before; and a gain, which comes before effects like it.
     gain = 0.5 * load_machine(AXIS).number('velocity_gain')
