@@ -19,6 +19,7 @@ from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify import hidden
 from ros2_ident.models import load_machine
 from ros2_ident.recording import read_bags, write_bag
+from ros2_ident.search.changes import Changes, evidence_of
 from ros2_ident.words.change import differing, sentences
 
 ROOT = Path(__file__).parents[2]
@@ -171,6 +172,14 @@ def test_a_law_is_told_from_friction_where_it_acts(tmp_path):
     assert change.suspect.name == 'stribeck'
     (torque,) = (x for x in change.sizes if x.name.endswith('torque'))
     assert torque.low < 2.5 < torque.high and torque.low > 1.0
+
+
+def test_a_law_is_judged_by_its_sizes_alone(made, monkeypatch):
+    # Odds of 19 to 1 among all that may have changed by one number, and not by two.
+    monkeypatch.setattr(Changes, 'beyond', lambda *args: 20.0)
+    found = compared(made, ['one'], ['worn']).result
+    assert evidence_of(20.0, 2) < found.price < evidence_of(20.0, 1)
+    assert [x.suspect.name for x in found.changes] == ['stribeck']
 
 
 def test_a_large_change_is_one_change(made):
