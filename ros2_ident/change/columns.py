@@ -24,7 +24,7 @@ from ros2_ident.models import EffectAt, FullModel
 from ros2_ident.models.drives.candidates import FRICTION
 from ros2_ident.models.registry import stated_numbers
 from ros2_ident.recording import Dataset
-from ros2_ident.search.jacobian import COARSE_STEP
+from ros2_ident.search.jacobian import COARSE_STEP, diverged
 
 # Relative gain of a fit, and share of a residual, that are none. By hand.
 SETTLED = 1e-5
@@ -33,6 +33,9 @@ SETTLED = 1e-5
 # falls by ten times as much (Bittencourt and Gunnarsson 2012, ASME J. Dyn. Syst. Meas. Control
 # 134(5)).
 BY_ITSELF = 0.02
+# Share of its size over which what an effect does is as good as even: what has play or sticks is
+# not smooth, and far smaller steps tell nothing of it. By hand.
+_SMOOTH = 0.1
 # Hooks of effects that are forms of friction.
 _FORMS = Hook.SIGN, Hook.FRICTION
 # By how much the zero of a drive differs from log to log, one standard deviation: a degree of a
@@ -172,7 +175,7 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
         at = [beside + i for i in _appended(others, own)]
         columns.append(replace(c, columns=_appended(changed, at)))
     # Of parameters as on both sides, so that parts of either tell how it scatters.
-    more, width = [jacobian[:, sides.nominal : sides.fitted]], sides.high - sides.low
+    more, width = [_of_effects(sides, theta, seen)], sides.high - sides.low
     for m in sides.moved:
         more.append(_of_move(sides, nominal, m, width[sides.places_of(None, m.name)]))
     at = [beside + i for i in _appended(others, list(np.hstack(more).T))]
@@ -237,6 +240,19 @@ def _of_move(sides: Sides, slopes: Array, move: Move, scales: Array) -> Array:
     """Return (R, k) the derivative by a change's numbers, on both sides."""
     parts = [sides.names.index(name) for name in move.of]
     return slopes[:, parts] @ (move.by / (sides.high - sides.low)[parts, None] * scales)
+
+
+def _of_effects(sides: Sides, theta: Array, seen: Missing) -> Array:
+    """Return (R, E) the derivative by the numbers of effects that are there on one side."""
+    own, evaluate = range(sides.nominal, sides.fitted), residuals_at(sides, seen.rows)
+    slopes, width = seen.slopes[:, own].copy(), sides.high - sides.low
+    for i in own:
+        none = sides.parameters[i].absent
+        by = 0.0 if none is None else _SMOOTH * float(theta[i] - none)
+        more, less = evaluate(theta + np.outer((by, -by), np.arange(theta.size) == i))
+        if by and not diverged(np.array([more, less])).any():
+            slopes[:, i - own.start] = (more - less) * width[i] / (2.0 * by)
+    return slopes
 
 
 def _constants(sides: Sides, theta: Array, rows: Rows, residual: Array) -> _Own:

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from ros2_ident import jobs
-from ros2_ident.change.columns import shifted
+from ros2_ident.change.columns import columns_of, Homed, shifted
 from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import Move, Sides
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.identify import hidden
-from ros2_ident.models import load_machine
+from ros2_ident.models import EffectAt, load_machine
 from ros2_ident.recording import read_bags, write_bag
 from ros2_ident.search.changes import Changes, evidence_of
 from ros2_ident.words.change import differing, sentences
@@ -270,6 +270,25 @@ def test_encoders_that_are_homed_anew_are_no_change(tmp_path):
     (change,) = jobs.compare(request, [str(tmp_path / 'loaded_homed')]).result.changes
     (size,) = change.sizes
     assert size.name == 'elbow.link_moment_x' and size.low < 0.005 < size.high
+
+
+def test_what_is_not_smooth_is_weighed_by_what_a_tenth_of_it_does(made):
+    request = jobs.Request(load_machine(AXIS), bags=(f'{made}/one',))
+    problem = request.problem(jobs.read(request).fit)
+    at, after = EffectAt('encoder_quantisation', 'emps_axis'), np.array([False, True])
+    sides = Sides(problem.models * 2, after, effects=[(at, True)])
+    theta = np.append(0.5 * (sides.low + sides.high)[: sides.nominal], 1e-4)
+    seen = hidden.missing_beside(sides, theta, [])
+    found = columns_of(sides, theta, seen, [Homed(sides.bare)])
+    tenth = np.stack([theta, theta])
+    tenth[:, -1] *= 0.9, 1.1
+    did = np.subtract(*hidden.residuals_at(sides, seen.rows)(tenth))
+    # A far smaller step moves hardly any reading across the edge of one of the encoder's.
+    of_columns, of_slopes = (
+        abs(did @ x) / np.linalg.norm(did) / np.linalg.norm(x)
+        for x in (found.others[:, -1], seen.slopes[:, -1])
+    )
+    assert of_columns > 0.99 and of_slopes < 0.5
 
 
 def test_names_that_explain_little_of_the_logs_left_out_are_not_believed():
