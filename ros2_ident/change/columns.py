@@ -164,11 +164,14 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
     changed: list[int] = []
     others: list[Array] = []
     beside = sides.nominal + seen.columns.shape[1]
-    effects = _effects(sides.models[0], seen, sides.nominal)
+    # Drives are read in turns: when, within a sample, is as they were switched on (uniform).
+    late = max(m.cycle / np.mean(np.isfinite(m.measured)) for m in sides.bare) / math.sqrt(12.0)
+    effects = _effects(sides.models[0], seen, sides.nominal, late)
     for c, places in chain(_parameters(sides, theta), effects):
         columns.append(replace(c, columns=_appended(changed, places)))
     for c, own in chain(
         _constants(sides, theta, rows, residual),
+        _stamps(seen),
         _loads(sides, nominal),
         _zeros(sides, theta, rows, zeros),
     ):
@@ -187,7 +190,11 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
     friction = _friction(sides, theta, nominal)
     laws = [(c.at, c.columns) for c in columns if c.at]
     for one, _ in sides.effects:
-        laws.append((one, tuple(kept[i - sides.nominal] for i in sides.places_of(one, ''))))
+        own = sides.places_of(one, '')
+        at = [kept[i - sides.nominal] for i in own]
+        laws.append((one, at))
+        if is_delay(one):
+            usual[at], alone[at] = late / width[own], True
     for one, places in laws:
         if of_friction(one):
             usual[[*places]] = [friction(one.where, every[changed[i]]) for i in places]
@@ -200,6 +207,11 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
 def of_friction(at: EffectAt) -> bool:
     """Return whether an effect is a form of friction."""
     return get_effect(at.effect).hook in _FORMS
+
+
+def is_delay(at: EffectAt) -> bool:
+    """Return whether an effect makes something late."""
+    return any(p.target.endswith('_delay') for p in get_effect(at.effect).parameters)
 
 
 _Entry = TypeVar('_Entry')
@@ -224,6 +236,19 @@ def _parameters(sides: Sides, theta: Array) -> _Places:
         c = Column(Suspect('parameter', p.name), (p.name,), (p.unit,), width[i : i + 1],
                    value=float(theta[i]), move=Move.single(p), **own)  # fmt: skip
         yield c, [i]
+
+
+def _stamps(seen: Missing) -> _Own:
+    """Yield delays of all drives alike, by 1 s, which stamps of two logs may differ by.
+
+    One message has one stamp for all drives.
+    """
+    late = [one for one in seen.alternatives if is_delay(one.at) and len(one.points)]
+    for name in dict.fromkeys(one.at.effect for one in late):
+        own = [one.changes[0] / one.points[0, 0] for one in late if one.at.effect == name]
+        c = Column(Suspect('effect', name, 'all'), (f'{name}.delay',), ('s',), np.ones(1),
+                   own='timing', usual=math.inf)  # fmt: skip
+        yield c, [np.sum(own, axis=0)]
 
 
 def _loads(sides: Sides, slopes: Array) -> _Own:
@@ -287,11 +312,12 @@ def _zeros(sides: Sides, theta: Array, rows: Rows, zeros: Sequence[Homed]) -> _O
         yield c, [column for _, column in seen]
 
 
-def _effects(first: FullModel, seen: Missing, nominal: int) -> _Places:
+def _effects(first: FullModel, seen: Missing, nominal: int, late: float) -> _Places:
     """Yield effects, one for each of their shapes, and which columns are of each of their sizes.
 
     Args:
         nominal: Number of the columns before those of `seen`.
+        late: By how much the delay of one drive differs from log to log, s.
     """
     end = nominal + seen.columns.shape[1] - sum(len(one.changes) for one in seen.alternatives)
     for one in seen.alternatives:
@@ -306,14 +332,13 @@ def _effects(first: FullModel, seen: Missing, nominal: int) -> _Places:
             moved = one.points[at] - neutral
             which = [int(np.argmax(np.abs(np.where(sized, m, 0.0)))) for m in moved]
             start = np.where(sized, neutral, one.points[at[0]])
-            late = any(own[w].target.endswith('_delay') for w in which)
             c = Column(
                 Suspect('effect', one.at.effect, one.at.where),
                 tuple(own[w].name for w in which),
                 tuple(units[w] for w in which),
                 np.array([m[w] for m, w in zip(moved, which, strict=True)]),
                 numbers=len(own), at=one.at, begin=start, moved=one.points[at] - start,
-                own='timing' if late else '', usual=math.inf if late else 0.0,
+                usual=late / one.points[at[0], 0] if is_delay(one.at) else 0.0,
                 most=[max(abs(own[w].high), abs(own[w].low)) for w in which],
             )  # fmt: skip
             yield c, (begin + at).tolist()

@@ -15,6 +15,7 @@ from ros2_ident.change.columns import (
     Column,
     columns_of,
     Homed,
+    is_delay,
     of_friction,
     SETTLED,
     shifted,
@@ -562,12 +563,13 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
 
 
 def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
-    """Yield what fits as a change and differs by as much itself; laws of friction first."""
-    told: dict[ApartKind, list[Apart]] = {'friction': [], 'scatter': []}
+    """Yield what fits as a change and differs by as much itself, by what it is."""
+    told: dict[ApartKind, list[Apart]] = {'timing': [], 'friction': [], 'scatter': []}
     for c in (x.column for x in several):
         for i, none in _sizes(now.sides, c):
             p, values = now.sides.parameters[i], (none, float(now.theta[i]))
             one, other = values if now.sides.later[i] else values[::-1]
             kind: ApartKind = 'friction' if c.at and of_friction(c.at) else 'scatter'
+            kind = 'timing' if c.at and is_delay(c.at) else kind
             told[kind].append(Apart(kind, p.name.removesuffix(AFTER), one, other, p.unit))
     yield from chain(*told.values())

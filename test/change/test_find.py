@@ -272,6 +272,25 @@ def test_encoders_that_are_homed_anew_are_no_change(tmp_path):
     assert size.name == 'elbow.link_moment_x' and size.low < 0.005 < size.high
 
 
+def test_one_late_drive_is_a_change_and_late_stamps_are_none(tmp_path):
+    machine = ROOT / 'config/tripod.yaml'
+    words = ['--machine', str(machine), '--seconds', '2']
+    late = [f'command_delay@drive_{x}:delay=0.008' for x in (2, 1, 3)]
+    for number, count in enumerate((0, 1, 3)):
+        more = [x for effect in late[:count] for x in ('--effect', effect)]
+        log = str(tmp_path / str(count))
+        assert main(['simulate', log, *words, '--seed', str(number), *more]) == 0
+    request = jobs.Request(load_machine(machine), bags=(f'{tmp_path}/0',))
+    (change,) = jobs.compare(request, [f'{tmp_path}/1']).result.changes
+    assert (change.suspect.name, change.suspect.where) == ('command_delay', 'drive_2')
+    (size,) = change.sizes
+    assert size.low < 0.008 < size.high and size.high - size.low < 0.01
+    every = jobs.compare(request, [f'{tmp_path}/3']).result
+    assert not every.changes
+    (delay,) = (x for x in every.apart if x.kind == 'timing')
+    assert abs(delay.after) == pytest.approx(0.008, rel=0.3)
+
+
 def test_what_is_not_smooth_is_weighed_by_what_a_tenth_of_it_does(made):
     request = jobs.Request(load_machine(AXIS), bags=(f'{made}/one',))
     problem = request.problem(jobs.read(request).fit)
