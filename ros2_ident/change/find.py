@@ -473,22 +473,20 @@ def _all_friction(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[
     for c in (x.column for x in found):
         if of_friction(c.at) if c.at else c.suspect.name.rpartition('.')[2] in FRICTION:
             told.setdefault(c.place, []).append(c)
-    later = np.repeat(now.logs.after, [log.stop - log.start for log in now.logs.rows])
     for place, several in told.items():
         names = [f'{place}.{name}' for name in COULOMB]
         at = next((i for i, name in enumerate(sides.names[:first]) if name in names), None)
         if at is None or len(several) < 2:
             continue
-        slope, none, own = now.nominal[:, at], now.theta.copy(), np.zeros(width.size - first)
+        slope, share, own = now.nominal[:, at], np.zeros(width.size), np.zeros(width.size - first)
         for c in several:
             places = sides.places_of(c.at, c.suspect.name)
             own[[i - first for i in places]] = 1.0 if c.suspect.side == 'after' else -1.0
-            for i, value in _sizes(sides, c):
-                none[i] = value
-        did = np.subtract(*residuals_at(sides, now.rows)(np.stack([now.theta, none])))
-        parts = np.column_stack([did * later, did * ~later, now.kept])
-        along = slope @ parts / np.maximum(slope**2 @ (parts != 0.0), 1e-300) * width[at]
-        more, own = float(along[0] - along[1]), own * along[2:]
+            for i, none in _sizes(sides, c):
+                share[i] = (now.theta[i] - none) / width[i]
+        along = slope @ now.kept / np.maximum(slope**2 @ (now.kept != 0.0), 1e-300) * width[at]
+        own *= along
+        more = float(own @ share[first:])
         half = NORMAL * math.sqrt(own @ now.weighed.beside()[0] @ own)
         p = sides.parameters[at]
         yield Size(p.name, more, more - half, more + half, p.unit, float(theta[at]))
@@ -553,10 +551,9 @@ def _of_each_log(now: _Round, price: float) -> Iterator[Apart]:
         estimate = covariance @ score
         evidence = evidence_of(float(estimate @ score), len(c.columns))
         if evidence > told.get(c.own, (price,))[0]:
-            place = c.at.prefix if c.at else ''
             sure = np.abs(estimate) > NORMAL * np.sqrt(np.diag(covariance))
             told[c.own] = evidence, [
-                Apart(c.own, f'{place}{c.names[i]}', 0.0, float(estimate[i] * c.scales[i]),
+                Apart(c.own, c.names[i], 0.0, float(estimate[i] * c.scales[i]),
                       c.units[i]) for i in np.flatnonzero(sure)
             ]  # fmt: skip
     yield from (one for _, several in told.values() for one in several)

@@ -250,12 +250,9 @@ class Marginal:
 
         But for what the noise alone decides.
         """
-        white, total = self.whiten(residual), 0.0
-        for rows, own, factor in self._parts:
-            half = scipy.linalg.solve_triangular(factor, own @ white[rows], lower=True)
-            total += float(white[rows] @ white[rows] - half @ half)
-            total += 2.0 * float(np.sum(np.log(np.diag(factor))))
-        return total
+        found = self(residual[None])[0]
+        volume = sum(float(np.sum(np.log(np.diag(factor)))) for _, _, factor in self._parts)
+        return float(found @ found) + 2.0 * volume
 
     def __call__(self, residual: Array) -> Array:
         """Return (S, R + C) of residuals (S, R)."""
