@@ -165,7 +165,8 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
     others: list[Array] = []
     beside = sides.nominal + seen.columns.shape[1]
     # Drives are read in turns: when, within a sample, is as they were switched on (uniform).
-    late = max(m.cycle / np.mean(np.isfinite(m.measured)) for m in sides.bare) / math.sqrt(12.0)
+    period = max(float(m.cycle / np.mean(np.isfinite(m.measured))) for m in sides.bare)
+    late = period / math.sqrt(12.0)
     effects = _effects(sides.models[0], seen, sides.nominal, late)
     for c, places in chain(_parameters(sides, theta), effects):
         columns.append(replace(c, columns=_appended(changed, places)))
@@ -190,11 +191,11 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
     friction = _friction(sides, theta, nominal)
     laws = [(c.at, c.columns) for c in columns if c.at]
     for one, _ in sides.effects:
-        own = sides.places_of(one, '')
-        at = [kept[i - sides.nominal] for i in own]
-        laws.append((one, at))
+        places = sides.places_of(one, '')
+        there = [kept[i - sides.nominal] for i in places]
+        laws.append((one, there))
         if is_delay(one):
-            usual[at], alone[at] = late / width[own], True
+            usual[there], alone[there] = late / width[places], True
     for one, places in laws:
         if of_friction(one):
             usual[[*places]] = [friction(one.where, every[changed[i]]) for i in places]
