@@ -8,10 +8,11 @@ measured: no motion tells its friction. Put there before the low-pass, it keeps 
 of rest out of the rows beside it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import functools
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -109,19 +110,28 @@ class Band:
         cycles = efforts.shape[-1]
         starts = np.arange(0, cycles, size)
         counts = np.diff(starts, append=cycles)
-        blocks = np.add.reduceat(efforts, starts, axis=-1) / counts
-        return low_pass(blocks, size * self.cycle, cutoff)
+        return self._slow(np.add.reduceat(efforts, starts, axis=-1) / counts, cutoff)
+
+    def _slow(self, blocks: Array, cutoff: float) -> Array:
+        """Return what of the means of blocks (..., B) is below a frequency."""
+        return low_pass(blocks, self._size(cutoff) * self.cycle, cutoff)
 
     def _at(self, blocks: Array, cutoff: float, cycles: Whole) -> Array:
         """Return (..., R) what blocks (..., B) are at some cycles (R,)."""
-        size = self._size(cutoff)
-        if size == 1:
+        if self._size(cutoff) == 1:
             return blocks[..., cycles]
-        at = np.clip((cycles - 0.5 * (size - 1)) / size, 0.0, blocks.shape[-1] - 1.001)
-        before = at.astype(int)
+        before, share = self._about(cycles, cutoff)
         out: Array = blocks[..., before]
-        out += (at - before) * (blocks[..., before + 1] - out)
+        out += share * (blocks[..., before + 1] - out)
         return out
+
+    def _about(self, cycles: Whole, cutoff: float) -> tuple[Whole, Array]:
+        """Return (R,) the blocks before some cycles (R,), and how far these are to the next."""
+        size = self._size(cutoff)
+        most = -(-self.logged.shape[1] // size) - 1.0 - 1e-9
+        at = np.clip((cycles - 0.5 * (size - 1)) / size, 0.0, most)
+        before = at.astype(int)
+        return before, at - before
 
     def _size(self, cutoff: float) -> int:
         return max(1, int(1.0 / (_FINE * cutoff * self.cycle)))
@@ -158,28 +168,50 @@ class Band:
 
     def _passed(self, rows: Array, o: int) -> Array:
         """Return blocks (S, B) of what passes of rows (S, K) of an output."""
-        if self._between:
+        if self._with_gaps:
+            means, rest = self._sampled(o)
             # Friction of a smoothed motion turns over as no effort does, and would be sampled so.
-            rows = self.low(rows, self.motion)
-        if o in self._between:
-            before, after, share = self._between[o]
-            first = rows[:, before]
-            rows = first + share * (rows[:, after] - first)
+            fine = self._blocks(rows, self.motion)
+            return self._slow((means @ fine.T).T + rest, self.cutoff)
         held = self._held[o] & np.isfinite(self._filled[o])
         return self._blocks(np.where(held, self._filled[o], rows), self.cutoff)
 
     @functools.cached_property
-    def _between(self) -> dict[int, tuple[Whole, Whole, Array]]:
-        """Of each row with gaps the samples about every cycle, and the share of the latter."""
-        out = {}
+    def _with_gaps(self) -> bool:
+        """Whether there are cycles between samples of an output."""
+        counts = np.isfinite(self.logged).sum(axis=1)
+        return bool(((counts > 1) & (counts < self.logged.shape[1])).any())
+
+    @functools.cached_property
+    def _sampled(self) -> Callable[[int], tuple[Any, Array]]:
+        """Of an output in a log with gaps what its blocks are by those that motion leaves.
+
+        (B, F) of the latter, and (B,) of what was measured at rest: interpolated to the samples,
+        these to the cycles between them, and averaged.
+        """
+        return functools.cache(self._sampling)
+
+    def _sampling(self, o: int) -> tuple[Any, Array]:
         cycles = np.arange(self.logged.shape[1])
-        for o, there in enumerate(np.isfinite(self.logged)):
-            samples = np.flatnonzero(there)
-            if 1 < samples.size < cycles.size:
-                at = np.clip(np.searchsorted(samples, cycles) - 1, 0, samples.size - 2)
-                before, after = samples[at], samples[at + 1]
-                out[o] = before, after, np.clip((cycles - before) / (after - before), 0.0, 1.0)
-        return out
+        samples = np.flatnonzero(np.isfinite(self.logged[o]))
+        made = _mixed(*self._about(cycles, self.motion))
+        if 1 < samples.size < cycles.size:
+            at = np.clip(np.searchsorted(samples, cycles) - 1, 0, samples.size - 2)
+            before, after = samples[at], samples[at + 1]
+            share = np.clip((cycles - before) / (after - before), 0.0, 1.0)
+            made = _mixed(at, share) @ made[samples]
+        held = self._held[o] & np.isfinite(self._filled[o])
+        of = cycles // self._size(self.cutoff)
+        mean = scipy.sparse.csr_array((1.0 / np.bincount(of)[of], (of, cycles)))
+        rest = mean @ np.where(held, self._filled[o], 0.0)
+        return mean.multiply(~held[None]).tocsr() @ made, rest
+
+
+def _mixed(before: Whole, share: Array) -> Any:
+    """Return (R, C), sparse, that mixes columns `before` (R,) with the next by its share (R,)."""
+    rows = np.arange(before.size)
+    values, at = np.concatenate([1.0 - share, share]), np.concatenate([before, before + 1])
+    return scipy.sparse.csr_array((values, (np.tile(rows, 2), at)))
 
 
 def firsts(rows: Sequence[Array]) -> Whole:
