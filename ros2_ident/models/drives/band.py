@@ -8,7 +8,7 @@ measured: no motion tells its friction. Put there before the low-pass, it keeps 
 of rest out of the rows beside it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import functools
 import math
@@ -182,16 +182,14 @@ class Band:
         counts = np.isfinite(self.logged).sum(axis=1)
         return bool(((counts > 1) & (counts < self.logged.shape[1])).any())
 
-    @functools.cached_property
-    def _sampled(self) -> Callable[[int], tuple[Any, Array]]:
-        """Of an output in a log with gaps what its blocks are by those that motion leaves.
+    def _sampled(self, o: int) -> tuple[Any, Array]:
+        """Return what in a log with gaps an output's blocks are by those that motion leaves.
 
         (B, F) of the latter, and (B,) of what was measured at rest: interpolated to the samples,
         these to the cycles between them, and averaged.
         """
-        return functools.cache(self._sampling)
-
-    def _sampling(self, o: int) -> tuple[Any, Array]:
+        if o in self._maps:
+            return self._maps[o]
         cycles = np.arange(self.logged.shape[1])
         samples = np.flatnonzero(np.isfinite(self.logged[o]))
         made = _mixed(*self._about(cycles, self.motion))
@@ -204,7 +202,13 @@ class Band:
         of = cycles // self._size(self.cutoff)
         mean = scipy.sparse.csr_array((1.0 / np.bincount(of)[of], (of, cycles)))
         rest = mean @ np.where(held, self._filled[o], 0.0)
-        return mean.multiply(~held[None]).tocsr() @ made, rest
+        self._maps[o] = mean.multiply(~held[None]).tocsr() @ made, rest
+        return self._maps[o]
+
+    @functools.cached_property
+    def _maps(self) -> dict[int, tuple[Any, Array]]:
+        """Those of `_sampled` that were made."""
+        return {}
 
 
 def _mixed(before: Whole, share: Array) -> Any:

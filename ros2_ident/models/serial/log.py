@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An arm along its log: recorded motion, and what the described links ask along it."""
 
-from collections.abc import Callable
 import functools
 from typing import NamedTuple
 
@@ -102,16 +101,23 @@ class ArmLog(DriveLog):
         return np.ascontiguousarray(out)
 
     @functools.cached_property
-    def terms(self) -> Callable[..., Terms]:
-        """Terms of the motors' efforts along the recorded motion.
+    def _made(self) -> dict[tuple[bool, bool], Terms]:
+        """Those of `terms` that were made."""
+        return {}
 
-        Those of what hangs at the last joint, where it is asked for with `hand`, or looked for;
-        with `zeros` those of joints whose positions are more by 1.
+    def terms(self, *, hand: bool, zeros: bool) -> Terms:
+        """Return terms of the motors' efforts along the recorded motion.
+
+        Args:
+            hand: With those of what hangs at the last joint; where it is looked for in any case.
+            zeros: With those of joints whose positions are more by 1.
         """
-        made = functools.cache(self._terms)
-        return lambda *, hand, zeros: made(hand or self.inertials.carries, zeros)
+        key = hand or self.inertials.carries, zeros
+        if key not in self._made:
+            self._made[key] = self._with_terms(*key)
+        return self._made[key]
 
-    def _terms(self, hand: bool, zeros: bool) -> Terms:
+    def _with_terms(self, hand: bool, zeros: bool) -> Terms:
         links = self.inertials.terms(self.arm.terms(*self.followed), hand=hand)
         joints = [links, self.transmission.terms(self.followed[0])]
         if zeros:
