@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was identified, in files that pinocchio, MuJoCo, Isaac Lab and ros2_control read."""
+"""What was identified, in files that pinocchio, Isaac Lab, simulators and ros2_control read."""
 
-from collections.abc import Callable
 from dataclasses import replace
-import importlib.util
 import json
 import math
 from pathlib import Path
 import re
 import sys
-from types import ModuleType
 from unittest.mock import MagicMock
 import xml.etree.ElementTree as ET
 
@@ -19,8 +16,23 @@ import yaml
 
 pinocchio = pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from export_cases import (  # noqa: E402
+    by_pinocchio,
+    content,
+    down,
+    efforts,
+    into_urdf,
+    known,
+    module_at,
+    OFFSET,
+    ROOT,
+    ROTOR,
+    sliding,
+    SMOOTH,
+    TANH,
+)
 from identify_cases import tripod  # noqa: E402
-from models.test_serial import BOXES, described, JOINTS, moving  # noqa: E402
+from models.test_serial import BOXES, described, JOINTS  # noqa: E402
 from report_cases import diagnosed  # noqa: E402
 
 from ros2_ident.errors import ErrorCode, IdentError  # noqa: E402
@@ -30,123 +42,10 @@ from ros2_ident.files import kind_of  # noqa: E402
 from ros2_ident.gap.result import Value  # noqa: E402
 from ros2_ident.identify.data import Data  # noqa: E402
 from ros2_ident.identify.problem import problem_of  # noqa: E402
-from ros2_ident.machine.machine import Machine  # noqa: E402
-from ros2_ident.machine.prior import Prior  # noqa: E402
-from ros2_ident.models import EffectAt, load_machine, make_model  # noqa: E402
+from ros2_ident.models import EffectAt, load_machine  # noqa: E402
 from ros2_ident.models.drives.joints import Gains  # noqa: E402
 from ros2_ident.report.diagnosis import write_diagnosis  # noqa: E402
-from ros2_ident.report.estimate import Estimate, read_estimate  # noqa: E402
-
-ROOT = Path(__file__).parents[2]
-SMOOTH = {name: box for name, box in BOXES.items() if name != 'coulomb_torque'}
-# How far the compiled tanh stays below one.
-TANH = 3e-8
-ROTOR = {'drive_inertia': [0.0, 1.0, 'kg m^2']}
-OFFSET = {'constant_force': [-9.0, 9.0, 'N m']}
-MJCF = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/>
-  <default><joint damping="7" armature="9"/></default>
-  <worldbody><body name="column" pos="0 0 0.4" euler="0.1 0 0.2">
-    <joint name="base" axis="0 0 1"/>
-    <inertial pos="0.05 -0.1 0.2" mass="7.5" fullinertia="0.3 0.4 0.35 0.01 -0.02 0.03"/>
-    <body name="carriage" pos="0.3 0 0.1" euler="0 0.7 0">
-      <joint name="slide" type="slide" axis="0 0.6 0.8"/>
-      <inertial pos="0 0.1 0.3" mass="4" diaginertia="0.05 0.06 0.03"/>
-      <body name="cover" pos="0 0 0.1">
-        <inertial pos="0.1 0 0" mass="0.6" diaginertia="0.01 0.01 0.01"/></body>
-      <body name="upper" pos="0 0.2 0.5" euler="1.5 0 0">
-        <joint name="elbow" axis="0 1 0" pos="0.02 0 0.03"/>
-        <inertial pos="0.2 0 0.01" mass="3" diaginertia="0.02 0.05 0.05"/>
-        <body name="hand" pos="0.5 0 0" euler="0 -0.4 0.3"><joint name="wrist" axis="1 0 0"/>
-          <inertial pos="0.02 0.03 0.1" mass="1.5" diaginertia="0.004 0.005 0.003"/>
-  </body></body></body></body></worldbody></mujoco>"""
-
-
-def in_mjcf(folder: Path, text: str = MJCF, **parameters: object) -> Machine:
-    (folder / 'arm.xml').write_text(text)
-    boxes = ''.join(f'  {name}: {box}\n' for name, box in parameters.items())
-    (folder / 'arm.yaml').write_text(
-        f'machine: serial\ndrives: [{", ".join(JOINTS)}]\n'
-        f'geometry: {{description: arm.xml}}\ncontroller: {{cycle: 0.004}}\nparameters:\n{boxes}'
-    )
-    return load_machine(folder / 'arm.yaml')
-
-
-def known(problem, values: dict[str, float], deviation: float = 1e-3) -> Estimate:
-    """Return an estimate: the middle of every box but for some values."""
-    middle = {p.name: 0.5 * (p.low + p.high) for p in problem.parameters}
-    names = list(middle)
-    return Estimate(
-        middle | values,
-        {},
-        problem.drives,
-        {},
-        '',
-        Prior(deviations=dict.fromkeys(names, deviation)),
-    )
-
-
-def content(machine: Machine, effects=(), deviation: float = 1e-3, **values: float) -> Content:
-    logged = moving(machine)
-    # The band of the motion is that of the log, so the log is made twice.
-    for _ in range(2):
-        model = make_model(machine, logged, effects=effects)
-        theta = np.array([values.get(p.name, 0.5 * (p.low + p.high)) for p in model.parameters])
-        model.__dict__['_band'] = None  # all of the log, above its band too
-        logged = replace(logged, effort=model.simulate(theta)[0])
-    problem = problem_of(machine, Data((logged,), labels=('log',)), effects=effects)
-    return content_of(problem, known(problem, values, deviation), 0.3)
-
-
-def efforts(found: Content) -> np.ndarray:
-    """Return what was identified asks of the joints, links consistent."""
-    return found.model.simulated_effort(found.theta)
-
-
-def down(machine: Machine) -> np.ndarray:
-    """Return (3,) gravity in the base's frame, which may be tilted."""
-    tilt = pinocchio.rpy.rpyToMatrix(machine.number('base_roll'), machine.number('base_pitch'), 0)
-    return tilt.T @ [0.0, 0.0, -machine.number('free_fall')]
-
-
-def by_pinocchio(text: str, found: Content) -> np.ndarray:
-    """Return (D, K) what a URDF asks along the log: links, damping and friction."""
-    model = pinocchio.buildModelFromXML(text)
-    data = model.createData()
-    machine = found.model.machine
-    model.gravity.linear = down(machine)
-    place, speed, bend = found.model.motion
-    order = [model.joints[model.getJointId(name)] for name in machine.drives]
-    out = np.empty_like(place)
-    for k in range(place.shape[1]):
-        q, v, a = np.empty(model.nq), np.empty(model.nv), np.empty(model.nv)
-        for d, joint in enumerate(order):
-            v[joint.idx_v], a[joint.idx_v] = speed[d, k], bend[d, k]
-            if joint.nq == 1:
-                q[joint.idx_q] = place[d, k]
-            else:
-                q[joint.idx_q : joint.idx_q + 2] = np.cos(place[d, k]), np.sin(place[d, k])
-        asked = pinocchio.rnea(model, data, q, v, a) + model.damping * v
-        asked += model.upperDryFrictionLimit * np.sign(v)
-        out[:, k] = [asked[joint.idx_v] for joint in order]
-    return out
-
-
-def into_urdf(folder: Path, found: Content) -> tuple[Path, tuple[str, ...]]:
-    return write(folder, ('urdf',), found, (folder / 'arm.urdf').read_text())['urdf']
-
-
-def module_at(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location('loaded', path)
-    loaded = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(loaded)
-    return loaded
-
-
-def sliding(found: Content) -> np.ndarray:
-    """Return (D, K) where friction has turned over altogether."""
-    return np.abs(found.model.motion[1]) > 20.0 * found.model.machine.number(
-        'coulomb_regularisation'
-    )
+from ros2_ident.report.estimate import read_estimate  # noqa: E402
 
 
 def test_a_urdf_asks_what_was_identified(tmp_path: Path) -> None:
@@ -433,222 +332,6 @@ def test_the_rest_of_a_urdf_stays(tmp_path: Path) -> None:
     tool = after.frames[after.getFrameId('flange')].inertia
     assert tool.isApprox(before.frames[before.getFrameId('flange')].inertia)
     assert after.inertias[0].isApprox(before.inertias[0])
-
-
-# ---------------------------------------------------------------------- MuJoCo
-
-
-@pytest.fixture
-def mujoco():
-    sys.path.append(str(ROOT / 'build/peers'))  # where tools/peers.sh installs it
-    return pytest.importorskip('mujoco', reason='MuJoCo is not installed; see CONTRIBUTING.md')
-
-
-def by_mujoco(mujoco, text, found: Content) -> np.ndarray:
-    """Return (D, K) what an MJCF asks along the log, by MuJoCo's inverse dynamics."""
-    model = mujoco.MjModel.from_xml_string(text) if isinstance(text, str) else text
-    data = mujoco.MjData(model)
-    place, speed, bend = found.model.motion
-    joints = [model.joint(name) for name in found.model.machine.drives]
-    out = np.empty_like(place)
-    for k in range(place.shape[1]):
-        for d, joint in enumerate(joints):
-            data.qpos[joint.qposadr[0]] = place[d, k]
-            data.qvel[joint.dofadr[0]] = speed[d, k]
-            data.qacc[joint.dofadr[0]] = bend[d, k]
-        mujoco.mj_inverse(model, data)
-        out[:, k] = [data.qfrc_inverse[joint.dofadr[0]] for joint in joints]
-    return out
-
-
-@pytest.mark.parametrize('gone', ['no name', ' name="upper"'])
-def test_an_mjcf_asks_what_was_identified(tmp_path: Path, mujoco, gone) -> None:
-    text = MJCF.replace(gone, '')
-    found = content(in_mjcf(tmp_path, text, **SMOOTH, **ROTOR), **{'elbow.link_moment_x': 0.9})
-    path, words = write(tmp_path, ('mjcf',), found, text)['mjcf']
-    off = by_mujoco(mujoco, path.read_text(), found) - efforts(found)
-    assert np.abs(off).max() < 1e-9
-    assert [w for w in words if 'no place' in w] == []
-
-
-def test_a_urdf_becomes_an_mjcf_that_asks_what_was_identified(tmp_path: Path, mujoco) -> None:
-    found = content(described(tmp_path, **SMOOTH, **ROTOR))
-    text = (tmp_path / 'arm.urdf').read_text()
-    mesh = '<collision><geometry><mesh filename="none.stl"/></geometry></collision>'
-    text = text.replace('<link name="hand">', f'<link name="hand">{mesh}')
-    path, words = write(tmp_path, ('mjcf',), found, text)['mjcf']
-    model = mujoco.MjModel.from_xml_string(path.read_text())
-    model.opt.gravity[:] = down(found.model.machine)
-    asked, most = efforts(found), np.abs(efforts(found)).max()
-    # MuJoCo writes six digits
-    assert np.abs(by_mujoco(mujoco, model, found) - asked).max() < 1e-5 * most
-    assert [w for w in words if 'no place' in w] == []
-
-
-def test_shapes_that_a_description_names_are_found_from_another_folder(tmp_path: Path) -> None:
-    found = content(described(tmp_path, **BOXES))
-    meshes = ''.join(
-        f'<visual><geometry><mesh filename="{way}"/></geometry></visual>'
-        for way in ('shapes/hand.stl', '/hand.stl', 'package://arm/hand.stl')
-    )
-    text = (
-        (tmp_path / 'arm.urdf')
-        .read_text()
-        .replace('<link name="hand">', f'<link name="hand">{meshes}')
-    )
-    path, _ = write(tmp_path / 'out', ('urdf',), found, text, tmp_path)['urdf']
-    ways = [shape.get('filename') for shape in ET.parse(path).getroot().iter('mesh')]
-    assert ways == ['../shapes/hand.stl', '/hand.stl', 'package://arm/hand.stl']
-
-
-@pytest.mark.parametrize(
-    ('compiler', 'at'),
-    [
-        ('', '.'),
-        ('<compiler meshdir="shapes"/>', 'shapes'),
-        ('<compiler assetdir="shapes"/><compiler angle="radian"/>', 'shapes'),
-    ],
-)
-def test_an_mjcf_finds_its_shapes_from_another_folder(
-    tmp_path: Path, mujoco, compiler: str, at: str
-) -> None:
-    found = content(in_mjcf(tmp_path, **BOXES))
-    (tmp_path / 'shapes').mkdir()
-    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    faces = [(1, 3, 2), (1, 2, 4), (2, 3, 4), (1, 4, 3)]
-    lines = [f'v {x} {y} {z}' for x, y, z in corners] + [f'f {a} {b} {c}' for a, b, c in faces]
-    (tmp_path / at / 'hand.obj').write_text('\n'.join(lines))
-    text = MJCF.replace(
-        '<default>', f'{compiler}<asset><mesh file="hand.obj"/></asset><default>', 1
-    )
-    path, _ = write(tmp_path / 'out', ('mjcf',), found, text, tmp_path)['mjcf']
-    assert mujoco.MjModel.from_xml_path(str(path)).nmesh == 1
-
-
-def test_what_is_called_as_a_joint_in_an_mjcf_is_none(tmp_path: Path, mujoco) -> None:
-    found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
-    other = '<equality><joint name="elbow" joint1="elbow" active="false"/></equality>'
-    text = MJCF.replace('<worldbody>', f'{other}<worldbody>')
-    path, _ = write(tmp_path, ('mjcf',), found, text)['mjcf']
-    model = mujoco.MjModel.from_xml_path(str(path))
-    dofs = [model.joint(name).dofadr[0] for name in JOINTS]
-    np.testing.assert_allclose(model.dof_damping[dofs], [j.viscous for j in found.joints])
-
-
-def test_friction_and_limits_in_an_mjcf_hold(tmp_path: Path, mujoco) -> None:
-    found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
-    limited = replace(found, joints=tuple(replace(j, limit=7.0) for j in found.joints))
-    path, _ = write(tmp_path, ('mjcf',), limited, MJCF)['mjcf']
-    model = mujoco.MjModel.from_xml_path(str(path))
-    assert model.jnt_actfrclimited.all() and (model.jnt_actfrcrange == [-7.0, 7.0]).all()
-    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
-    model.opt.gravity[:] = 0.0
-    data = mujoco.MjData(model)
-    wrist = model.joint('wrist')
-    data.qfrc_applied[wrist.dofadr[0]] = 0.5 * model.dof_frictionloss[wrist.dofadr[0]]
-    mujoco.mj_step(model, data, 500)
-    assert model.dof_frictionloss[wrist.dofadr[0]] > 1.0
-    assert abs(data.qpos[wrist.qposadr[0]]) < 1e-4
-
-
-def test_controllers_stand_in_an_mjcf_where_the_actuators_stood(tmp_path: Path, mujoco) -> None:
-    found = content(in_mjcf(tmp_path, **BOXES))
-    served = {'base', 'elbow', 'wrist'}
-    joints = [replace(j, gains=Gains(40.0, 0.0, 3.0, 0.0), limit=9.0) if j.name in served else j
-              for j in found.joints]  # fmt: skip
-    text = MJCF.replace('<default>', '<default><motor gear="50" ctrlrange="-1 1"/>', 1)
-    text = text.replace(
-        '</mujoco>',
-        """<actuator>
-        <position name="turn" joint="base" kp="3" dampratio="1" timeconst="0.1" ctrlrange="-2 2"/>
-        <motor name="push" joint="slide"/><motor name="bend" jointinparent="elbow"/>
-        <motor name="more" joint="elbow"/></actuator></mujoco>""",
-    )
-    path, _ = write(tmp_path, ('mjcf',), replace(found, joints=tuple(joints)), text)['mjcf']
-    model = mujoco.MjModel.from_xml_path(str(path))
-    assert [model.actuator(n).name for n in range(model.nu)] == ['turn', 'push', 'bend', 'wrist']
-    assert model.actuator_gear[:, 0].tolist() == [1.0, 50.0, 1.0, 1.0] and model.na == 0
-    assert model.actuator_ctrllimited.tolist() == [True, True, False, False]
-    assert model.actuator_ctrlrange[0].tolist() == [-2.0, 2.0]
-    own = [0, 2, 3]
-    assert model.actuator_biasprm[own, :3].tolist() == [[0.0, -40.0, -3.0]] * 3
-    assert model.actuator_forcerange[own, 1].tolist() == [9.0] * 3
-
-
-class Servo:
-    """A servo with a load on its arm, identified, and the same arm in MuJoCo."""
-
-    def __init__(self, effects: tuple[EffectAt, ...] = (), **values: float) -> None:
-        from models.test_servo import machine, set_points, TRUTH
-
-        from ros2_ident.recording import Dataset
-
-        one = machine()
-        self.goals, velocity = set_points()
-        seen = np.full_like(self.goals, np.nan)
-        seen[:, :12] = self.goals[0, 0]
-        seen[:, 12::2] = 0.0
-        data = Dataset(one.drives, 1e-3, 0, self.goals, velocity, seen, None, None)
-        problem = problem_of(one, Data((data,), labels=('log',)), effects=effects)
-        values = {f'joint.{name}': x for name, x in values.items()}
-        values |= {f'joint.{name}': TRUTH[name] for name in one.bounds}
-        self.found = content_of(problem, known(problem, values), 0.3)
-        self.ours = self.found.model.simulate(self.found.theta)[0, 0]
-        load, arm = one.number('load_mass'), one.number('arm_mass')
-        moment = 0.1 * (load + 0.5 * arm)
-        # The arm's inertia about the joint is the load's.
-        self.inertia = 4e-4 + (load + arm / 3.0) * 0.1**2 - 0.51 * (moment / 0.51) ** 2
-        self.mjcf = f"""<mujoco><option timestep="1e-4" gravity="0 0 -9.81"/><worldbody>
-          <body euler="0 {np.degrees(0.03)} 0"><joint name="joint" axis="0 1 0"/>
-          <inertial pos="0 0 {-moment / 0.51}" mass="0.51" diaginertia="1 1 1"/></body>
-          </worldbody></mujoco>"""
-
-    def apart(self, mujoco, model, act: Callable | None = None) -> float:
-        """Return how far off MuJoCo is under the same set-points, as a share of the way."""
-        model.body_inertia[1] = self.inertia
-        sim = mujoco.MjData(model)
-        mujoco.mj_setConst(model, sim)
-        sim.qpos[0] = self.goals[0, 0]
-        mujoco.set_mjcb_passive(act)
-        out = []
-        for command in self.goals[0]:
-            out.append(sim.qpos[0])
-            sim.ctrl[0] = command
-            mujoco.mj_step(model, sim, 10)
-        mujoco.set_mjcb_passive(None)
-        return float(np.sqrt(np.mean((np.array(out) - self.ours) ** 2)) / np.ptp(self.ours))
-
-
-def test_a_servo_in_an_mjcf_follows_as_it_was_identified(tmp_path: Path, mujoco) -> None:
-    servo = Servo()
-    path, words = write(tmp_path, ('mjcf',), servo.found, servo.mjcf)['mjcf']
-    model = mujoco.MjModel.from_xml_string(path.read_text())
-    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    assert servo.apart(mujoco, model) < 0.01
-    assert words == ()
-
-
-def test_effects_act_in_mujoco_as_in_our_own_simulation(tmp_path: Path, mujoco) -> None:
-    values = {
-        'command_delay.delay': 0.0253,
-        'stribeck.torque': 0.05, 'stribeck.velocity': 0.4,
-        'torque_ripple.sine': 0.06, 'torque_ripple.cosine': -0.03, 'torque_ripple.order': 7.0,
-        'asymmetric_friction.coulomb': 0.01, 'asymmetric_friction.viscous': 0.002,
-    }  # fmt: skip
-    kinds = dict.fromkeys(name.partition('.')[0] for name in values)
-    servo = Servo(tuple(EffectAt(kind, 'joint') for kind in kinds), **values)
-    files = write(tmp_path, ('mjcf_effects',), servo.found, servo.mjcf)
-    loaded = module_at(files['mjcf_effects'][0])
-
-    def run(effects: bool, late: bool) -> float:
-        model = loaded.load() if effects else mujoco.MjModel.from_xml_path(str(files['mjcf'][0]))
-        model.actuator_delay[:] *= late
-        return servo.apart(mujoco, model, loaded.act if effects else None)
-
-    assert loaded.load().actuator_history[0, 0] * 1e-4 >= 0.0253
-    assert run(True, True) < 0.005
-    assert run(False, True) > 0.02 and run(True, False) > 0.05
-    assert files['mjcf_effects'][1] == ()
 
 
 # ---------------------------------------------------------------------- USD
