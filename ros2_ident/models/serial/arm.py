@@ -139,8 +139,7 @@ class Arm:
         pin = _pinocchio()
         data = self.model.createData()
         drives, count = position.shape
-        order, back = self.orders
-        states = zip(self._places(position), velocity[order].T, acceleration[order].T, strict=True)
+        back, states = self.orders[1], self._states(position, velocity, acceleration)
         out = np.empty((count, drives, INERTIALS * drives))
         for k, state in enumerate(states):
             out[k] = pin.computeJointTorqueRegressor(self.model, data, *state)
@@ -150,8 +149,7 @@ class Arm:
     def efforts(self, position: Array, velocity: Array, acceleration: Array) -> Array:
         """Return (D, K) what the described links ask of the joints, by recursive Newton-Euler."""
         data = self.model.createData()
-        order, back = self.orders
-        states = zip(self._places(position), velocity[order].T, acceleration[order].T, strict=True)
+        back, states = self.orders[1], self._states(position, velocity, acceleration)
         rows = [_pinocchio().rnea(self.model, data, *state) for state in states]
         return np.array(rows).T[back]
 
@@ -172,8 +170,7 @@ class Arm:
             own[0] = own[0] or _WEIGHTLESS
             model.inertias[int(joint)] = pin.Inertia.FromDynamicParameters(own)
         data = model.createData()
-        order, back = self.orders
-        states = zip(self._places(position), velocity[order].T, acceleration[order].T, strict=True)
+        back, states = self.orders[1], self._states(position, velocity, acceleration)
         rows = [pin.computeRNEADerivatives(model, data, *state)[0].copy() for state in states]
         return np.array(rows)[:, back][:, :, back].transpose(1, 0, 2)
 
@@ -250,6 +247,11 @@ class Arm:
             joints[k] = [data.oMi[int(j)].translation for j in self.joints]
             tool[k] = data.oMi[number].act(reach)
         return joints, tool
+
+    def _states(self, position: Array, *rates: Array) -> Iterator[tuple[Array, ...]]:
+        """Return K configurations of pinocchio's, each with its rates, of (D, K) of the drives."""
+        order, _ = self.orders
+        return zip(self._places(position), *(x[order].T for x in rates), strict=True)
 
     def _places(self, position: Array) -> Array:
         """Return (K, Q) pinocchio's configurations; joints without an end have sine and cosine."""

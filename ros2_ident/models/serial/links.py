@@ -112,9 +112,7 @@ def links_of(model: Serial, theta: Array, information: Array, spread: float) -> 
     sure = np.zeros((len(names), len(names)))
     sure[np.ix_(sought, sought)] = known - information[np.ix_(columns, others)] @ follow
     fixed = np.flatnonzero(~sought)
-    boxes = {p.name: p for several in inertials.parameters.values() for p in several}
-    widths = np.array([boxes[names[n]].high - boxes[names[n]].low for n in fixed])
-    sure[fixed, fixed] = (_HELD * widths) ** -2.0
+    sure[fixed, fixed] = (_HELD * inertials.widths[fixed]) ** -2.0
     wanted = value - middle - told @ moved
     found = nearest(believed, told, wanted, sure, (held, -held @ moved), spread)
     change = told @ (found - described).ravel()

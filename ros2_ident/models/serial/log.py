@@ -114,16 +114,20 @@ class ArmLog(DriveLog):
         """
         key = hand or self.inertials.carries, zeros
         if key not in self._made:
-            self._made[key] = self._with_terms(*key)
+            self._made[key] = self._with_zeros(key[0]) if zeros else self._of_links(key[0])
         return self._made[key]
 
-    def _with_terms(self, hand: bool, zeros: bool) -> Terms:
+    def _of_links(self, hand: bool) -> Terms:
         links = self.inertials.terms(self.arm.terms(*self.followed), hand=hand)
-        joints = [links, self.transmission.terms(self.followed[0])]
-        if zeros:
-            joints.append(self.arm.slopes(self._probable, *self.followed))
-        terms = np.ascontiguousarray(self.transmission.at_motors(np.concatenate(joints, axis=2)))
+        balance = self.transmission.terms(self.followed[0])
+        joints = np.concatenate([links, balance], axis=2)
+        terms = np.ascontiguousarray(self.transmission.at_motors(joints))
         return Terms(terms, np.asarray(np.argmax((terms != 0.0).any(axis=1), axis=1)))
+
+    def _with_zeros(self, hand: bool) -> Terms:
+        plain = self.terms(hand=hand, zeros=False)
+        zeros = self.transmission.at_motors(self.arm.slopes(self._probable, *self.followed))
+        return plain._replace(each=np.concatenate([plain.each, zeros], axis=2))
 
     @functools.cached_property
     def _probable(self) -> Array:

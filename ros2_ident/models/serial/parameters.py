@@ -89,6 +89,12 @@ class Inertials:
         name, axis = NAMES[column % INERTIALS]
         return f'{machine.drives[column // INERTIALS]}.{name}{axis}'
 
+    @property
+    def widths(self) -> Array:
+        """(B,) the widths of the base parameters' boxes."""
+        boxes = {p.name: p.high - p.low for own in self.parameters.values() for p in own}
+        return np.array([boxes[name] for name in self.names])
+
     def terms(self, whole: Array, *, hand: bool) -> Array:
         """Return the terms that coefficients are multiplied with.
 
@@ -115,9 +121,8 @@ class Inertials:
             efforts: (D, K) less what the file describes; NaN where none is known.
             beside: (D, K, M) what else may be in each drive's, in any size.
         """
-        boxes = {p.name: p.high - p.low for of in self.parameters.values() for p in of}
         count = len(self.names)
-        rows = [np.diag([math.sqrt(12.0) / boxes[name] for name in self.names])]
+        rows = [np.diag(math.sqrt(12.0) / self.widths)]
         wanted = [np.zeros(count)]
         for own, effort, others in zip(terms, efforts, beside, strict=True):
             seen = np.isfinite(effort)
