@@ -275,9 +275,10 @@ def _of_effects(sides: Sides, theta: Array, seen: Missing) -> Array:
     for i in own:
         none = sides.parameters[i].absent
         by = 0.0 if none is None else _SMOOTH * float(theta[i] - none)
-        more, less = evaluate(theta + np.outer((by, -by), np.arange(theta.size) == i))
-        if by and not diverged(np.array([more, less])).any():
-            slopes[:, i - own.start] = (more - less) * width[i] / (2.0 * by)
+        if by:
+            tried = evaluate(theta + np.outer((by, -by), np.arange(theta.size) == i))
+            if not diverged(tried).any():
+                slopes[:, i - own.start] = (tried[0] - tried[1]) * width[i] / (2.0 * by)
     return slopes
 
 
