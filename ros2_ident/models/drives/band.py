@@ -128,6 +128,7 @@ class Band:
     def _about(self, cycles: Whole, cutoff: float) -> tuple[Whole, Array]:
         """Return (R,) the blocks before some cycles (R,), and how far these are to the next."""
         size = self._size(cutoff)
+        # just short of the last block, which has no next
         most = -(-self.logged.shape[1] // size) - 1.0 - 1e-9
         at = np.clip((cycles - 0.5 * (size - 1)) / size, 0.0, most)
         before = at.astype(int)
@@ -183,10 +184,10 @@ class Band:
         return bool(((counts > 1) & (counts < self.logged.shape[1])).any())
 
     def _sampled(self, o: int) -> tuple[Any, Array]:
-        """Return what in a log with gaps an output's blocks are by those that motion leaves.
+        """Return how blocks of an output in a log with gaps come of those of the motion's band.
 
-        (B, F) of the latter, and (B,) of what was measured at rest: interpolated to the samples,
-        these to the cycles between them, and averaged.
+        By a sparse (B, F), and (B,) that is added for what was measured at rest: interpolated to
+        the samples, these to the cycles between them, and averaged.
         """
         if o in self._maps:
             return self._maps[o]
