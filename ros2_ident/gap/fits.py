@@ -6,6 +6,7 @@ Every fit is a task of its own, so that threads or workers elsewhere can do them
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ros2_ident.gap.recordings import JointModel, Split
 from ros2_ident.gates.scale import MORE
 from ros2_ident.models import EffectAt
 from ros2_ident.models.trials import LARGE, orders_shown, TRIAL, trials
-from ros2_ident.search.jacobian import mean_squares
+from ros2_ident.search.jacobian import mean_squares, Slopes
 from ros2_ident.search.journal import digest_of
 from ros2_ident.search.least_squares import least_squares, Point, within_box
 
@@ -28,6 +29,9 @@ ITERATIONS = 40
 _ROUNDS, _SETTLED = 10, 0.98
 # Shares of the way to a screened start, which lies where straight lines lead. A grid.
 _WAY = np.array([1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02])
+
+# Step of slopes that are lines, which any tells: with a large one rounding is nothing.
+_FAR = 0.25
 
 
 @dataclass(frozen=True)
@@ -172,6 +176,16 @@ class Fits:
 
         return both if law_weight.size else outputs
 
+    @cached_property
+    def _near(self) -> Slopes | None:
+        """Slopes of the nominal model; None where it is linear in no parameter."""
+        plain = self.split.fit.with_effects(())
+        if not all(model.thinned for model in plain.models):
+            return None
+        point = Point.at(self.evaluate(plain), plain.box, np.full(len(plain.low), 0.5))
+        slopes = replace(point, step=_FAR).jacobian
+        return Slopes(slopes, np.ones(len(plain.low), dtype=bool))
+
     def refit(
         self, effects: Sequence[EffectAt], theta: Array, iterations: int = ITERATIONS
     ) -> Hypothesis:
@@ -179,7 +193,7 @@ class Fits:
         joint = self.split.fit.with_effects(effects)
         found = least_squares(
             self.evaluate(joint), theta, joint.low, joint.high,
-            iterations=iterations, stopped=self.stopped, known=joint.box.known,
+            iterations=iterations, stopped=self.stopped, known=joint.box.known, near=self._near,
         )  # fmt: skip
         return self.hypothesis(joint, found)
 

@@ -144,7 +144,10 @@ class FullModel(Model):
 
     @property
     def thinned(self) -> bool:
-        """Whether `measured` is what a low-pass left, as often as that needs."""
+        """Whether a recorded motion drives the model: outputs are linear in most parameters.
+
+        Then `measured` is what a low-pass left, as often as that needs.
+        """
         return False
 
     def in_band(self, outputs: Array) -> Array:

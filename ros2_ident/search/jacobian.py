@@ -3,7 +3,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,10 @@ CENTRAL_STEP = 1e-5
 LARGEST_STEP = 1e-3
 # Part of the box where a simulation that sticks and slips is smooth on average only.
 COARSE_STEP = 1e-4
+# A step over which what is linear is compared, for the least of the columns, and the most by which
+# those of large ones are smaller: rounding is then below 1e-8 of each. What is no line is off by
+# the step's own size.
+_LINE_STEP, _LINE_RATIO, _LINE_ERROR = 1e-3, 1e-4, 1e-6
 # A residual beyond this, in its own unit, is on its way to infinity: its square would overflow.
 DIVERGED = 1e100
 
@@ -117,6 +121,7 @@ def finite_differences(
     *,
     central: bool = False,
     step: float | None = None,
+    columns: Index | None = None,
 ) -> Array:
     """Return the derivative of a residual vector by the cube's coordinates.
 
@@ -131,6 +136,7 @@ def finite_differences(
         residual: (R,) residuals there, finite.
         central: Central differences instead of forward ones.
         step: Part of the box.
+        columns: Coordinates that it is wanted of; all where None. The others are zero.
 
     Returns:
         (R, N) finite.
@@ -141,7 +147,7 @@ def finite_differences(
     width = (CENTRAL_STEP if central else FORWARD_STEP) * scales
     if step is not None:
         width = np.full(len(unit), step)
-    columns = np.arange(len(unit))
+    columns = np.arange(len(unit)) if columns is None else columns
     jacobian = np.zeros((residual.size, len(unit)))
     scale = float(np.abs(residual).max(initial=0.0))
     while columns.size:
@@ -154,6 +160,63 @@ def finite_differences(
         columns = columns[drowned]
         width[columns] *= 1e3
     return jacobian
+
+
+class Slopes(NamedTuple):
+    """Derivative of a residual vector by shares of a box, at a point.
+
+    Attributes:
+        columns: (R, N) the derivative.
+        lasting: (N,) whether a column is the same at other points, as far as was seen.
+    """
+
+    columns: Array
+    lasting: npt.NDArray[np.bool_]
+
+
+def slopes_near(
+    residuals: Residuals, unit: Array, residual: Array, box: Box, step: float | None, near: Slopes
+) -> Slopes:
+    """Return the derivative at a point, with columns of another point where these hold.
+
+    Where the residual is linear in most parameters, one candidate in place of one for each tells
+    that it is: off in all of them, by random parts. A product is checked so without being made:
+    Freivalds, IFIP Congress 1977.
+
+    Args:
+        residuals: As of `finite_differences`, and so are the point, its box and the step.
+        near: That of the other point, of the first of the parameters; the rest are new.
+    """
+    lasting = np.pad(near.lasting, (0, len(unit) - len(near.lasting)))
+    if _are_lines(residuals, unit, residual, box, near):
+        found = finite_differences(
+            residuals, unit, residual, box, step=step, columns=np.flatnonzero(~lasting)
+        )
+        found[:, lasting] = near.columns[:, near.lasting]
+    else:
+        found = finite_differences(residuals, unit, residual, box, step=step)
+    before = near.columns
+    same = found[:, : before.shape[1]]
+    sizes = np.linalg.norm(before, axis=0)
+    lasting[: len(sizes)] = np.linalg.norm(same - before, axis=0) <= _LINE_ERROR * sizes
+    return Slopes(found, lasting)
+
+
+def _are_lines(residuals: Residuals, unit: Array, residual: Array, box: Box, near: Slopes) -> bool:
+    """Return whether the columns of another point that last hold at this one, all together."""
+    at = np.flatnonzero(near.lasting)
+    slopes = near.columns[:, at]
+    sizes = np.linalg.norm(slopes, axis=0)
+    if not sizes.any():
+        return False
+    least = sizes[sizes >= _LINE_RATIO * sizes.max()].min()
+    by = _LINE_STEP * np.clip(least / np.maximum(sizes, least), _LINE_RATIO, 1.0)
+    by *= np.random.default_rng(0).uniform(0.5, 1.0, by.size)
+    by[unit[at] > 0.5] *= -1.0
+    moved = unit.copy()
+    moved[at] += by
+    change = residuals(box.physical(moved)[None])[0] - residual
+    return bool(np.linalg.norm(change - slopes @ by) <= _LINE_ERROR * np.linalg.norm(sizes * by))
 
 
 def _differences(

@@ -23,6 +23,8 @@ from ros2_ident.search.jacobian import (
     Known,
     mean_squares,
     Residuals,
+    Slopes,
+    slopes_near,
 )
 
 # A step of Gauss and Newton is taken where it gains this share of what a linear model would.
@@ -47,6 +49,8 @@ class Point:
         unit: (N,) parameters in shares of the box.
         residual: (R,) residual there.
         step: Step of the finite differences, see there.
+        near: Slopes at another point, which may hold here: see `slopes_near`; None where the
+            residual is linear in no parameter.
     """
 
     residuals: Residuals
@@ -54,16 +58,20 @@ class Point:
     unit: Array
     residual: Array
     step: float | None = COARSE_STEP
+    near: Slopes | None = None
 
     @classmethod
-    def at(cls, residuals: Residuals, box: Box, unit: Array) -> 'Point':
+    def at(
+        cls, residuals: Residuals, box: Box, unit: Array, near: Slopes | None = None
+    ) -> 'Point':
         """Return the point at (N,) shares of the box."""
-        return cls(residuals, box, unit, residuals(box.physical(unit)[None])[0])
+        return cls(residuals, box, unit, residuals(box.physical(unit)[None])[0], near=near)
 
     def moved(self, units: Array) -> list['Point']:
         """Return the points at (S, N) shares of the box, evaluated together."""
         pairs = zip(units, self.residuals(self.box.physical(units)), strict=True)
-        return [Point(self.residuals, self.box, *pair, self.step) for pair in pairs]
+        near = None if self.near is None else self.slopes
+        return [Point(self.residuals, self.box, *pair, self.step, near) for pair in pairs]
 
     @property
     def theta(self) -> Array:
@@ -78,11 +86,18 @@ class Point:
     @cached_property
     def jacobian(self) -> Array:
         """(R, N) derivative of the residual by shares of the box; 0 where it diverged."""
+        return self.slopes.columns
+
+    @cached_property
+    def slopes(self) -> Slopes:
+        """The Jacobian, and what of it may hold elsewhere."""
+        given = self.residuals, self.unit, self.residual, self.box
+        none = np.zeros(self.unit.size, dtype=bool)
         if diverged(self.residual):
-            return np.zeros((self.residual.size, self.unit.size))
-        return finite_differences(
-            self.residuals, self.unit, self.residual, self.box, step=self.step
-        )
+            return Slopes(np.zeros((self.residual.size, self.unit.size)), none)
+        if self.near is None:
+            return Slopes(finite_differences(*given, step=self.step), none)
+        return slopes_near(*given, self.step, self.near)
 
 
 def within_box(rows: Array, wanted: Array, unit: Array) -> tuple[Array, float]:
@@ -212,6 +227,7 @@ def least_squares(
     tolerance: float = 1e-6,
     stopped: Callable[[], bool] = lambda: False,
     known: Known | None = None,
+    near: Slopes | None = None,
 ) -> Point:
     """Minimise the mean square of a residual vector within a box.
 
@@ -224,12 +240,13 @@ def least_squares(
         tolerance: As of `descent`.
         stopped: Asked once an iteration; ends the fit with the best so far.
         known: As of `Box`.
+        near: As of `Point`.
 
     Returns:
         The best point found, never worse than the start.
     """
     box = Box.of(low, high, known)
-    best = Point.at(residuals, box, box.inside(start))
+    best = Point.at(residuals, box, box.inside(start), near)
     better = islice(descent(best, tolerance), iterations)
     while not stopped() and (point := next(better, None)):
         best = point

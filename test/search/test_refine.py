@@ -8,8 +8,8 @@ import pytest
 
 from ros2_ident.errors import IdentError
 from ros2_ident.search import finite_differences, refine, RefineStatus
-from ros2_ident.search.jacobian import Box
-from ros2_ident.search.least_squares import least_squares
+from ros2_ident.search.jacobian import Box, Slopes, slopes_near
+from ros2_ident.search.least_squares import least_squares, Point
 
 TIME = np.linspace(0.0, 1.0, 200)
 TRUTH = np.array([3.0, 2000.0])
@@ -150,3 +150,58 @@ def test_a_fit_beside_a_cliff_ends_without_a_word_of_numpy(size):
 
     fitted = least_squares(evaluate, np.array([0.3]), np.array([0.0]), np.array([1.0]))
     assert 0.5 < fitted.theta[0] <= 0.6
+
+
+MOTION = np.random.default_rng(4).normal(size=(3, 200))
+
+
+def counted(seen, scaled):
+    """Return a residual linear in four parameters, or one that the fourth scales."""
+
+    def evaluate(theta):
+        seen.append(len(theta))
+        lines, last = (theta[:, :3] * (1.0, 1e-3, 1e3)) @ MOTION, theta[:, 3:]
+        return lines * (1.0 + last) if scaled else lines + last
+
+    return evaluate
+
+
+@pytest.mark.parametrize(
+    ('scaled', 'runs', 'lasting'),
+    [
+        # one for all three lines, one for what is new
+        (False, 1 + 1, [True, True, True, False]),
+        # none of them is the same: all four as well
+        (True, 1 + 4, [False] * 4),
+    ],
+)
+def test_columns_of_another_point_are_taken_where_one_candidate_finds_them_the_same(
+    scaled, runs, lasting
+):
+    low, high = np.zeros(4), np.ones(4)
+    box, unit = Box.of(low, high), np.array([0.2, 0.9, 0.4, 0.7])
+    seen = []
+    evaluate = counted(seen, scaled)
+    near = Slopes((MOTION.T * (1.0, 1e-3, 1e3)), np.full(3, True))
+    residual = evaluate(unit[None])[0]
+    seen.clear()
+    found = slopes_near(evaluate, unit, residual, box, 1e-4, near)
+    assert sum(seen) == runs
+    assert found.lasting.tolist() == lasting
+    exact = finite_differences(evaluate, unit, residual, box, step=1e-4)
+    scale = np.abs(exact).max(axis=0) + 1e-12
+    assert (np.abs(found.columns - exact) / scale).max() < 1e-6
+
+
+def test_a_column_that_was_the_same_at_two_points_is_one_that_lasts():
+    box = Box.of(np.zeros(4), np.ones(4))
+    evaluate = counted(seen := [], False)
+    nothing = Slopes(np.empty((200, 0)), np.empty(0, dtype=bool))
+    first = Point.at(evaluate, box, np.full(4, 0.5), nothing)
+    assert first.slopes.lasting.sum() == 0
+    (second,) = first.moved(np.full((1, 4), 0.3))
+    assert second.slopes.lasting.all()
+    (third,) = second.moved(np.full((1, 4), 0.6))
+    seen.clear()
+    assert third.slopes.lasting.all()
+    assert sum(seen) == 1
