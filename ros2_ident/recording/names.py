@@ -35,8 +35,8 @@ _WORDS = {
     'temp temperature temperatures voltage volt pwm duty acc accel acceleration ddq qdd jerk tcp '
     'pose kp kd ki gain limit scaling computed cmptd calculated calc',
     'time': 'time times t stamp stamps timestamp timestamps clock zeit elapsed tiempo tempo temps',
-    'vague': 'value values state states data controller control trajectory mapper foc rel header '
-    'field raw',
+    'vague': 'value values point points state states data controller control trajectory mapper '
+    'foc rel header field raw',
     'treated': 'filtered filt fil gefiltert smoothed compensated compensate',
     'place': 'joint joints j axis motor servo drive id',
 }
