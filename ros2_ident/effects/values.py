@@ -248,17 +248,17 @@ EFFECTS = (
         group='measurement',
         about="A joint's position is 0 in the log elsewhere than in the description.",
         title='joint zero',
-        equation='logged position less q_0, to first order',
+        equation='logged position less q_0; along a recorded motion to first order',
         source='kinematic calibration',
         parameters=(
-            # Of the stroke. By hand: beyond it is no longer of first order.
+            # Of the stroke. By hand: beyond it a recorded motion's is no longer of first order.
             EffectParameter('zero', 'm', -0.1, 0.1, 0.0, target='log_zero', symbol='q_0',
                             meaning="the log's position where the joint's is 0"),
         ),
         family='position',
         confusable=('cable_spring', 'constant_force', 'torque_ripple'),
         separated_by='move {drive} to a mark whose position is known, or its end stop',
-        needs=lambda context: 'links' in context.features and not context.closed_loop,
+        needs=lambda context: 'links' in context.features,
     ),
     _gain_error('integral', 'k_I', 0.1, 5.0, needs=lambda x: x.closed_loop and x.integral),
     Effect(

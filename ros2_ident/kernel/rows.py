@@ -93,7 +93,7 @@ DRIVE_ROWS = (
     'log_duty',  # what the log holds for the full supply, in its unit
     'log_speed',  # by which that falls, per rad/s
     'log_smoothing',  # s, no kernel's: it needs the whole log
-    'log_zero',  # rad, what the log says where the joint is at 0: a term of an arm's links
+    'log_zero',  # rad, what the log says where an arm's joint is at 0
 )
 NEUTRAL = {'payload_duration': 1e9, 'load_frequency': 30.0, 'load_damping': 0.05, 'log_gain': 1.0}
 

@@ -93,6 +93,26 @@ def test_a_free_run_is_that_of_the_slow_reference(
     assert np.abs(simulated[:4] - effort).max() < 1e-9 * np.abs(effort).max()
 
 
+@pytest.mark.parametrize('drive', [None, COUPLED], ids=['plain', 'coupled'])
+def test_another_zero_is_the_same_run_with_all_positions_shifted(
+    tmp_path: Path, drive: dict[str, object] | None
+) -> None:
+    machine = described(tmp_path, drive=drive, controller=GAINS, **BOXES)
+    model, theta = free_run(machine, 60)
+    place, speed = wanted(60)
+    by = 0.07 * np.eye(4)[2][:, None]
+    found = make_model(
+        machine,
+        logged(place + by, speed, place[:, :1] + by + 0.0 * place),
+        effects=[EffectAt('joint_zero_error', JOINTS[2])],
+        quantities=('effort', 'position'),
+    )
+    effort, position = np.split(model.simulate(theta[None])[0], 2)
+    also = np.split(found.simulate(np.append(theta, 0.07)[None])[0], 2)
+    np.testing.assert_allclose(also[1], position + by, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(also[0], effort, rtol=0, atol=1e-10 * np.abs(effort).max())
+
+
 def test_a_payload_and_other_links_are_those_of_the_described_arm_with_them(
     tmp_path: Path,
 ) -> None:
@@ -315,11 +335,21 @@ def test_an_open_chain_of_an_mjcf_is_simulated_by_this_package(tmp_path: Path) -
     made = yaml.safe_load(followed_file((), text, 'arm.xml', log) or '')
     assert (made['machine'], made['drives']) == ('serial', ['lift', 'bend'])
     assert made['controller']['torque_limit'] == [150.0, 40.0]
-    assert not {'velocity_feedforward', 'integral_gain'} & set(made['parameters'])
+    further = {'velocity_feedforward', 'integral_gain', 'link_moment', 'link_inertia'}
+    assert not further & set(made['parameters'])
     # What ran and what is stated lie well within the bounds.
     for name, ran in (('position_gain', (2000, 700)), ('velocity_gain', (90, 30))):
         assert all(box[1] > 2 * x for box, x in zip(made['parameters'][name], ran, strict=True))
     assert made['parameters']['drive_inertia'][0][1] >= 4 * 0.3
+
+
+def test_links_that_weigh_else_than_described_are_parameters(tmp_path: Path) -> None:
+    told = MJCF.format(actuator='', more='')
+    log = log_of(told.replace('mass="4"', 'mass="4.6"'), 'arm.xml', tmp_path)
+    made = yaml.safe_load(followed_file((), told, 'arm.xml', log) or '')
+    for name, least in (('link_moment', 0.6 * 0.2), ('link_inertia', 0.6 * 0.2**2)):
+        low, high, _ = made['parameters'][name]
+        assert low < -2 * least and high > 2 * least
 
 
 def test_noise_of_positions_is_no_late_set_point(tmp_path: Path) -> None:

@@ -52,6 +52,12 @@ def sizes(drives: int) -> tuple[int, int]:
 
 
 @inlined
+def _of_links(par, d, place):
+    """Return where the links are that motor `d` moves, by what its encoder says."""
+    return place - load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.log_zero) * W)
+
+
+@inlined
 def _push(par, mem, on, z, v, carried, aim, push, pulls, d, now, elapsed):
     """Write the force [N m or N] on joint `d` besides what its links ask, and its part `pulls`.
 
@@ -233,7 +239,8 @@ def _step(
     for d in range(drives):
         v = load(rate, d * W)
         a = load(drift, d * W)
-        store(spare, d * W, load(place, d * W) + half * (v + 0.5 * half * a))
+        middle = load(place, d * W) + half * (v + 0.5 * half * a)
+        store(spare, d * W, _of_links(par, d, middle))
         store(first, d * W, v + half * a)
         store(aim, d * W, with_sign(spread(1.0), v))
     mass_and_load(par, base, tree, spare, first, inverse, asked, links)
@@ -307,7 +314,8 @@ def _begun(par, base, mem, start, command, ahead, tree, law, cycle, place, rate,
     mass, links = parted(rest, drives * drives)
     for d in range(drives):
         store(place, d * W, spread(start[d]))
-    mass_and_load(par, base, tree, place, rate, mass, asked, links)
+        store(carried, d * W, _of_links(par, d, spread(start[d])))
+    mass_and_load(par, base, tree, carried, rate, mass, asked, links)
     for d in range(drives):
         first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
         hold = load(asked, d * W) + load(par, (first + DRIVE.constant_load) * W)

@@ -200,12 +200,13 @@ class Serial(DriveModel):
         self.candidates.of(block, 'log_delay')[:] += self.log.lead
         own, count = self.candidates.own_values(theta), len(block)
         balance = np.reshape(self.log.transmission.coefficients(own, count), (-1, count)).T
-        hand = self._hand(block)
+        hand, zeros = self._hand(block), self.candidates.of(block, 'log_zero')
         if not self.log.closed:
             links = self.inertials.coefficients(own, hand)
             if self._homed:
-                balance = np.hstack([balance, -self.candidates.of(block, 'log_zero')])
+                balance = np.hstack([balance, -zeros])
         else:
+            zeros[:] = zeros @ self.log.transmission.motors.T
             each = self.inertials.whole(own, hand).reshape(count, -1, INERTIALS)
             order = np.argsort(self.arm.joints)
             links = turned(each, self.log.turns)[:, order].reshape(count, -1)
