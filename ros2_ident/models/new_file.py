@@ -28,6 +28,7 @@ from ros2_ident.machine.keys import DESCRIPTION_TOPIC, digits, inline, Key, lite
 from ros2_ident.machine.kind import Kind
 from ros2_ident.machine.units import name_of, STATED_FOR
 from ros2_ident.models.registry import KINDS, machine_from_mapping, make_model
+from ros2_ident.models.serial.law import left_by_quarters
 from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import cycle_of, sample_period, short_number
@@ -319,17 +320,37 @@ def followed_file(
     # The plainest that leaves hardly more than the best; by hand.
     least = _HARDLY * min(found.values())
     text = next(text for text, left in found.items() if left <= least)
+    wide = _boxes(kind, root)
+    links = ''.join(f'  {name}: {wide[name]}\n' for name in kind.described[1:] if name in wide)
+    if data.effort is not None and links and _weighs_else(text, links, description, data):
+        text += f'  # The log is not of the links as described, but as far from them:\n{links}'
     if root.tag == 'robot' or not _steps_as_mujoco(text, names, description, named, data):
         return text
     return None
 
 
-def _model_by(text: str, description: str, data: Dataset) -> Any:
-    """Return the model of a log's positions by the text of a machine file and its description."""
+def _model_by(text: str, description: str, data: Dataset, compared: str = 'position') -> Any:
+    """Return the model of a log by the text of a machine file and its description."""
     mapping = yaml.safe_load(text)
     mapping['geometry']['description'] = DESCRIPTION_TOPIC
     machine = machine_from_mapping(mapping).described(description)
-    return make_model(machine, data, quantities=('position',))
+    return make_model(machine, data, quantities=(compared,))
+
+
+def _weighs_else(text: str, links: str, description: str, data: Dataset) -> bool:
+    """Return whether other links than described leave far less of a log's efforts.
+
+    Args:
+        text: The machine file with the links as described.
+        links: Lines of its parameters by which they may differ.
+        description: URDF or MJCF.
+        data: The log, of which the recorded motion counts.
+    """
+    moved = replace(data, command_position=None, command_velocity=None)
+    described, other = (
+        left_by_quarters(_model_by(x, description, moved, 'effort')) for x in (text, text + links)
+    )
+    return other < _FAR_LESS * described
 
 
 def _steps_as_mujoco(
@@ -364,7 +385,8 @@ _FURTHER = {
 }
 _MORE = [more for n in range(3) for more in itertools.combinations(_FURTHER, n)]
 _HARDLY = 1.1
-# Share of the mean square that MuJoCo leaves where the log is one of its own steps; by hand.
+# Share of the mean square that is left where a log is one of MuJoCo's own steps, or of other links
+# than described; by hand.
 _FAR_LESS = 0.25
 
 

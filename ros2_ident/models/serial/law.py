@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gains, friction and rotors of an arm's motors by its log alone, before anything is simulated.
+"""Gains, friction, rotors and links of an arm by its log alone, before anything is simulated.
 
 What a controller asks is linear in its gains, and what a motor needs in friction and rotor
 (Gautier, Janot, Vandanjon, IEEE TCST 21(2), 2013). Noise of the motion biases both, a free run
@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 
 from ros2_ident.arrays import Array
+from ros2_ident.models.protocol import FullModel
 
 # Slower than this share of the top speed the direction of friction is open.
 _SLOW = 0.05
@@ -156,3 +157,21 @@ def _missed(columns: Array, values: Array) -> float:
         told = _solved(columns[:, one], values[one]) @ columns[:, ~one]
         total += float(np.sum((values[~one] - told) ** 2))
     return total / max(float(np.sum(values**2)), 1e-300)
+
+
+def left_by_quarters(model: FullModel) -> float:
+    """Return the sum of squares that a linear model leaves of each quarter of a log.
+
+    By what its parameters are in the other three.
+    """
+    low, high = np.array([(p.low, p.high) for p in model.parameters]).T
+    # Of a line any step tells the slope.
+    steps = np.vstack([np.zeros_like(low), np.diag(0.25 * (high - low))])
+    at, *moved = model.residuals(0.5 * (low + high) + steps)
+    slopes = np.array(moved).T - at[:, None]
+    quarter = np.nonzero(np.isfinite(model.measured))[1] * 4 // model.measured.shape[1]
+    total = 0.0
+    for own in (quarter == n for n in range(4)):
+        way = np.linalg.lstsq(slopes[~own], -at[~own], rcond=None)[0]
+        total += float(np.sum((at[own] + slopes[own] @ way) ** 2))
+    return total
