@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     freely = text is not None
     if log is not None:
         if args.description is None:
-            text = new_file.one_joint_file(kind, args.drives, log, args.travel)
+            text = new_file.driven_file(kind, args.drives, log, args.travel)
         known['log'] = log
     text = text or new_file.new_machine_file(kind, args.drives, **known)
     stated = yaml.safe_load(text)
@@ -127,9 +127,10 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
     header.require_told(path)
     # Bounds of the file come from the log's effort, in N m or N.
     keys = {key.name for key in KINDS[args.kind].keys} if args.kind else set()
-    effort = args.description is None and bool(keys & {'moving_mass', 'link_moment'})
+    several = len({x.joint for x in header.columns} - {''}) > 1
+    own = {'moving_mass'} if several else {'moving_mass', 'link_moment'}
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
-    header.require_scales(effort and len({x.joint for x in header.columns} - {''}) == 1)
+    header.require_scales(args.description is None and bool(keys & own))
     text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)
     write_text(where, f'# From the names in {printable(path.name)}.\n{text}')
     print(f'written: {where}; correct it where a column is another', file=sys.stderr)

@@ -130,12 +130,11 @@ def _gravity(kind: Kind, root: ET.Element) -> dict[str, float]:
     return {key: y for key, x in stated.items() if (y := round(x, 9)) != usual[key]}
 
 
-def one_joint_file(
-    kind: Kind, drives: Sequence[str], log: Recording, travel: str = ''
-) -> str | None:
-    """Return the whole file of one joint that its recorded motion drives, by its log.
+def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str = '') -> str | None:
+    """Return the whole file of one joint, or of drives, that a recorded motion drives, by its log.
 
-    No controller is in it: a log does not say its gains.
+    No controller is in it: a log does not say its gains. Of several drives those whose position or
+    effort stays the same are left out.
 
     Args:
         drives: Joint names; those of the log where there are none.
@@ -144,54 +143,78 @@ def one_joint_file(
 
     Returns:
         The text, its bounds from what alone would make the effort; None where the kind has no
-        rigid drive or link, or the log no effort or another number of joints.
+        rigid drive or link, the log no effort, or several joints for one link.
 
     Raises:
-        IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link, or where
-            the log states an effort that is no force of what slides, or torque of what turns;
-            MISSING_STREAM where position or effort stay the same.
+        IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link, where the
+            log states an effort that is no force of what slides, or torque of what turns, or
+            where some drives turn and others slide; MISSING_STREAM where positions or efforts
+            stay the same.
     """
     log, summed = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None
     names = tuple(drives) or log.state.names
     keys = {key.name for key in kind.keys}
     links, rigid = 'link_moment' in keys, 'moving_mass' in keys
-    if not (links or rigid) or len(names) != 1 or log.state.position is None:
+    if log.state.position is None or not (rigid or links and len(names) == 1):
         return None
-    motion = motion_of(log, names[0])
-    if motion.effort is None:
+    motions = {x: y for x in names if (y := motion_of(log, x)).effort is not None}
+    if not motions:
         return None
-    for quantity, values in (('position', motion.position), ('effort', motion.effort)):
-        if not np.nanmax(values) > np.nanmin(values):
-            raise ErrorCode.MISSING_STREAM.error(
-                f'the {quantity} of {names[0]} stays the same, so that the log tells nothing of '
-                f'the drive; record a motion, or name another column as its {quantity}'
+    still = {x: z for x in motions if (z := _still(motions[x]))}
+    if len(still) == len(motions):
+        name, quantity = next(iter(still.items()))
+        raise ErrorCode.MISSING_STREAM.error(
+            f'the {quantity} of {name} stays the same, so that the log tells nothing of '
+            f'the drive; record a motion, or name another column as its {quantity}'
+        )
+    motions = {x: y for x, y in motions.items() if x not in still}
+    rows: dict[str, list[str]] = {}
+    fit: set[str] = set()
+    for name, motion in motions.items():
+        assert motion.effort is not None
+        stated = {quantity: unit for (own, quantity), unit in log.units.items() if own == name}
+        unit = stated.get('effort', '')
+        way = 'rad' if links else travel or next((stated[x] for x in _TRAVELS if x in stated), '')
+        way = way or ('m' if unit == 'N' else '')
+        fits = 'N' if way == 'm' else 'N m'
+        if unit not in ('', fits):
+            raise ErrorCode.INVALID_GOAL.error(
+                f'the effort of {name} is in {unit}, and bounds of what '
+                f'{"slides" if way == "m" else "turns"} are in {fits}; give it in the column map '
+                f'a `scale`, how many {fits} one is, in place of the unit'
+                f'{_ASKED.get((unit, fits), "")}'
             )
-    stated = {quantity: unit for (name, quantity), unit in log.units.items() if name == names[0]}
-    unit = stated.get('effort', '')
-    travel = 'rad' if links else travel or next((stated[x] for x in _TRAVELS if x in stated), '')
-    travel = travel or ('m' if unit == 'N' else '')
-    fits = 'N' if travel == 'm' else 'N m'
-    if unit not in ('', fits):
+        # An integral of a speed comes back to no place.
+        weight = 0.0 if way == 'm' or summed else _weight(motion, motion.effort)
+        if rigid and weight:
+            raise ErrorCode.INVALID_GOAL.error(
+                f'the effort of {name} follows its position, up to {weight:.3g}, as that of a '
+                f'joint under gravity, which a {kind.name} does not have; take --kind serial'
+                f'{f" and --drives {name}" if len(names) > 1 else ""}, or --travel m where the '
+                'position is a length'
+            )
+        fit.add(fits)
+        most = float(np.nanmax(np.abs(motion.effort)))
+        moved = motion.acceleration, motion.velocity
+        mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
+        units = ('kg', 'N', 'N s/m') if way == 'm' else ('kg m^2', 'N m', 'N m s/rad')
+        for key, box in (
+            ('moving_mass', f'0.0, {mass:.3g}, {units[0]}'),
+            ('coulomb_friction', f'0.0, {most:.3g}, {units[1]}'),
+            ('viscous_friction', f'0.0, {viscous:.3g}, {units[2]}'),
+            ('constant_force', f'{-most:.3g}, {most:.3g}, {units[1]}'),
+        ):
+            rows.setdefault(key, []).append(box)
+    if len(fit) > 1:
         raise ErrorCode.INVALID_GOAL.error(
-            f'the effort of {names[0]} is in {unit}, and bounds of what '
-            f'{"slides" if travel == "m" else "turns"} are in {fits}; give it in the column map a '
-            f'`scale`, how many {fits} one is, in place of the unit{_ASKED.get((unit, fits), "")}'
+            'some of these drives turn and others slide, and a machine file has one unit of '
+            'efforts; name those that turn, or those that slide, by --drives'
         )
-    most = float(np.nanmax(np.abs(motion.effort)))
-    moved = motion.acceleration, motion.velocity
-    mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
-    # An integral of a speed comes back to no place.
-    weight = 0.0 if travel == 'm' or summed else _weight(motion, motion.effort)
-    if rigid and weight:
-        raise ErrorCode.INVALID_GOAL.error(
-            f'the effort of {names[0]} follows its position, up to {weight:.3g}, as that of a '
-            f'joint under gravity, which a {kind.name} does not have; take --kind serial, or '
-            '--travel m where the position is a length'
-        )
-    head = f'machine: {kind.name}\ndrives: {inline([*names])}\n'
-    if fits == 'N':
-        head += 'effort_unit: N\n'
+    head = f'machine: {kind.name}\ndrives: {inline([*motions])}'
+    left = ', '.join(x for x in names if x not in motions)
+    head += f'      # {left}: no motion or effort' if left else ''
+    head += '\neffort_unit: N\n' if fit == {'N'} else '\n'
     period = f'controller: {{cycle: {cycle_of(log.state.stamp)}}}      # s, period of the log\n'
     # A commanded effort acts half a cycle after its stamp; a measured one is that much late.
     delay = f'  measurement_delay: [0.0, {2.0 * motion.period:.3g}, s]\n'
@@ -213,16 +236,22 @@ def one_joint_file(
             f'  coulomb_torque: [0.0, {most:.3g}, N m]\n'
             f'  viscous_torque: [0.0, {viscous:.3g}, N m s/rad]\n{delay}'
         )
-    turns = travel != 'm'
-    units = ('kg m^2', 'N m', 'N m s/rad') if turns else ('kg', 'N', 'N s/m')
-    note = '' if travel else '# of a joint that turns; a carriage: --travel m'
-    return (
-        f'{head}{period}{f"parameters:                      {note}".rstrip()}\n'
-        f'  moving_mass: [0.0, {mass:.3g}, {units[0]}]\n'
-        f'  coulomb_friction: [0.0, {most:.3g}, {units[1]}]\n'
-        f'  viscous_friction: [0.0, {viscous:.3g}, {units[2]}]\n'
-        f'  constant_force: [{-most:.3g}, {most:.3g}, {units[1]}]\n{delay}'
+    note = '' if way else '# of a joint that turns; a carriage: --travel m'
+    apart, top = '\n  - ', f'parameters:                      {note}'.rstrip()
+    lines = (
+        f'  {key}:{apart if x[1:] else " "}{apart.join(f"[{y}]" for y in x)}\n'
+        for key, x in rows.items()
     )
+    return f'{head}{period}{top}\n{"".join(lines)}{delay}'
+
+
+def _still(motion: Motion) -> str:
+    """Return which quantity of a drive stays the same, of which a log tells nothing; else ''."""
+    assert motion.effort is not None
+    for quantity, values in (('position', motion.position), ('effort', motion.effort)):
+        if not np.nanmax(values) > np.nanmin(values):
+            return quantity
+    return ''
 
 
 def _weight(motion: Motion, logged: FloatArray) -> float:

@@ -9,7 +9,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import IdentError
 from ros2_ident.identify.run import read_data
 from ros2_ident.models import load_machine
-from ros2_ident.models.new_file import one_joint_file
+from ros2_ident.models.new_file import driven_file
 from ros2_ident.models.registry import KINDS
 from ros2_ident.recording import read_bag
 from ros2_ident.recording.columns import load_columns, stated_units
@@ -137,12 +137,12 @@ def test_the_file_of_a_carriage_says_that_its_effort_is_a_force(tmp_path, capsys
 def test_a_torque_of_what_slides_and_a_force_of_what_turns_are_asked_about(tmp_path, header, said):
     log = logged(tmp_path, '', header)
     with pytest.raises(IdentError, match=said):
-        one_joint_file(KINDS['linear_axis'], (), _by_header(log))
+        driven_file(KINDS['linear_axis'], (), _by_header(log))
 
 
 def test_a_force_alone_is_one_of_what_slides(tmp_path):
     log = logged(tmp_path, '', 'time,pos,force [N]')
-    text = one_joint_file(KINDS['linear_axis'], (), _by_header(log))
+    text = driven_file(KINDS['linear_axis'], (), _by_header(log))
     assert 'effort_unit: N\n' in text and ', kg]' in text
 
 
@@ -150,3 +150,23 @@ def _by_header(log):
     where = log.with_suffix('.columns.yaml')
     where.write_text(yaml.safe_dump(header_of(log).map()))
     return read_bag(log)[0]
+
+
+def test_a_file_of_several_drives_holds_what_the_log_says_and_no_example(tmp_path, capsys):
+    time = 0.002 * np.arange(2000)
+    rows, sizes = [time], ((0.3, 1.0), (0.02, 0.4))  # kg m^2, N m
+    for (inertia, friction), rate in zip(sizes, (3.0, 5.0), strict=True):
+        speed = np.cos(rate * time)
+        effort = -inertia * rate * np.sin(rate * time) + friction * np.sign(speed)
+        rows += [np.sin(rate * time) / rate, np.sin(rate * time) / rate, effort]
+    rows += [0.1 * np.ones(time.size), np.zeros(time.size), np.zeros(time.size)]
+    names = ['time', *(f'{x}_{y}' for x in 'abc' for y in ('pos', 'goal_pos', 'torque'))]
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    np.savetxt(log, np.stack(rows, 1), delimiter=',', header=','.join(names), comments='')
+    assert new_machine(log, out) == 0
+    stated = yaml.safe_load(out.read_text())
+    assert stated['drives'] == ['a', 'b'] and '# c: no motion or effort' in out.read_text()
+    assert [*stated['controller']] == ['cycle'] and 'drive' not in stated
+    for key, found in ('moving_mass', 0), ('coulomb_friction', 1):
+        for box, values in zip(stated['parameters'][key], sizes, strict=True):
+            assert box[0] <= values[found] < box[1]
