@@ -9,7 +9,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import topics_of
-from ros2_ident.errors import ErrorCode
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_text
 from ros2_ident.machine.units import STATED_FOR
 from ros2_ident.models.registry import KINDS, machine_from_mapping
@@ -81,7 +81,6 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
 
     path = Path(args.bag)
     where = path.with_name(path.stem + MAP_SUFFIX)
-    made = Path(args.columns) if args.columns else where
     there = path.exists()  # of what is not there the reader says so
     named = there and of_columns(path)
     option = '--column' if args.column else '--rate' if args.rate else ''
@@ -89,12 +88,9 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
         raise ErrorCode.INVALID_GOAL.error(
             f'{option} is of a table or of arrays, which {path} is not; leave it out'
         )
-    if option and made.exists():
-        raise ErrorCode.INVALID_GOAL.error(
-            f'{made} says what the columns are, so that {option} has no part in it; correct it '
-            'there, or remove that file'
-        )
-    if named and not (args.columns or where.exists()):
+    if args.columns and option:
+        raise _settled(args.columns, option)
+    if named and not args.columns and (option or not where.exists()):
         _draft(path, where, args, description)
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
@@ -109,6 +105,13 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
             'or, of hobby servos, the set-point, or name its topic or column'
         )
     return recording
+
+
+def _settled(where: object, option: str) -> IdentError:
+    return ErrorCode.INVALID_GOAL.error(
+        f'{where} says what the columns are, so that {option} has no part in it; correct it '
+        'there, or remove that file'
+    )
 
 
 def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) -> None:
@@ -132,7 +135,12 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
     header.require_scales(args.description is None and bool(keys & own))
     text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)
-    write_text(where, f'# From the names in {printable(path.name)}.\n{text}')
+    text = f'# From the names in {printable(path.name)}.\n{text}'
+    if where.exists():  # by the same options, of a command that was given again
+        if where.read_text() != text:
+            raise _settled(where, '--column' if args.column else '--rate')
+        return
+    write_text(where, text)
     print(f'written: {where}; correct it where a column is another', file=sys.stderr)
     if options := header.in_order():
         said = 'are these in the order of the joints? if so, remove that map and give'

@@ -170,3 +170,15 @@ def test_a_file_of_several_drives_holds_what_the_log_says_and_no_example(tmp_pat
     for key, found in ('moving_mass', 0), ('coulomb_friction', 1):
         for box, values in zip(stated['parameters'][key], sizes, strict=True):
             assert box[0] <= values[found] < box[1]
+
+
+def test_a_command_may_be_given_again_with_what_it_asked_for(tmp_path, capsys):
+    log, out = logged(tmp_path, '', 'time,x,F'), tmp_path / 'm.yaml'
+    words = ['new-machine', '--bag', str(log), '--out', str(out)]
+    words += ['--column', 'x=cart.position', '--column', 'F=cart.effort']
+    assert main(words) == 2
+    assert 'say of what kind the machine is' in capsys.readouterr().err
+    assert main([*words, '--kind', 'linear_axis']) == 0
+    out.unlink()
+    assert main([*words[:-1], 'F=cart.velocity', '--kind', 'linear_axis']) == 2
+    assert 'log.columns.yaml says what the columns are' in capsys.readouterr().err
