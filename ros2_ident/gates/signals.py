@@ -219,7 +219,7 @@ def best_delays(
     """
     rough, fine = (Fit(signals, most, where, weights) for most in (800, 4000))
     wide = max(1.0, round(_WIDE / signals.cycle))
-    grid = np.arange(lags[0], lags[1] + 1.0, wide)
+    grid = np.minimum(np.arange(lags[0], lags[1] + 1.0, wide), lags[1])
     found = sorted(
         (float(left), float(lag), float(late))
         for late in lates

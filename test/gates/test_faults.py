@@ -187,3 +187,13 @@ def test_without_a_command_that_is_said_once():
     report = report_of('tripod', silent)
     assert [g.gate for g in report.gates if g.level == 'warn'] == ['command']
     assert report.headline == ''
+
+
+def test_delays_of_less_than_a_cycle_are_looked_for_within_it(recwarn):
+    def seldom(recording: Recording) -> Recording:
+        streams = {role: x.taken(slice(None, None, 50)) for role, x in recording.streams.items()}
+        return replace(recording, **streams)
+
+    machine = replace(axis(), constants={**axis().constants, 'cycle': (0.05,)})
+    report_of('axis', both(seldom, times('effort', 3.0)), machine)
+    assert [str(x.message) for x in recwarn] == []
