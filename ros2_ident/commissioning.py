@@ -2,6 +2,7 @@
 """A machine file held against a bag of the machine: what in it cannot be, and on which line."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 import math
 
@@ -131,7 +132,11 @@ def _gates(
     data: Data, machine: Machine, file: MachineFile, drives: Sequence[str] | None
 ) -> Iterator[Finding]:
     """Say what commands, positions and efforts say of each other, with the line to change."""
+    from ros2_ident.identify.problem import at_rest
+
     constants = kind_of(machine).constants
+    with suppress(IdentError):  # of a drive that stands an identification asks nothing either
+        machine, drives = at_rest(machine, data.datasets, drives)
     gates = examine(machine, data.datasets, drives).gates
     for gate in gates:
         if gate.gate in _STREAMS or (gate.gate, gate.level) in (('jitter', 'ok'), ('sign', 'ok')):

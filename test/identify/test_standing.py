@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip('pinocchio', reason='pinocchio is not installed')
 
+from ros2_ident.cli.main import main  # noqa: E402
 from ros2_ident.errors import IdentError  # noqa: E402
 from ros2_ident.gates.examine import check_effort  # noqa: E402
 from ros2_ident.identify.data import Data, gather  # noqa: E402
@@ -116,3 +117,21 @@ def recorded(data):
     """Return a recording of a log's positions and efforts."""
     stamp = np.round(TIME * 1e9).astype(np.int64)
     return Recording(Stream(data.names, stamp, data.position.T, None, data.effort.T), None, None)
+
+
+@pytest.mark.parametrize('held', [0.0, 0.06])
+def test_the_sign_of_what_holds_a_drive_is_not_asked_about(tmp_path, capsys, held):
+    place, still = np.sin(2.0 * TIME), 1e-3 * np.sin(0.7 * TIME)
+    effort = np.sign(np.cos(2.0 * TIME)) - 0.8 * place
+    holding = held * np.abs(np.cos(0.7 * TIME))
+    log, machine = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows = np.stack([TIME, place, effort, still, holding], 1)
+    np.savetxt(log, rows, delimiter=',', header='time,a_pos,a_torque,b_pos,b_torque', comments='')
+    words = ['--kind', 'linear_axis', '--drives', 'a', '--bag', str(log), '--out', str(machine)]
+    assert main(['new-machine', *words]) == 0
+    text = machine.read_text().replace('drives: [a]', 'drives: [a, b]')
+    machine.write_text(text)
+    assert main(['check', str(log), '--machine', str(machine)]) == 0
+    said = capsys.readouterr().out
+    assert 'b: stood still, so nothing is found of what moves there' in said
+    assert 'b: the effort' not in said
