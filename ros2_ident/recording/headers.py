@@ -118,6 +118,7 @@ class Header:
             IdentError: INVALID_GOAL for another text, or a column or quantity that is not there.
         """
         columns, names = list(self.columns), [x.name for x in self.columns]
+        stated = set[int]()
         for text in given:
             name, joint, quantity, factor = _option(text)
             scale = math.nan
@@ -125,12 +126,15 @@ class Header:
                 scale = float(factor or 1.0)
             known = bool(joint) and quantity in maps.QUANTITIES
             unit = _SECONDS.get(scale, '') if (joint, quantity) == ('', 'time') else ''
-            if name not in names or not (known or unit) or not math.isfinite(scale) or not scale:
+            at = names.index(name) if names.count(name) == 1 else -1
+            if name.isdecimal() and name not in names:
+                at = int(name) - 1 if int(name) <= len(names) else -1
+            if at < 0 or not (known or unit) or not math.isfinite(scale) or not scale:
                 form = 'write NAME=JOINT.QUANTITY, NAME=JOINT.QUANTITY*SCALE or NAME=time (of ms, '
                 form += 'time*1e-3), with a quantity of '
                 able = f'{", ".join(maps.QUANTITIES)} and a column of {listed(names, 30)}'
+                able += ', by its number where several are called alike'
                 raise ErrorCode.INVALID_GOAL.error(f'--column {short(text)}: {form}{able}')
-            at = names.index(name)
             before = columns[at]
             if unit:
                 before = replace(before, unit=unit)
@@ -139,13 +143,15 @@ class Header:
                     columns[n] = x = replace(x, joint=joint)  # as its other columns
                 if (x.joint, x.quantity) == (joint, quantity):
                     columns[n] = x.left_out('another column was given for it')
-            columns[at] = Meaning(name, joint, quantity, before.unit, scale, stated=bool(factor))
+            stated.add(at)
+            columns[at] = Meaning(
+                names[at], joint, quantity, before.unit, scale, stated=bool(factor)
+            )
         moving = dict.fromkeys(x.joint for x in columns if x.quantity in ('position', 'velocity'))
-        stated = {_option(text)[0] for text in given}
         for n, x in enumerate(columns):
             if x.quantity != 'effort' or not moving or x.joint in moving:
                 continue
-            if x.name in stated:
+            if n in stated:
                 text = f'--column: {short(x.name)} is to be the effort of {short(x.joint)}, which '
                 text += f'no column moves; write one of {listed(moving, 30)}'
                 raise ErrorCode.INVALID_GOAL.error(text)

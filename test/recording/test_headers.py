@@ -316,3 +316,16 @@ def test_an_integral_of_a_speed_shows_nothing_of_places(tmp_path, measured):
     offered = {at.effect for at in model.extensions()}
     assert 'stribeck' in offered
     assert ('end_stop' in offered) is ('cable_spring' in offered) is measured
+
+
+def test_columns_of_one_name_are_told_apart_by_their_number(tmp_path, capsys):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows(log, 'Position [0x6064],,Torque [0x6077],\nX,Y,X,Y', '{t},{a},{t},{b}')
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--out', str(out)]
+    assert main([*words, '--column', '1=time', '--column', 'Y=arm.position']) == 2
+    assert 'by its number where several are called alike' in capsys.readouterr().err
+    told = ['1=time', '2=arm.position', '4=arm.effort']
+    assert main([*words, *(y for x in told for y in ('--column', x))]) == 0
+    recording = read_bag(log)[0]
+    assert recording.state.position[15, 0] == pytest.approx(math.sin(1.5))
+    assert recording.effort.effort[15, 0] == pytest.approx(math.cos(1.5))
