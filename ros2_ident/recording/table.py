@@ -145,10 +145,49 @@ def text_of(path: Path) -> str:
     require_memory(f'{path}: the table takes', 8 * path.stat().st_size)
     raw = path.read_bytes()
     try:
-        return raw.decode('utf-8-sig')
+        return _apart(raw.decode('utf-8-sig'))
     except UnicodeDecodeError:
         # scopes on Windows write their names in its code page; numbers look the same in both
-        return raw.decode('latin-1')
+        return _apart(raw.decode('latin-1'))
+
+
+def _apart(text: str) -> str:
+    """Return a table with several numbers of one cell, as `[0.1 2.3]`, in cells of their own.
+
+    Their names have a number, as those of an array's columns. It is judged by the last line but
+    one, as the last may break off, below a line of names that are as many.
+    """
+    last = text.rstrip().rsplit('\n', 2)[-2:][0]
+    for mark in ',;\t':
+        try:
+            sizes = [len(_several(x)) or 1 for x in next(csv.reader([last], delimiter=mark), [])]
+            if len(sizes) < 2 or max(sizes) < 2:
+                continue
+            rows = [*csv.reader(io.StringIO(text, newline=''), delimiter=mark)]
+        except csv.Error:
+            continue
+        named = (
+            n for n, x in enumerate(rows) if len(x) == len(sizes) and not any(map(_several, x))
+        )
+        if (at := next(named, None)) is None:
+            continue
+        each = [[_several(x) or [x] for x in row] for row in rows]
+        several = zip(rows[at], sizes, strict=True)
+        each[at] = [[f'{x}[{k}]' for k in range(n)] if n > 1 else [x] for x, n in several]
+        out = io.StringIO()
+        csv.writer(out, delimiter=mark).writerows([x for y in row for x in y] for row in each)
+        return out.getvalue()
+    return text
+
+
+def _several(cell: str) -> list[str]:
+    """Return the numbers of a cell; none of what is no number."""
+    bare = cell.strip(' []()')
+    parts = re.split(r'[\s,]+' if '[' in cell or '(' in cell else r' +', bare)
+    try:
+        return parts if [float(x) for x in parts] else []
+    except ValueError:
+        return []
 
 
 def _parse(

@@ -481,3 +481,31 @@ def test_a_table_of_one_joint_becomes_map_and_machine_file(tmp_path, capsys):
     (tmp_path / 'log.columns.yaml').write_text('mine')
     assert main(words) == 2
     assert (tmp_path / 'log.columns.yaml').read_text() == 'mine'
+
+
+@pytest.mark.parametrize('several', ['{} {}', ' {}  {} ', '[{} {}]', '"[{}, {}]"', '({} {})'])
+def test_several_numbers_of_one_cell_are_columns_of_their_own(tmp_path, several):
+    """As HEBI's logger and pandas write the joints of an arm."""
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    time = 0.01 * np.arange(400)
+    rows = [['timestamp_us', 'positions', 'efforts', 'mode']]
+    for t in time:
+        pairs = (np.sin(t), np.cos(t)), (np.cos(t), -np.sin(t))
+        rows.append([str(round(1e6 * t)), *(several.format(*map(float, x)) for x in pairs), 'run'])
+    log.write_text('\n'.join(map(','.join, rows)))
+    words = ['new-machine', '--kind', 'linear_axis', '--travel', 'm', '--bag', str(log)]
+    assert main([*words, '--out', str(out)]) == 0
+    read = read_bag(log)[0]
+    assert read.state.names == ('joint_0', 'joint_1')
+    assert read.state.duration == pytest.approx(3.99)
+    np.testing.assert_allclose(read.state.position, np.stack([np.sin(time), np.cos(time)], 1))
+    np.testing.assert_allclose(read.effort.effort, np.stack([np.cos(time), -np.sin(time)], 1))
+
+
+@pytest.mark.parametrize('mark', ['\t', ' '])
+def test_decimal_commas_are_no_cells_of_several_numbers(tmp_path, mark):
+    log = tmp_path / 'log.txt'
+    time = 0.01 * np.arange(400)
+    lines = [mark.join(f'{x:.6f}' for x in (t, np.sin(t), np.cos(t))) for t in time]
+    log.write_text('\n'.join([mark.join(['time', 'q', 'tau']), *lines]).replace('.', ','))
+    assert [x.joint for x in header_of(log).columns] == ['', 'joint_1', 'joint_1']
