@@ -36,6 +36,11 @@ def plain(value: Any) -> Any:
     return value
 
 
+def rms(values: Array) -> float:
+    """Return the root mean square of values, of which NaN are left out."""
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
 def fast_noise(*series: Array) -> float:
     """Return the standard deviation of what is fast in series of samples, taken as white.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, rms
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
 from ros2_ident.export.laws import is_law, Law, laws_of, taken
@@ -99,19 +99,15 @@ class Content:
         return {
             joint.name: {
                 'unit': 'N m' if joint.travel == 'rad' else 'N',
-                'missed_as_described': _rms(whole[o] - described[o]),
-                'missed_as_exported': _rms(whole[o] - exported[o]),
-                'missed_with_consistent_links': _rms(whole[o] - simulated[o]),
-                'missed_as_identified': _rms(whole[o] - fitted[o]),
-                'effort': _rms(fitted[o]),
-                'cost': {name: _rms(part[o]) for name, part in lost.items()},
+                'missed_as_described': rms(whole[o] - described[o]),
+                'missed_as_exported': rms(whole[o] - exported[o]),
+                'missed_with_consistent_links': rms(whole[o] - simulated[o]),
+                'missed_as_identified': rms(whole[o] - fitted[o]),
+                'effort': rms(fitted[o]),
+                'cost': {name: rms(part[o]) for name, part in lost.items()},
             }
             for o, joint in enumerate(self.joints)
         }
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.nanmean(values**2)))
 
 
 def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:

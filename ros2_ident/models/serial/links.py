@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, rms
 from ros2_ident.errors import ErrorCode
 from ros2_ident.models.drives.model import DriveModel
 from ros2_ident.models.serial.cone import mended, nearest
@@ -39,8 +39,7 @@ def information_of(model: DriveModel, theta: Array, deviations: Mapping[str, flo
     counts = np.isfinite(model.measured).sum(axis=1)
     parts = np.split(left[0], np.cumsum(counts)[:-1])
     sizes = [
-        max(_size(part), _STEP * _size(row))
-        for part, row in zip(parts, model.measured, strict=True)
+        max(rms(part), _STEP * rms(row)) for part, row in zip(parts, model.measured, strict=True)
     ]
     weights = 1.0 / np.repeat(sizes, counts)
     slopes = ((up - down) / (2.0 * _STEP * width[:, None]) * weights).T
@@ -51,10 +50,6 @@ def information_of(model: DriveModel, theta: Array, deviations: Mapping[str, flo
     sure = np.isfinite(told) & (told < width)
     factor = float(np.median(told[sure] ** 2 / alone[sure])) if sure.any() else 1.0
     return np.asarray(known / factor + box)
-
-
-def _size(values: Array) -> float:
-    return float(np.sqrt(np.nanmean(values**2)))
 
 
 @dataclass(frozen=True)
