@@ -353,6 +353,19 @@ def tanh(x):
     return where(near, x * _above(u) / _below(u), flat)
 
 
+@inlined
+def combined(a, b, c, by):
+    """Return the sum of three vectors, times the three numbers of `by`.
+
+    Of the axes of a frame it is a vector of that frame in the one they are stated in.
+    """
+    return (
+        a[0] * by[0] + b[0] * by[1] + c[0] * by[2],
+        a[1] * by[0] + b[1] * by[1] + c[1] * by[2],
+        a[2] * by[0] + b[2] * by[1] + c[2] * by[2],
+    )
+
+
 def room(*shape: int) -> np.ndarray:
     """Return an unset float64 array that begins where a vector register's line does.
 

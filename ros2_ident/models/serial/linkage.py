@@ -11,6 +11,7 @@ from collections import namedtuple
 
 from ros2_ident.lanes import (
     called,
+    combined,
     cosine,
     inlined,
     load,
@@ -72,16 +73,6 @@ def _outwards(x, y, z, v):
         x[0] * v[0] + x[1] * v[1] + x[2] * v[2],
         y[0] * v[0] + y[1] * v[1] + y[2] * v[2],
         z[0] * v[0] + z[1] * v[1] + z[2] * v[2],
-    )
-
-
-@inlined
-def _inwards(x, y, z, v):
-    """Return a vector of the joint's frame in the parent's."""
-    return (
-        x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
-        x[1] * v[0] + y[1] * v[1] + z[1] * v[2],
-        x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
     )
 
 
@@ -178,16 +169,16 @@ def _motions(par, base, tree, place, rate, room):
 def _added(room, at, before, x, y, z, r):
     """Add a composite body to its parent's."""
     mass = load(room, (at + _BODY) * W)
-    centre = _inwards(x, y, z, load_three(room, at + _BODY + 1))
+    centre = combined(x, y, z, load_three(room, at + _BODY + 1))
     xx, xy, yy = load_three(room, at + _BODY + 4)
     xz, yz, zz = load_three(room, at + _BODY + 7)
     # Rows of the inertia, then columns, into the parent's axes.
-    first = _inwards(x, y, z, (xx, xy, xz))
-    second = _inwards(x, y, z, (xy, yy, yz))
-    third = _inwards(x, y, z, (xz, yz, zz))
-    a = _inwards(x, y, z, (first[0], second[0], third[0]))
-    b = _inwards(x, y, z, (first[1], second[1], third[1]))
-    c = _inwards(x, y, z, (first[2], second[2], third[2]))
+    first = combined(x, y, z, (xx, xy, xz))
+    second = combined(x, y, z, (xy, yy, yz))
+    third = combined(x, y, z, (xz, yz, zz))
+    a = combined(x, y, z, (first[0], second[0], third[0]))
+    b = combined(x, y, z, (first[1], second[1], third[1]))
+    c = combined(x, y, z, (first[2], second[2], third[2]))
     # About the parent's origin: h' = h + m r, and 2 h.r + m r.r less the products of both.
     half = centre[0] + mass * r[0], centre[1] + mass * r[1], centre[2] + mass * r[2]
     px = (centre[0] + half[0]) * r[0]
@@ -233,9 +224,9 @@ def _column(tree, room, j, mass):
     i = j
     while tree.parents[i] >= 0:
         x, y, z = _axes(tree, room, i)
-        force = _inwards(x, y, z, force)
+        force = combined(x, y, z, force)
         pulled = _cross(load_three(room, i * _ROWS + _PLACE), force)
-        moment = _sum(_inwards(x, y, z, moment), pulled)
+        moment = _sum(combined(x, y, z, moment), pulled)
         i = tree.parents[i]
         shared = force[2] if tree.slides[i] else moment[2]
         store(mass, (j * drives + i) * W, shared)
@@ -328,8 +319,8 @@ def mass_and_load(par, base, tree, place, rate, mass, asked, room):
             before = tree.parents[j] * _ROWS
             x, y, z = _axes(tree, room, j)
             r = load_three(room, at + _PLACE)
-            force = _inwards(x, y, z, force)
-            moment = _sum(_inwards(x, y, z, moment), _cross(r, force))
+            force = combined(x, y, z, force)
+            moment = _sum(combined(x, y, z, moment), _cross(r, force))
             _put(room, before + _FORCE, _sum(load_three(room, before + _FORCE), force))
             _put(room, before + _MOMENT, _sum(load_three(room, before + _MOMENT), moment))
             _added(room, at, before, x, y, z, r)

@@ -7,7 +7,7 @@ joint moves along a tangent t; a rod r from the platform to it asks for r . p' =
 # mypy: ignore-errors
 
 from ros2_ident.kernel.rows import DRIVE, DRIVE_COUNT, MACHINE, MACHINE_COUNT
-from ros2_ident.lanes import inlined, load, sine_and_cosine, sqrt, store, WIDTH
+from ros2_ident.lanes import combined, inlined, load, sine_and_cosine, sqrt, store, WIDTH
 
 W = WIDTH
 
@@ -68,16 +68,6 @@ def _platform(par, mass, a1, a2, a3, bias, inertia, weight, frame, out):
         store(out, 9 * W, g1 + mass * a1[2])
         store(out, 10 * W, g2 + mass * a2[2])
         store(out, 11 * W, g3 + mass * a3[2])
-
-
-@inlined
-def _sum(a, b, c, by):
-    """Return the sum of three vectors, times the three numbers of `by`."""
-    return (
-        a[0] * by[0] + b[0] * by[1] + c[0] * by[2],
-        a[1] * by[0] + b[1] * by[1] + c[1] * by[2],
-        a[2] * by[0] + b[2] * by[1] + c[2] * by[2],
-    )
 
 
 @inlined
@@ -146,7 +136,7 @@ def on_rails(par, place, rate, tool, frame, out):
     e1 = (square + (w1 - vz) * (w1 - vz)) * over
     e2 = (square + (w2 - vz) * (w2 - vz)) * over
     e3 = (square + (w3 - vz) * (w3 - vz)) * over
-    bias = _sum(c1, c2, c3, (e1, e2, e3))
+    bias = combined(c1, c2, c3, (e1, e2, e3))
     # Each rod's mass is halved between its ends (Codourey 1998).
     mass = tool + 1.5 * rod
     r1 = load(par, (MACHINE_COUNT + DRIVE.rail_mass) * W) + 0.5 * rod
@@ -218,11 +208,11 @@ def on_arms(par, place, rate, tool, frame, out):
     a1 = _times(c1, _dot(rod1, t1) * over)
     a2 = _times(c2, _dot(rod2, t2) * over)
     a3 = _times(c3, _dot(rod3, t3) * over)
-    v = _sum(a1, a2, a3, rate)
+    v = combined(a1, a2, a3, rate)
     e1 = _reaction(rod1, t1, b1, v, w1, over)
     e2 = _reaction(rod2, t2, b2, v, w2, over)
     e3 = _reaction(rod3, t3, b3, v, w3, over)
-    bias = _sum(c1, c2, c3, (e1, e2, e3))
+    bias = combined(c1, c2, c3, (e1, e2, e3))
     # Each rod's mass is halved between its ends (Codourey 1998).
     rod = load(par, MACHINE.mass_per_rod * W)
     arm = load(par, MACHINE.arm_length * W)
