@@ -2,7 +2,6 @@
 """A machine file held against a bag of the machine: what in it cannot be, and on which line."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 import math
 
@@ -100,7 +99,10 @@ def check_both(
             alone |= {'effort', 'effort_unexplained'}
         findings = [x for x in findings if x.code not in alone]
         logged = any(recording.sets_positions for recording in recordings)
-        gates = _gates(data, machine, file, drives)
+        # Of a drive that stands, or has no effort, an identification asks nothing either.
+        idle = {x.subject for x in report.findings if x.code in ('no_motion', 'effort_constant')}
+        asked = [x for x in drives or machine.drives if x not in idle]
+        gates = _gates(data, machine, file, asked)
         findings += (x for x in gates if logged or x.code != 'command')
         findings += _too_few(data, machine, drives)
     return replace(report, findings=tuple(findings))
@@ -132,11 +134,7 @@ def _gates(
     data: Data, machine: Machine, file: MachineFile, drives: Sequence[str] | None
 ) -> Iterator[Finding]:
     """Say what commands, positions and efforts say of each other, with the line to change."""
-    from ros2_ident.identify.problem import at_rest
-
     constants = kind_of(machine).constants
-    with suppress(IdentError):  # of a drive that stands an identification asks nothing either
-        machine, drives = at_rest(machine, data.datasets, drives)
     gates = examine(machine, data.datasets, drives).gates
     for gate in gates:
         if gate.gate in _STREAMS or (gate.gate, gate.level) in (('jitter', 'ok'), ('sign', 'ok')):

@@ -40,6 +40,8 @@ _SHORT = 2.0
 # A drive whose stroke is less than this part of the longest one stands: gears and their control
 # give way to what the moving drives do.
 STANDS = 0.02
+# What is said of a drive's motion, the best first.
+_MOTION = {'excitation': 0, 'few_reversals': 1, 'one_way': 2, 'no_motion': 3}
 # Fewer efforts are none.
 _FEWEST = 10
 
@@ -147,6 +149,10 @@ def check(
         found, said = _judge_drives(number, recording, wanted, gravity)
         drives += found
         findings += said
+    # Of several recordings that counts which excites a drive best.
+    told = sorted((x for x in findings if x.code in _MOTION), key=lambda x: -_MOTION[x.code])
+    best = {x.subject: x for x in told}
+    findings = [x for x in findings if x.code not in _MOTION or best[x.subject] is x]
     if 'effort' not in need:
         findings = [f for f in findings if not f.code.startswith('effort_')]
     return Report(recordings[0].source, tuple(drives), tuple(findings))
@@ -227,10 +233,9 @@ def _judge_drives(
         findings = [x for x in findings if x.code != 'velocity']
         findings += about('state', off)
     if still := standing({x.drive: x.stroke for x in drives}, idle):
-        said_of = ', '.join(still)
         text = 'stood still, so nothing is found of what moves there; the others count'
         findings = [f for f in findings if f.subject not in still]
-        findings += about(said_of, [('warn', 'no_motion', text)])
+        findings += [y for x in still for y in about(x, [('warn', 'no_motion', text)])]
     return drives, findings
 
 

@@ -199,6 +199,18 @@ def test_excitation():
     assert ', 1 reversals' in once.of('few_reversals')[0].sentence
 
 
+def test_of_several_recordings_that_counts_which_excites_a_drive_best():
+    once, well = recording(position=np.sin(0.4 * TIME), velocity=None), recording()
+    still = recording(position=np.zeros(TIME.size), velocity=None)
+    alone = check([well]).of('excitation')
+    assert len(alone) == 1
+    for order in (once, still, well), (well, still, once), (well, well, well):
+        report = check([*order])
+        assert report.of('excitation') == alone
+        assert not report.of('no_motion') and not report.of('few_reversals')
+    assert len(check([still] * 3).of('no_motion')) == 1
+
+
 def test_a_log_that_is_sampled_unevenly_has_lost_nothing():
     whole = recording().state
     steps = np.random.default_rng(0).uniform(2e6, 10e6, whole.stamp.size).astype(np.int64)
