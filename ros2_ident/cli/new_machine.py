@@ -9,7 +9,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import topics_of
-from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.errors import ErrorCode
 from ros2_ident.files import write_text
 from ros2_ident.machine.units import STATED_FOR
 from ros2_ident.models.registry import KINDS, machine_from_mapping
@@ -88,10 +88,8 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
         raise ErrorCode.INVALID_GOAL.error(
             f'{option} is of a table or of arrays, which {path} is not; leave it out'
         )
-    if args.columns and option:
-        raise _settled(args.columns, option)
-    if named and not args.columns and (option or not where.exists()):
-        _draft(path, where, args, description)
+    if named and (option or not (args.columns or where.exists())):
+        _draft(path, Path(args.columns or where), args, description)
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
         raise ErrorCode.MISSING_STREAM.error(
@@ -105,13 +103,6 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
             'or, of hobby servos, the set-point, or name its topic or column'
         )
     return recording
-
-
-def _settled(where: object, option: str) -> IdentError:
-    return ErrorCode.INVALID_GOAL.error(
-        f'{where} says what the columns are, so that {option} has no part in it; correct it '
-        'there, or remove that file'
-    )
 
 
 def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) -> None:
@@ -138,7 +129,11 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
     text = f'# From the names in {printable(path.name)}.\n{text}'
     if where.exists():  # by the same options, of a command that was given again
         if where.read_text() != text:
-            raise _settled(where, '--column' if args.column else '--rate')
+            option = '--column' if args.column else '--rate'
+            raise ErrorCode.INVALID_GOAL.error(
+                f'{where} says what the columns are, so that {option} has no part in it; correct '
+                'it there, or remove that file'
+            )
         return
     write_text(where, text)
     print(f'written: {where}; correct it where a column is another', file=sys.stderr)

@@ -161,14 +161,15 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
     motions = {x: y for x in names if (y := motion_of(log, x)).effort is not None}
     if not motions:
         return None
-    still = {x: z for x in motions if (z := _still(motions[x]))}
-    if len(still) == len(motions):
-        name, quantity = next(iter(still.items()))
-        raise ErrorCode.MISSING_STREAM.error(
-            f'the {quantity} of {name} stays the same, so that the log tells nothing of '
-            f'the drive; record a motion, or name another column as its {quantity}'
-        )
-    motions = {x: y for x, y in motions.items() if x not in still}
+    for quantity in 'position', 'effort':
+        moved = {x: getattr(y, quantity) for x, y in motions.items()}
+        moved = {x: y for x, y in moved.items() if np.nanmax(y) > np.nanmin(y)}
+        if not moved:
+            raise ErrorCode.MISSING_STREAM.error(
+                f'the {quantity} of {next(iter(motions))} stays the same, so that the log tells '
+                f'nothing of the drive; record a motion, or name another column as its {quantity}'
+            )
+        motions = {x: motions[x] for x in moved}
     rows: dict[str, list[str]] = {}
     fit: set[str] = set()
     for name, motion in motions.items():
@@ -196,8 +197,8 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
             )
         fit.add(fits)
         most = float(np.nanmax(np.abs(motion.effort)))
-        moved = motion.acceleration, motion.velocity
-        mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in moved)
+        rates = motion.acceleration, motion.velocity
+        mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in rates)
         units = ('kg', 'N', 'N s/m') if way == 'm' else ('kg m^2', 'N m', 'N m s/rad')
         for key, box in (
             ('moving_mass', f'0.0, {mass:.3g}, {units[0]}'),
@@ -243,15 +244,6 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
         for key, x in rows.items()
     )
     return f'{head}{period}{top}\n{"".join(lines)}{delay}'
-
-
-def _still(motion: Motion) -> str:
-    """Return which quantity of a drive stays the same, of which a log tells nothing; else ''."""
-    assert motion.effort is not None
-    for quantity, values in (('position', motion.position), ('effort', motion.effort)):
-        if not np.nanmax(values) > np.nanmin(values):
-            return quantity
-    return ''
 
 
 def _weight(motion: Motion, logged: FloatArray) -> float:

@@ -18,7 +18,7 @@ from ros2_ident.errors import ErrorCode
 from ros2_ident.recording import columns as maps
 from ros2_ident.recording.limits import listed, printable, short
 from ros2_ident.recording.names import is_unit, Meaning, meanings, of_drive
-from ros2_ident.recording.table import array_sizes, ARRAYS, text_of
+from ros2_ident.recording.table import array_sizes, ARRAYS, is_number, text_of
 
 # Units of a time by what one of it is in s.
 _SECONDS = {1.0: 's', 1e-3: 'ms', 1e-6: 'us', 1e-9: 'ns'}
@@ -258,10 +258,10 @@ def header_of(path: Path) -> Header:
         raise ErrorCode.BAD_VALUES.error(text) from None
     rows = [row[:-1] if row and not row[-1] and delimiter == ' ' else row for row in rows]
     # Among more words than numbers a row holds values where it is like the last one.
-    last = [_is_number(x, decimal) for x in rows[-1]] if rows else []
+    last = [is_number(x, decimal) for x in rows[-1]] if rows else []
     held = []
     for number, row in enumerate(rows):
-        known = [_is_number(x, decimal) for x in row]
+        known = [is_number(x, decimal) for x in row]
         filled = [known[n] for n, x in enumerate(row) if x]
         # two numbers at least, the first cell among them or most
         plain = sum(filled) > 1 and (filled[0] or 2 * sum(filled) > len(filled))
@@ -281,13 +281,13 @@ def header_of(path: Path) -> Header:
     nameless = bool(above) and not wide and not any(row[0] for row in values)
     if grouped:
         raise maps.refuse(path, f'has a block of properties above a {_TIMES}')
-    if nameless or (held and last[0] and not _is_number(values[0][0] or '0', decimal)):
+    if nameless or (held and last[0] and not is_number(values[0][0] or '0', decimal)):
         where = f', or write {path.stem}{maps.MAP_SUFFIX}, as in docs/logs.md' * (not nameless)
         raise maps.refuse(path, f'has a block of properties above its values; {_EXPORT}{where}')
     if not wide:
         if not held:
             said = 'is empty; record again'
-            ends = [row for row in rows if row and _is_number(row[-1], decimal)]
+            ends = [row for row in rows if row and is_number(row[-1], decimal)]
             if len(ends) > 1 and 2 * len({row[0] for row in ends}) <= len(ends) == len(rows):
                 said = _LONG
             elif len(rows) > 1:
@@ -310,7 +310,7 @@ def header_of(path: Path) -> Header:
     if any(row[n] != row[0] for row in values for n in again_at):
         raise maps.refuse(path, f'has a {_TIMES}')
     below = list(zip(*values, strict=True))
-    wordy = [n for n, x in enumerate(below) if not all(_is_number(y, decimal) for y in x if y)]
+    wordy = [n for n, x in enumerate(below) if not all(is_number(y, decimal) for y in x if y)]
     columns = meanings(['' if n in wordy else name for n, name in enumerate(names)], units)
     for n in wordy:
         columns[n] = Meaning(names[n], why=_HOLDS_WORDS)
@@ -331,7 +331,7 @@ def _delimiter(lines: Sequence[str]) -> str:
     def share(mark: str) -> tuple[float, int]:
         parts = [x for line in lines[-3:] for x in line.split(None if mark == ' ' else mark)]
         cells, decimal = [x.strip(' \r\n"') for x in parts], '.' if mark == ',' else ','
-        read = [_is_number(x, '.') or _is_number(x, decimal) for x in cells]
+        read = [is_number(x, '.') or is_number(x, decimal) for x in cells]
         told = sum(read) / max(1, len(read)) if mark != ' ' or all(read) else -1.0
         return told, sum(line.count(mark) for line in lines)
 
@@ -388,14 +388,6 @@ def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Seque
 
 def _wordy(cells: Iterable[tuple[str, str]], decimal: str) -> str:
     """Return which of some cells, each after its column's name, holds words: one does."""
-    name, cell = next(x for x in cells if x[1] and not _is_number(x[1], decimal))
+    name, cell = next(x for x in cells if x[1] and not is_number(x[1], decimal))
     said = f'holds words where numbers belong, {short(cell)} below {short(name)}: write numbers '
     return f'{said}alone, a time in s from any instant and units in the names'
-
-
-def _is_number(text: str, decimal: str) -> bool:
-    try:
-        float(text.replace(decimal, '.'))
-    except ValueError:
-        return False
-    return True

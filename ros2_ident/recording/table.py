@@ -118,7 +118,7 @@ def _recorded(
     period = float(np.median(forward)) if forward.size else _FINEST
     if repeated > 0.01 * stamp.size:
         text = f'{repeated} of {stamp.size} rows have the time of the row before; '
-        raise _bad(path, f'{text}write it with more digits, or correct its unit')
+        raise _bad(path, f'{text}write more digits, correct its unit, or state the `rate` of rows')
     if not _FINEST <= period <= _COARSEST:
         text = f'the rows are {period * 1e-9:g} s apart; correct the unit of the time in '
         raise _bad(path, f'{text}{where.name}: s, ms, us or ns')
@@ -159,35 +159,34 @@ def _apart(text: str) -> str:
     """
     last = text.rstrip().rsplit('\n', 2)[-2:][0]
     for mark in ',;\t':
-        try:
-            sizes = [len(_several(x)) or 1 for x in next(csv.reader([last], delimiter=mark), [])]
-            if len(sizes) < 2 or max(sizes) < 2:
-                continue
-            rows = [*csv.reader(io.StringIO(text, newline=''), delimiter=mark)]
-        except csv.Error:
-            continue
-        named = (
-            n for n, x in enumerate(rows) if len(x) == len(sizes) and not any(map(_several, x))
-        )
-        if (at := next(named, None)) is None:
-            continue
-        each = [[_several(x) or [x] for x in row] for row in rows]
-        several = zip(rows[at], sizes, strict=True)
-        each[at] = [[f'{x}[{k}]' for k in range(n)] if n > 1 else [x] for x, n in several]
-        out = io.StringIO()
-        csv.writer(out, delimiter=mark).writerows([x for y in row for x in y] for row in each)
-        return out.getvalue()
+        with suppress(csv.Error, StopIteration):
+            sizes = [len(_several(x)) or 1 for x in next(csv.reader([last], delimiter=mark))]
+            apart = 1 < len(sizes) < sum(sizes)
+            rows = [*csv.reader(io.StringIO(text, newline=''), delimiter=mark)] if apart else []
+            words = (n for n, row in enumerate(rows) if not any(map(_several, row)))
+            names = next(n for n in words if len(rows[n]) == len(sizes))
+            each = [[y for x in row for y in _several(x) or [x]] for row in rows]
+            several = zip(rows[names], sizes, strict=True)
+            each[names] = [f'{x}[{k}]' if n > 1 else x for x, n in several for k in range(n)]
+            out = io.StringIO()
+            csv.writer(out, delimiter=mark).writerows(each)
+            return out.getvalue()
     return text
+
+
+def is_number(text: str, decimal: str = '.') -> bool:
+    """Return whether a cell holds a number."""
+    try:
+        float(text.replace(decimal, '.'))
+    except ValueError:
+        return False
+    return True
 
 
 def _several(cell: str) -> list[str]:
     """Return the numbers of a cell; none of what is no number."""
-    bare = cell.strip(' []()')
-    parts = re.split(r'[\s,]+' if '[' in cell or '(' in cell else r' +', bare)
-    try:
-        return parts if [float(x) for x in parts] else []
-    except ValueError:
-        return []
+    parts = re.split(r'[\s,]+' if cell.strip()[:1] in ('[', '(') else ' +', cell.strip(' []()'))
+    return parts if all(map(is_number, parts)) else []
 
 
 def _parse(
