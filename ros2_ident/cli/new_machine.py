@@ -129,10 +129,9 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
     text = f'# From the names in {printable(path.name)}.\n{text}'
     if where.exists():  # by the same options, of a command that was given again
         if where.read_text() != text:
-            option = '--column' if args.column else '--rate'
             raise ErrorCode.INVALID_GOAL.error(
-                f'{where} says what the columns are, so that {option} has no part in it; correct '
-                'it there, or remove that file'
+                f'{where} says what the columns are, so that --column and --rate have no part in '
+                'it; correct it there, or remove that file'
             )
         return
     write_text(where, text)

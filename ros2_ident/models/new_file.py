@@ -33,6 +33,7 @@ from ros2_ident.recording import Dataset, Recording, Stream
 from ros2_ident.recording.align import align
 from ros2_ident.recording.grid import cycle_of, sample_period, short_number
 from ros2_ident.recording.motion import direction, fill_gaps, Motion, motion_of
+from ros2_ident.recording.quality import standing
 from ros2_ident.recording.streams import FloatArray, with_positions
 
 # Parameters that an MJCF states: element, attribute, and which of its numbers.
@@ -170,6 +171,7 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
                 f'nothing of the drive; record a motion, or name another column as its {quantity}'
             )
         motions = {x: motions[x] for x in moved}
+    still = standing({x: float(np.ptp(y.position)) for x, y in motions.items()})
     rows: dict[str, list[str]] = {}
     fit: set[str] = set()
     for name, motion in motions.items():
@@ -186,8 +188,8 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
                 f'a `scale`, how many {fits} one is, in place of the unit'
                 f'{_ASKED.get((unit, fits), "")}'
             )
-        # An integral of a speed comes back to no place.
-        weight = 0.0 if way == 'm' or summed else _weight(motion, motion.effort)
+        # An integral of a speed comes back to no place; what holds a drive follows none.
+        weight = 0.0 if way == 'm' or summed or name in still else _weight(motion, motion.effort)
         if rigid and weight:
             raise ErrorCode.INVALID_GOAL.error(
                 f'the effort of {name} follows its position, up to {weight:.3g}, as that of a '

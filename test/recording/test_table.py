@@ -428,7 +428,7 @@ def test_a_rate_is_of_a_table_only_and_not_beside_its_map(tmp_path, capsys):
     assert 'none.csv: does not exist; give' in capsys.readouterr().err
     (tmp_path / 'log.columns.yaml').write_text('')
     assert main([*words, str(log)]) == 2
-    assert 'so that --rate has no part in it' in capsys.readouterr().err
+    assert 'so that --column and --rate have no part in it' in capsys.readouterr().err
 
 
 def test_a_column_of_words_takes_no_other_ones_place(tmp_path):
