@@ -23,6 +23,7 @@ from checks.generators.arm_cases import (
 )
 from checks.generators.free_arms import CYCLE, draw_gains, FRICTION, plant_of, simulate, TORQUE
 from checks.pairs.draw import kind_of
+from ros2_ident.change.result import Suspect
 from ros2_ident.cli.main import main
 from ros2_ident.recording import Recording, Stream
 from ros2_ident.recording.write import write_bag
@@ -118,17 +119,64 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
                 'value': before,
                 'change': step * before,
             }
-    stamp = 1_700_000_000_000_000_000 + np.arange(len(motions[0])) * round(1e9 * CYCLE)
     both = (('before', motions[0], places, efforts), ('after', motions[which], *after))
     for bag, wanted, at, effort in both:
-        noisy = effort + coloured(rng, len(effort), noise)
-        seen = Stream(names, stamp, ENCODER * np.round(at / ENCODER), None, noisy)
-        write_bag(folder / bag, Recording(seen, command=Stream(names, stamp, wanted)))
+        write_log(folder / bag, wanted, at, effort + coloured(rng, len(effort), noise))
+    write_machine(folder, robot, gains * rng.uniform(0.7, 1.4, gains.shape))
+    return label
+
+
+def write_log(bag: Path, wanted: Array, at: Array, effort: Array) -> None:
+    """Write set-points, positions and efforts, all (T, D), as a bag."""
+    names = tuple(f'joint_{n + 1}' for n in range(wanted.shape[1]))
+    stamp = 1_700_000_000_000_000_000 + np.arange(len(wanted)) * round(1e9 * CYCLE)
+    seen = Stream(names, stamp, ENCODER * np.round(at / ENCODER), None, effort)
+    write_bag(bag, Recording(seen, command=Stream(names, stamp, wanted)))
+
+
+def write_machine(folder: Path, robot: Robot, gains: Array) -> None:
+    """Write description and machine file, made from the log before."""
     description = folder / DESCRIPTION
-    off = gains * rng.uniform(0.7, 1.4, gains.shape)
-    description.write_text(plant_of(robot, off, rotors=False).to_xml(), encoding='utf-8')
+    description.write_text(plant_of(robot, gains, rotors=False).to_xml(), encoding='utf-8')
     asked = ['--description', description, '--bag', folder / 'before']
     with contextlib.redirect_stdout(io.StringIO()):
         if main(['new-machine', *map(str, asked), '--out', str(folder / 'machine.yaml')]):
             raise ValueError('no machine file could be made')
-    return label
+
+
+class ArmSides:
+    """Arm of which nothing changes, then the side after with one change."""
+
+    def __init__(self, folder: Path, case: int, seed: int) -> None:
+        self.rng = rng = np.random.default_rng([seed, case])
+        table = (UR10, PANDA)[int(rng.integers(2))]
+        self.folder, (self.robot, joints) = folder, (draw_robot(rng, table), len(table[3]))
+        self.gains = draw_gains(rng, self.robot, joints)
+        motions = [draw_motion(rng, joints)[0, ::STRIDE] for _ in range(2)]
+        self.wanted = motions[int(rng.random() < 0.5)]
+        self.place = rng.uniform(-REACH, REACH, 3)
+        places, efforts = self._run(self.robot, self.gains, motions[0])
+        self.noise = rng.uniform(0.005, 0.02) * efforts.std(axis=0)
+        write_log(folder / 'before', motions[0], places,
+                  efforts + coloured(rng, len(efforts), self.noise))  # fmt: skip
+        self.again('after', None, 0.0)
+        write_machine(folder, self.robot, self.gains * rng.uniform(0.7, 1.4, self.gains.shape))
+
+    @staticmethod
+    def _run(robot: Robot, gains: Array, wanted: Array) -> tuple[Array, Array]:
+        places, efforts, _ = simulate(robot, gains, wanted, '', 0, 0.0, 0.0)
+        return places, efforts
+
+    def again(self, name: str, what: Suspect | None, step: float) -> None:
+        """Write the side after anew, with a change of a size."""
+        robot, gains = self.robot, self.gains
+        if what is not None and what.name == LOAD:
+            robot = Loaded(**vars(robot), load=(step, *self.place))
+        elif what is not None:
+            joint, _, own = what.name.rpartition('.')
+            at = int(joint.removeprefix('joint_')) - 1
+            share = step / float(values_of(robot, gains, own)[at])
+            robot, gains = changed(robot, gains, own, at, share)
+        places, efforts = self._run(robot, gains, self.wanted)
+        noisy = efforts + coloured(self.rng, len(efforts), self.noise)
+        write_log(self.folder / name, self.wanted, places, noisy)
