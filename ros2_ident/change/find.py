@@ -32,7 +32,6 @@ from ros2_ident.search.changes import (
     Changes,
     evidence_of,
     Logs,
-    shown_from,
     weigh_changes,
 )
 from ros2_ident.search.evidence import price_of
@@ -399,7 +398,8 @@ def _named(now: _Round, x: _Fit, price: float) -> bool:
         sizes.append(i - now.sides.nominal)
         share[sizes[-1]] -= none / width[i]
     # When it was found nothing told how the parts of one log scatter.
-    more = now.weighed.scatter[0] / now.weighed.inflation[[*now.weighed.kept]]
+    kept = [*now.weighed.kept]
+    more = now.weighed.scatter[0][kept] / now.weighed.inflation[kept]
     if not sizes or not x.evidence > price * float(more[sizes].mean()):
         return not sizes
     # Of its shape nothing is asked here: that was paid for when it was found.
@@ -523,16 +523,19 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
     for c in now.suspects:
         if c.suspect.name in moved:
             continue
-        covariance = now.weighed.of(c.columns)[1]
-        errors = shown_from(price, float(now.weighed.freedom[[*c.columns]].min()))
-        for i, (name, unit, most) in enumerate(
-            zip(c.names, c.units, c.most or [math.inf] * len(c.names), strict=True)
+        sizes = (now.weighed.shown(c.columns, price) * np.abs(c.scales)).tolist()
+        for name, unit, size, most in zip(
+            c.names, c.units, sizes, c.most or [math.inf] * len(c.names), strict=True
         ):
-            size = errors * math.sqrt(covariance[i, i]) * abs(float(c.scales[i]))
             size = size if size <= most else math.inf
-            key = c.suspect.name, c.suspect.where
-            if key not in smallest or size < smallest[key].size:
-                smallest[key] = Visible(c.suspect, name, size, unit, c.value)
+            key, one = (
+                (c.suspect.name, c.suspect.where),
+                Visible(c.suspect, name, size, unit, c.value),
+            )
+            known = smallest.setdefault(key, one)
+            # Of several shapes; numbers of several units are not compared, the first is told.
+            if size < known.size and (name == known.name or known.size == math.inf):
+                smallest[key] = one
     yield from smallest.values()
 
 

@@ -57,7 +57,8 @@ class Changes:
         alike: Information and score where logs deviate by nothing.
         inflation: (Q,) by how much the scatter from log to log raises a change's variance.
         freedom: (Q,) degrees of freedom of that variance; inf where nothing scatters.
-        scatter: The same (K,) of those kept, where a side has one log by its parts.
+        scatter: The same, where a side has one log by its parts.
+        expected: The same again, of logs like these: how much is usual is told by all changes.
         by_itself: (Q,) variance of a change between the sides that has no cause.
         noise: The noise of each place.
         common: (R, C) columns of what the model lacks on both sides, of one size.
@@ -67,6 +68,10 @@ class Changes:
         scattering: (R, K) the same of those kept, as several logs of a side tell it.
         folds: Information and score of each part left out, and of all others; by multiples of
             columns of one size.
+        both: Of each pair of logs the precision (N + C, N + C) of what is common to both sides,
+            and its products (N + C, Q) with the changes.
+        own: (Q,) which of the common columns is a change on both sides; less than N where none
+            is, or where its prior is no size.
         scale: RMS of the residual.
     """
 
@@ -77,6 +82,7 @@ class Changes:
     inflation: Array
     freedom: Array
     scatter: tuple[Array, Array]
+    expected: tuple[Array, Array]
     by_itself: Array
     noise: tuple[NoiseModel, ...]
     common: Array
@@ -85,6 +91,8 @@ class Changes:
     alone: Array
     scattering: Array
     folds: list[tuple[Array, ...]]
+    both: list[Array]
+    own: npt.NDArray[np.int64]
     scale: float
 
     def of(self, columns: Sequence[int], *, alike: bool = False) -> tuple[Array, Array, float]:
@@ -124,6 +132,35 @@ class Changes:
         covariance = covariance * factor + np.diag(self.by_itself[at])
         return -found, covariance, self.among_logs(gain, at)
 
+    def shown(self, columns: Sequence[int], price: float) -> Array:
+        """Return (k,) the coefficients that are named in half of all cases like this one.
+
+        On both sides the same is left open: it explains a part of a change that is in no fit.
+
+        Args:
+            columns: The changes.
+            price: Evidence that is asked for.
+        """
+        at = list(columns)
+        first = len(self.both[0]) - self.sizes.size
+        own = np.unique(self.own[at][self.own[at] >= first])
+        less = (self.sizes[own - first] ** -2.0 - self.limit[own - first] ** -2.0)[:, None]
+        information = self.information.copy()
+        for sums in self.both:
+            known = np.linalg.solve(sums[:, : len(sums)], np.eye(len(sums))[:, own])
+            across = known.T @ sums[:, len(sums) :]
+            left = np.eye(own.size) - less * known[own]
+            information -= across.T @ np.linalg.solve(left, less * across)
+        covariance = replace(self, information=information).of(at)[1]
+        noise = (np.diag(covariance) - self.by_itself[at]) * (
+            self.expected[0][at] / self.inflation[at].max()
+        )
+        total = noise + self.by_itself[at]
+        share = np.divide(noise, total, out=np.ones_like(total), where=total < np.inf)
+        freedom = np.minimum(self.expected[1][at] / share**2, 1e9)
+        errors = [shown_from(price, x) for x in freedom.tolist()]
+        return np.asarray(errors * np.sqrt(total))
+
     def among_logs(self, gain: float, columns: Sequence[int]) -> float:
         """Return a gain less what it has by the scatter of few logs."""
         at = list(columns)
@@ -148,12 +185,13 @@ class Changes:
 
     def beside(self) -> tuple[Array, Array]:
         """Return covariance (K, K) and freedom (K,) of those kept, whose box is known before."""
-        at, wide = list(self.kept), np.sqrt(self.scatter[0])
+        at = list(self.kept)
+        wide = np.sqrt(self.scatter[0][at])
         covariance = np.linalg.inv(self.information[np.ix_(at, at)] + np.eye(len(at)))
         total: Array = np.asarray(covariance * np.outer(wide, wide), dtype=np.float64)
         share = np.diag(total) / (np.diag(total) + self.by_itself[at])
         total = total + np.diag(self.by_itself[at])
-        return total, np.asarray(np.minimum(self.scatter[1] / share**2, 1e9))
+        return total, np.asarray(np.minimum(self.scatter[1][at] / share**2, 1e9))
 
     def unseen(self, columns: Sequence[int] | None = None) -> float:
         """Return what changes gain on parts left out, as the others tell them.
@@ -311,15 +349,22 @@ def weigh_changes(
             usually[at], own = np.hypot(usually[at], spread), freedom[at]
             inflation, freedom = of_each(usually, np.arange(len(rms))).moderated
             freedom[at] = own
-        scatter = inflation[at], freedom[at]
+        scatter = expected = inflation, freedom
     else:
-        scatter = of_each(usually, at).alone
+        found = of_each(usually, np.arange(len(rms)))
+        usually_more = (found.moderated[0] - 1.0) * (found.free > 0.5)
+        scatter, expected = found.alone, _inflated(usually_more, found.free)
     of_all = [_reduced(cells, seen, prior, x) for x in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
+    factor = np.append(np.ones(first), rms)
+    on_both = [x[:, :-1] * factor for x in _summed(cells, seen, prior, usually)[1]]
+    number = np.full(white.shape[0], -1)
+    number[seen.common] = np.arange(first)
     by_itself = np.where(alone, between * usual**2, 0.0)
     return Changes(
-        own, score, tuple(kept), alike, inflation, freedom, scatter, by_itself, noise, common,
-        sizes, limit, apart, (moved * spread)[:, spread > 0.0], parts, scale,
+        own, score, tuple(kept), alike, inflation, freedom, scatter, expected, by_itself, noise,
+        common, sizes, limit, apart, (moved * spread)[:, spread > 0.0], parts, on_both,
+        number[changed], scale,
     )  # fmt: skip
 
 
@@ -389,8 +434,22 @@ def _reduced(
         prior: (N + C, N + C + 1) precision of what is common, and its push.
         deviation: (Q,) standard deviation of a change from log to log.
     """
+    found, pairs = _summed(cells, seen, prior, deviation)
+    for normal in pairs:
+        half = _half(normal[:, : len(prior)], normal[:, len(prior) :])
+        found -= half[:, :-1].T @ half
+    return found[:, :-1], found[:, -1]
+
+
+def _summed(
+    cells: Sequence[_Cell], seen: _Seen, prior: Array, deviation: Array
+) -> tuple[Array, list[Array]]:
+    """Return products (Q, Q + 1) of changes, and (N + C, N + C + Q + 1) with each pair's own.
+
+    Arguments as of `_reduced`; of one log alone are integrated out.
+    """
     first, count = len(prior), len(deviation)
-    found: Array = np.zeros((count, count + 1))
+    found, pairs = np.zeros((count, count + 1)), list[Array]()
     for pair in dict.fromkeys(cell.pair for cell in cells):
         normal = np.hstack([prior[:, :-1], np.zeros((first, count)), prior[:, -1:]])
         alike = [cell for cell in cells if cell.pair == pair]
@@ -400,9 +459,8 @@ def _reduced(
             keep = np.concatenate([np.ones(first, dtype=bool), there, [True]])
             normal += sums[:first] * keep
             found += sums[first:, first:] * np.outer(there, keep[first:])
-        half = _half(normal[:, :first], normal[:, first:])
-        found -= half[:, :-1].T @ half
-    return found[:, :-1], found[:, -1]
+        pairs.append(normal)
+    return found, pairs
 
 
 def _of_log(cells: Sequence[_Cell], seen: _Seen, deviation: Array) -> Array:

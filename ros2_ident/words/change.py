@@ -146,14 +146,10 @@ def _difference(x: Apart) -> str:
 def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:
     texts = []
     shown = [v for v in visible if v.size < math.inf]
-    for v in sorted(
-        shown, key=lambda v: (v.suspect.kind != 'parameter', v.size / (abs(v.value) or math.inf))
-    ):
-        share = (
-            f' ({figure(100.0 * v.size / abs(v.value))} %)'
-            if v.value and math.isfinite(v.value)
-            else ''
-        )
+    # What the machine file states comes before effects, which have no share; nan has no order.
+    shares = {id(v): v.size / abs(v.value) for v in shown if v.value and math.isfinite(v.value)}
+    for v in sorted(shown, key=lambda v: (math.isnan(v.value), shares.get(id(v), 0.0))):
+        share = f' ({figure(100.0 * shares[id(v)])} %)' if id(v) in shares else ''
         texts.append(f'{title_of(v.suspect)} {quantity(v.size, v.unit)}{share}')
     more = f' and {len(texts) - _LISTED} more' if len(texts) > _LISTED else ''
     none = ', '.join(dict.fromkeys(title_of(v.suspect) for v in visible if v not in shown))

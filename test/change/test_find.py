@@ -148,6 +148,22 @@ def test_a_size_beyond_all_that_is_looked_for_would_not_show():
 def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
     law = 'position_dependent_friction@emps_axis:slope=0.1,middle=0'
     for name, more in (('one', ['--seed', '1']), ('two', ['--seed', '2', '--effect', law])):
+def test_what_the_file_states_comes_before_effects_the_smallest_share_first():
+    each = [
+        Visible(Suspect('effect', 'stribeck', 'x_axis'), 'n', 1.0, 'N', math.nan),
+        Visible(Suspect('constant', 'load_mass'), 'load_mass', 0.1, 'kg', 0.5),
+        Visible(Suspect('effect', 'backlash', 'x_axis'), 'n', 1.0, 'm', math.nan),
+        Visible(Suspect('parameter', 'x_axis.mass'), 'x_axis.mass', 1.0, 'kg', 10.0),
+        Visible(Suspect('constant', 'gear_factor'), 'gear_factor', 0.1, '1/m', 100.0),
+    ]
+    for smallest in (each, each[::-1]):
+        found = Comparison((), math.nan, tuple(smallest), (), (2, 2), False, 5.0, True)
+        *_, said = sentences(found)
+        order = ['gear_factor', 'x_axis.mass', 'load_mass']
+        assert sorted(order, key=said.index) == order
+        assert said.index('load_mass') < min(said.index('Stribeck'), said.index('backlash'))
+
+
         words = ['simulate', f'{tmp_path}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
         assert main([*words, '--seconds', '12', '--noise', '0.2', *more]) == 0
     found = compared(tmp_path, ['one'], ['two']).result

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Changes from one side to the other, beside what the model lacks on both."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,12 +32,13 @@ def compared(
     kept: tuple[int, ...] = (),
     once: int | None = None,
     loose: float = 0.0,
+    lacks: float = 1.0,
 ) -> Changes:
     """Return what logs of two sides say, of which the column 7 is more by `shift` after.
 
     By `scatter` it differs from log to log, by `parts` between the quarters of one. The column
     `once` does the same in the first log of each side, and nothing in the others. By `loose`
-    every column differs from log to log.
+    every column differs from log to log; `lacks` of each are there on both sides.
     """
     before = logs if before is None else before
     count = logs + before
@@ -48,7 +51,7 @@ def compared(
     lacking = np.array([rng.normal(size=COLUMNS)] * count)
     if paired:
         lacking = np.tile(rng.normal(size=(logs, COLUMNS)), (2, 1))
-    lacking = lacking + loose * rng.normal(size=(count, COLUMNS))
+    lacking = lacks * lacking + loose * rng.normal(size=(count, COLUMNS))
     moved = (shift * after + scatter * rng.normal(size=count))[:, None]
     if parts:
         moved = moved + np.repeat(parts * rng.normal(size=(count, 4)), ROWS // 4, axis=1)
@@ -171,9 +174,35 @@ def test_what_parts_of_one_log_differ_by_is_no_change_for_certain():
 
 
 def test_the_smallest_that_shows_is_found_half_the_time():
-    errors = np.sqrt(compared(np.random.default_rng(0), 1, 0.0).of([7])[1][0, 0])
-    size = shown_from(price_of(COLUMNS)) * errors
+    (size,) = compared(np.random.default_rng(0), 1, 0.0).shown([7], price_of(COLUMNS))
     for factor, low, high in ((0.6, 0, 4), (1.6, 8, 12)):
         seen = [compared(np.random.default_rng(s), 1, factor * size) for s in range(12)]
         found = sum(evidence_of(x.of([7])[2], 1) > price_of(COLUMNS) for x in seen)
         assert low <= found <= high
+
+
+def test_the_smallest_that_shows_is_more_than_parts_of_one_log_differ_by():
+    price = price_of(COLUMNS)
+    # Four parts a side tell their scatter roughly, so that the chance rises slowly.
+    for parts, factor, low, high in ((0.3, 0.5, 0, 6), (0.3, 2.2, 12, 20), (0.0, 1.5, 15, 20)):
+        found = 0
+        for seed in range(20):
+            nothing = compared(np.random.default_rng(seed), 1, 0.0, parts=parts)
+            (size,) = nothing.shown([7], price)
+            rng = np.random.default_rng(1000 + seed)
+            seen = compared(rng, 1, factor * size, parts=parts, kept=(7,))
+            covariance = np.linalg.inv(seen.information[[7]][:, [7]] + 1.0)
+            estimate = -(covariance @ seen.score[[7]])
+            found += evidence_of(seen.beyond(estimate, [0]), 1) > price
+        assert low <= found <= high, (parts, factor)
+
+
+def test_the_smallest_that_shows_is_more_than_the_same_on_both_sides_would_explain():
+    # Nothing lacks, so that all of a change is told from nothing; of one in no fit half is common.
+    seen = compared(np.random.default_rng(0), 1, 0.0, lacks=0.0)
+    plain = shown_from(price_of(COLUMNS)) * np.sqrt(seen.of([7])[1][0, 0])
+    (size,) = seen.shown([7], price_of(COLUMNS))
+    assert 1.25 * plain < size < 1.6 * plain
+    # A limit of the column is one of what is common, too.
+    tight = replace(seen, limit=seen.sizes)
+    assert tight.shown([7], price_of(COLUMNS)) == pytest.approx(plain, rel=0.05)
