@@ -290,7 +290,7 @@ def _best(
     """Return the best fit of residuals.
 
     At first the model lacks nothing, so that parameters go where they explain most; then as much
-    as that leaves.
+    as that leaves, or as without the change: parameters that took all leave nothing to tell it by.
     """
     theta, loss, marginal = start, math.inf, now.marginal.sized()
     for _ in range(_TURNS):
@@ -298,7 +298,8 @@ def _best(
         residual = evaluate(theta[None])[0]
         if diverged(residual):
             break
-        marginal = marginal.sized(residual)
+        told = now.marginal.sized(residual), now.marginal
+        marginal = min(told, key=lambda one: one.loss(residual))
         loss = marginal.loss(residual) + box.aside(box.inside(theta))
     return _Best(theta, loss)
 
