@@ -38,7 +38,7 @@ from ros2_ident.search.evidence import price_of
 from ros2_ident.search.jacobian import Box, diverged, Residuals
 from ros2_ident.search.least_squares import descent, Point
 
-# Suspects of a round that are fitted, at most. By hand.
+# Suspects of a round that are fitted, at least. By hand.
 _FITS = 4
 # Steps of a fit that begins where straight lines lead, at most. By hand.
 _STEPS = 6
@@ -256,7 +256,11 @@ def _step(
     best = told[id(ordered[0])] if ordered else 0.0
     if not best > price:
         return None
-    promising = [c for c in ordered if told[id(c)] > max(price, PROMISING * best)][:_FITS]
+    # Of many that explain as much to first order none is left out: one of them may be the cause.
+    promising = [
+        c for i, c in enumerate(ordered)
+        if told[id(c)] > max(price, (PROMISING * best if i < _FITS else _nearly(best)))
+    ]  # fmt: skip
     fits: list[_Fit] = []
     top = 0.0
     for c in promising:
