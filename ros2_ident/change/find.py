@@ -22,10 +22,12 @@ from ros2_ident.change.columns import (
 )
 from ros2_ident.change.result import Apart, ApartKind, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
+from ros2_ident.effects import get_effect
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
 from ros2_ident.identify.hidden import missing_beside, residuals_at, Rows
 from ros2_ident.identify.problem import Problem
+from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.candidates import COULOMB, FRICTION
 from ros2_ident.models.registry import STATED_WITHIN
 from ros2_ident.search.changes import (
@@ -67,6 +69,16 @@ class _Fit:
     sides: Sides
     theta: Array
     ties: tuple[Suspect, ...] = ()
+
+    @property
+    def limits(self) -> set[EffectAt | None]:
+        """Laws that it comes to by numbers that ended at a bound."""
+        at, sides = self.column.at, self.sides
+        if at is None:
+            return set()
+        share = (self.theta - sides.low) / (sides.high - sides.low)
+        ended = get_effect(at.effect).ended(share[sides.places_of(at, '')].tolist())
+        return {EffectAt(p.limit, at.where) for p in ended if p.limit}
 
 
 @dataclass(frozen=True)
@@ -269,6 +281,9 @@ def _step(
                if '' in (x.column.place, c.place) or x.column.place == c.place):  # fmt: skip
             fits.append(f)
             top = max(top, f.evidence)
+    # A law that ended at a bound tells nothing beside the one that it comes to there.
+    fits = [f for f in fits if not f.limits & {x.column.at for x in fits}]
+    top = max((f.evidence for f in fits), default=0.0)
     if not top > price:
         return None
     alike = [f for f in fits if f.evidence > _nearly(top)]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An effect: data, and a small kernel that fills one hook of a simulation step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import enum
 from typing import Any, Literal, NamedTuple
@@ -268,6 +268,18 @@ class Effect:
         law = getattr(self.kernel, 'py_func', self.kernel)
         names = law.__code__.co_names if law else (p.target for p in self.parameters)
         return frozenset(DriveState._fields).intersection(names)
+
+    def ended(self, shares: Sequence[float]) -> list[EffectParameter]:
+        """Return parameters that ended at bounds, but for nothing.
+
+        Args:
+            shares: All of them in shares of their boxes.
+        """
+        return [
+            p
+            for p, x in zip(self.parameters, shares, strict=True)
+            if round(x, 3) in (0.0, 1.0) and p.neutral != (p.low, p.high)[round(x)]
+        ]
 
     def applies(self, context: Context) -> bool:
         """Whether a machine can have the effect.

@@ -125,12 +125,8 @@ class Hypothesis:
 
     def ended(self, at: EffectAt) -> list[EffectParameter]:
         """Return the numbers of one of its effects that ended at bounds, but for nothing."""
-        own, columns = get_effect(at.effect).parameters, self.columns(self.effects.index(at))
-        return [
-            p
-            for p, x in zip(own, np.round(self.unit[columns], 3), strict=True)
-            if x in (0.0, 1.0) and p.neutral != (p.low, p.high)[int(x)]
-        ]
+        shares = self.unit[self.columns(self.effects.index(at))]
+        return get_effect(at.effect).ended(shares.tolist())
 
     def limits(self, at: EffectAt) -> set[EffectAt]:
         """Return what one of its effects comes to by numbers that ended at a bound."""

@@ -5,13 +5,15 @@ from dataclasses import replace
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 from arm_cases import described
 import numpy as np
 import pytest
 
 from ros2_ident import jobs
-from ros2_ident.change.columns import columns_of, Homed, shifted
+from ros2_ident.change import find
+from ros2_ident.change.columns import Column, columns_of, Homed, shifted
 from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import Move, Sides
 from ros2_ident.cli.main import main
@@ -20,6 +22,7 @@ from ros2_ident.identify import hidden
 from ros2_ident.models import EffectAt, load_machine
 from ros2_ident.recording import read_bags, write_bag
 from ros2_ident.search.changes import Changes, evidence_of
+from ros2_ident.search.jacobian import Box
 from ros2_ident.words.change import differing, sentences
 
 ROOT = Path(__file__).parents[2]
@@ -145,9 +148,6 @@ def test_a_size_beyond_all_that_is_looked_for_would_not_show():
     )
 
 
-def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
-    law = 'position_dependent_friction@emps_axis:slope=0.1,middle=0'
-    for name, more in (('one', ['--seed', '1']), ('two', ['--seed', '2', '--effect', law])):
 def test_what_the_file_states_comes_before_effects_the_smallest_share_first():
     each = [
         Visible(Suspect('effect', 'stribeck', 'x_axis'), 'n', 1.0, 'N', math.nan),
@@ -164,6 +164,9 @@ def test_what_the_file_states_comes_before_effects_the_smallest_share_first():
         assert said.index('load_mass') < min(said.index('Stribeck'), said.index('backlash'))
 
 
+def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
+    law = 'position_dependent_friction@emps_axis:slope=0.1,middle=0'
+    for name, more in (('one', ['--seed', '1']), ('two', ['--seed', '2', '--effect', law])):
         words = ['simulate', f'{tmp_path}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
         assert main([*words, '--seconds', '12', '--noise', '0.2', *more]) == 0
     found = compared(tmp_path, ['one'], ['two']).result
@@ -324,6 +327,65 @@ def test_what_is_not_smooth_is_weighed_by_what_a_tenth_of_it_does(made):
         for x in (found.others[:, -1], seen.slopes[:, -1])
     )
     assert of_columns > 0.99 and of_slopes < 0.5
+
+
+def test_all_that_explains_as_much_is_told(made, tmp_path, monkeypatch):
+    words = ['--effect', 'velocity_gain_error@emps_axis:factor=1.05', '--motion', 'reversals']
+    words += ['--machine', str(AXIS), '--seconds', '6', '--seed', '6']
+    assert main(['simulate', f'{tmp_path}/tuned', *words]) == 0
+    told = []
+    for most in (1, 4):
+        monkeypatch.setattr(find, '_FITS', most)
+        (change,) = compared(made, ['one'], [f'{tmp_path}/tuned']).result.changes
+        told.append({x.name for x in (change.suspect, *change.ties)})
+    assert told[0] == told[1] >= {'velocity_gain', 'velocity_gain_error'}
+
+
+def test_a_law_that_ended_at_a_bound_is_the_one_that_it_comes_to(made):
+    request = jobs.Request(load_machine(AXIS), bags=(f'{made}/one',))
+    problem = request.problem(jobs.read(request).fit)
+    at, after = EffectAt('end_stop', 'emps_axis'), np.array([False, True])
+    sides = Sides(problem.models * 2, after, effects=[(at, True)])
+    theta = 0.5 * (sides.low + sides.high)
+    column = Column(Suspect('effect', 'end_stop', 'emps_axis'), (), (), np.empty(0), at=at)
+    fit = find._Fit(column, 9.0, sides, theta)
+    stiffness, lower, upper = sides.places_of(at, '')
+    assert fit.limits == set()
+    spring = {EffectAt('cable_spring', 'emps_axis')}
+    # In the middle of the way there is no way without either; far out a stop is none.
+    for place, end in ((lower, sides.high), (upper, sides.low)):
+        moved = theta.copy()
+        moved[place] = end[place]
+        assert replace(fit, theta=moved).limits == spring
+    theta[[lower, upper]] = sides.low[lower], sides.high[upper]
+    theta[stiffness] = sides.high[stiffness]
+    assert replace(fit, theta=theta).limits == set()
+
+
+def test_a_fit_is_judged_by_the_more_probable_of_what_the_model_may_lack():
+    residual = np.array([3.0, 4.0])
+
+    class Marginal:
+        """Stand-in whose loss is a sum of squares and a constant."""
+
+        def __init__(self, more: float) -> None:
+            self.more = more
+
+        def sized(self, residual: np.ndarray | None = None) -> 'Marginal':
+            return Marginal(2.0)
+
+        def loss(self, residual: np.ndarray) -> float:
+            return float(residual @ residual) + self.more
+
+        def __call__(self, residual: np.ndarray) -> np.ndarray:
+            return residual
+
+    box = Box(np.zeros(1), np.ones(1))
+    for more, least in ((0.5, 0.5), (9.0, 2.0)):
+        now = SimpleNamespace(marginal=Marginal(more))
+        fit = find._best(now, lambda theta: np.tile(residual, (len(theta), 1)), box,
+                         np.array([0.5]), lambda: False)  # fmt: skip
+        assert fit.loss == pytest.approx(25.0 + least + box.aside(box.inside(fit.theta)))
 
 
 def test_names_that_explain_little_of_the_logs_left_out_are_not_believed():
