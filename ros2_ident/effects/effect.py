@@ -270,11 +270,7 @@ class Effect:
         return frozenset(DriveState._fields).intersection(names)
 
     def ended(self, shares: Sequence[float]) -> list[EffectParameter]:
-        """Return parameters that ended at bounds, but for nothing.
-
-        Args:
-            shares: All of them in shares of their boxes.
-        """
+        """Return parameters that ended at bounds, but for nothing, by all as shares of boxes."""
         return [
             p
             for p, x in zip(self.parameters, shares, strict=True)

@@ -68,10 +68,9 @@ class Changes:
         scattering: (R, K) the same of those kept, as several logs of a side tell it.
         folds: Information and score of each part left out, and of all others; by multiples of
             columns of one size.
-        both: Of each pair of logs the precision (N + C, N + C) of what is common to both sides,
-            and its products (N + C, Q) with the changes.
-        own: (Q,) which of the common columns is a change on both sides; less than N where none
-            is, or where its prior is no size.
+        both: (N + C, N + C + Q) of each pair of logs, precision of what both sides have in common
+            and its products with the changes.
+        own: (Q,) which of these columns is the change on both sides; -1 for none.
         scale: RMS of the residual.
     """
 
@@ -331,7 +330,7 @@ def weigh_changes(
     parts: list[tuple[Array, ...]] = []
     for fold in sorted({cell.fold for cell in cells}):
         both = [[c for c in cells if (c.fold == fold) is own] for own in (True, False)]
-        parts.append(tuple(x for own in both for x in _reduced(own, seen, prior, usually)))
+        parts.append(tuple(x for own in both for x in _reduced(own, seen, prior, usually)[:2]))
     # Several logs tell how each suspect scatters; the parts of one a side that of what is in the
     # fit, for of another law they tell its form, too.
     several, groups = len(logs.rows) > 2, dict[tuple[int, int], list[_Cell]]()
@@ -355,9 +354,9 @@ def weigh_changes(
         usually_more = (found.moderated[0] - 1.0) * (found.free > 0.5)
         scatter, expected = found.alone, _inflated(usually_more, found.free)
     of_all = [_reduced(cells, seen, prior, x) for x in (usually, 0.0 * usually)]
-    (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h in of_all]
+    (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h, _ in of_all]
     factor = np.append(np.ones(first), rms)
-    on_both = [x[:, :-1] * factor for x in _summed(cells, seen, prior, usually)[1]]
+    on_both = [x * factor for x in of_all[0][2]]
     number = np.full(white.shape[0], -1)
     number[seen.common] = np.arange(first)
     by_itself = np.where(alone, between * usual**2, 0.0)
@@ -425,28 +424,16 @@ class _Seen:
 
 def _reduced(
     cells: Sequence[_Cell], seen: _Seen, prior: Array, deviation: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, list[Array]]:
     """Return G (Q, Q) and h (Q,), with what is common or of one log alone integrated out.
+
+    And of each pair the products (N + C, N + C + Q) of what is common, the changes beside it.
 
     Args:
         cells: Parts of logs.
         seen: Which columns are which.
         prior: (N + C, N + C + 1) precision of what is common, and its push.
         deviation: (Q,) standard deviation of a change from log to log.
-    """
-    found, pairs = _summed(cells, seen, prior, deviation)
-    for normal in pairs:
-        half = _half(normal[:, : len(prior)], normal[:, len(prior) :])
-        found -= half[:, :-1].T @ half
-    return found[:, :-1], found[:, -1]
-
-
-def _summed(
-    cells: Sequence[_Cell], seen: _Seen, prior: Array, deviation: Array
-) -> tuple[Array, list[Array]]:
-    """Return products (Q, Q + 1) of changes, and (N + C, N + C + Q + 1) with each pair's own.
-
-    Arguments as of `_reduced`; of one log alone are integrated out.
     """
     first, count = len(prior), len(deviation)
     found, pairs = np.zeros((count, count + 1)), list[Array]()
@@ -459,8 +446,10 @@ def _summed(
             keep = np.concatenate([np.ones(first, dtype=bool), there, [True]])
             normal += sums[:first] * keep
             found += sums[first:, first:] * np.outer(there, keep[first:])
-        pairs.append(normal)
-    return found, pairs
+        half = _half(normal[:, :first], normal[:, first:])
+        found -= half[:, :-1].T @ half
+        pairs.append(normal[:, :-1])
+    return found[:, :-1], found[:, -1], pairs
 
 
 def _of_log(cells: Sequence[_Cell], seen: _Seen, deviation: Array) -> Array:
