@@ -202,6 +202,15 @@ def test_constants_that_are_identified_reach_the_motor() -> None:
     assert np.abs(second - first).max() > 0.05
 
 
+@pytest.mark.filterwarnings('error')
+def test_a_motor_without_resistance_diverges_without_a_word_of_numpy() -> None:
+    one = machine({'resistance': [0.0, 9.0, 'Ohm'], **FRICTION})
+    model = make_model(one, _data(one))
+    none, some = model.simulate(np.array([[0.0, 0.011, 0.004], [3.1, 0.011, 0.004]]))
+    assert np.isfinite(some).all()
+    assert not np.isfinite(none).all()
+
+
 def test_a_servo_without_a_set_point_is_refused() -> None:
     one = machine()
     with pytest.raises(IdentError, match='simulated from its set-points') as caught:

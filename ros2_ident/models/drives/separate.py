@@ -247,14 +247,16 @@ class Servo(SeparateDrives):
             of(name) for name in ('torque_constant', 'resistance', 'supply_voltage')
         )
         load, arm, length = of('load_mass'), of('arm_mass'), of('load_length')
-        gain, braking = constant * supply / resistance, constant**2 / resistance
+        with np.errstate(divide='ignore', invalid='ignore'):  # without resistance it diverges
+            gain, braking = constant * supply / resistance, constant**2 / resistance
+            current = supply / resistance, constant / resistance
         of('rail_mass')[:] = of('load_inertia') + (load + arm / 3.0) * length**2
         of('load_moment')[:] = (load + 0.5 * arm) * length * of('gravity')[:, None]
         of('drive_gain')[:], of('back_emf')[:] = gain, braking
         logged: dict[str, tuple[Array | float, Array | float]] = {
             DUTY: (1.0, 0.0),
             VOLTAGE: (supply, 0.0),
-            CURRENT: (supply / resistance, constant / resistance),
+            CURRENT: current,
         }
         pair = logged.get(self.machine.effort_unit, (gain, braking))
         of('log_duty')[:], of('log_speed')[:] = pair
