@@ -202,12 +202,13 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
         rates = motion.acceleration, motion.velocity
         mass, viscous = (2.0 * most / max(float(x.std()), 1e-12) for x in rates)
         units = ('kg', 'N', 'N s/m') if way == 'm' else ('kg m^2', 'N m', 'N m s/rad')
-        for key, box in (
-            ('moving_mass', f'0.0, {mass:.3g}, {units[0]}'),
-            ('coulomb_friction', f'0.0, {most:.3g}, {units[1]}'),
-            ('viscous_friction', f'0.0, {viscous:.3g}, {units[2]}'),
-            ('constant_force', f'{-most:.3g}, {most:.3g}, {units[1]}'),
+        for text in (
+            f'moving_mass: 0.0, {mass:.3g}, {units[0]}',
+            f'coulomb_friction: 0.0, {most:.3g}, {units[1]}',
+            f'viscous_friction: 0.0, {viscous:.3g}, {units[2]}',
+            f'constant_force: {-most:.3g}, {most:.3g}, {units[1]}',
         ):
+            key, box = text.split(': ')
             rows.setdefault(key, []).append(box)
     if len(fit) > 1:
         raise ErrorCode.INVALID_GOAL.error(
