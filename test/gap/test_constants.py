@@ -63,4 +63,6 @@ def test_the_bundled_axis_needs_no_limit() -> None:
     assert sentence(unstated) == sentence(stated)
     assert unstated.not_testable == stated.not_testable
     for name, value in stated.parameters.items():
-        assert unstated.parameters[name].value == pytest.approx(value.value, rel=1e-9)
+        # The fits' slopes are differences: processors differ by their rounding.
+        rounding = 1e-6 * (value.high - value.low)
+        assert unstated.parameters[name].value == pytest.approx(value.value, abs=rounding)
