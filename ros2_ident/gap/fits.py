@@ -30,9 +30,6 @@ _ROUNDS, _SETTLED = 10, 0.98
 # Shares of the way to a screened start, which lies where straight lines lead. A grid.
 _WAY = np.array([1.0, 0.7, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02])
 
-# Step of slopes that are lines, which any tells: with a large one rounding is nothing.
-_FAR = 0.25
-
 
 @dataclass(frozen=True)
 class Start:
@@ -182,8 +179,9 @@ class Fits:
         plain = self.split.fit.with_effects(())
         if not all(model.thinned for model in plain.models):
             return None
-        point = Point.at(self.evaluate(plain), plain.box, np.full(len(plain.low), 0.5))
-        slopes = replace(point, step=_FAR).jacobian
+        middle = Point.at(self.evaluate(plain), plain.box, np.full(len(plain.low), 0.5))
+        # To the box's ends: of a line any step tells the slope, and the largest rounds least.
+        slopes = replace(middle, step=0.5).jacobian
         return Slopes(slopes, np.ones(len(plain.low), dtype=bool))
 
     def refit(

@@ -165,9 +165,8 @@ def left_by_quarters(model: FullModel) -> float:
     By what its parameters are in the other three.
     """
     low, high = np.array([(p.low, p.high) for p in model.parameters]).T
-    # Of a line any step tells the slope.
-    steps = np.vstack([np.zeros_like(low), np.diag(0.25 * (high - low))])
-    at, *moved = model.residuals(0.5 * (low + high) + steps)
+    # Of lines the ends of the box tell the slopes.
+    at, *moved = model.residuals(low + np.vstack([np.zeros_like(low), np.diag(high - low)]))
     slopes = np.array(moved).T - at[:, None]
     quarter = np.nonzero(np.isfinite(model.measured))[1] * 4 // model.measured.shape[1]
     total = 0.0
