@@ -11,6 +11,7 @@ even chance.
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 import json
 import math
 from pathlib import Path
@@ -195,11 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         machine = args.machines[case % len(args.machines)]
         place = args.folder / f'{machine}_{case:02d}'
         if not (place / 'tried.jsonl').exists():
-
-            def make(at: Path, n: int, seed: int, machine: str = machine) -> Any:
-                own = make_arm(at, n, seed) if machine == 'arm' else None
-                return own or make_reference(at, n, seed, machine)
-
+            make = make_arm if machine == 'arm' else partial(make_reference, machine=machine)
             study(place, make, case, args.seed, args.shares)
     print(*scored(args.folder), sep='\n')
 

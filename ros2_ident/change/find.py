@@ -548,10 +548,8 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
             c.names, c.units, sizes, c.most or [math.inf] * len(c.names), strict=True
         ):
             size = size if size <= most else math.inf
-            key, one = (
-                (c.suspect.name, c.suspect.where),
-                Visible(c.suspect, name, size, unit, c.value),
-            )
+            key = c.suspect.name, c.suspect.where
+            one = Visible(c.suspect, name, size, unit, c.value)
             known = smallest.setdefault(key, one)
             # Of several shapes; numbers of several units are not compared, the first is told.
             if size < known.size and (name == known.name or known.size == math.inf):
