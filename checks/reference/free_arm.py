@@ -20,7 +20,7 @@ from ros2_ident.machine.machine import Machine
 # Of a friction force, what may still change from round to round, and rounds to get there.
 _SETTLED, _ROUNDS = 1e-14, 100_000
 # As `kernel_free` has them: how many times as many steps, and what counts as rest.
-_FINER, _RESTS = 4, 1e-3
+_FINER, _RESTS = 2, 1e-3
 
 
 @dataclass
@@ -102,9 +102,21 @@ class FreeArm:
         middle = place + 0.5 * h * rate + 0.125 * h * h * bend
         mass, load = self.links(middle, rate + 0.5 * h * bend)
         light = np.linalg.inv(mass + np.diag(self.rotor))
-        pushed = torque - self.constant - load
-        free: Array = rate + h * light @ (pushed - self.viscous * rate)
-        friction = self._held(free, np.asarray(h * light, dtype=np.float64))
+        growth = self.gains[2] * h * (wanted - place - 0.5 * h * rate)
+        torque = torque + 0.5 * growth
+        pushed = torque - self.constant - load - self.viscous * rate
+        friction = self.coulomb * np.copysign(1.0, rate)
+        # Controllers answer within the step, to positions and, implicitly, to rates.
+        answer = 0.5 * h * self.gains[0] * rate
+        reached = rate + h * light @ (pushed - friction - answer)
+        if (reached * np.copysign(1.0, rate) < 0.0).any():
+            brake = 0.5 * h * (self.gains[1] + self.viscous)
+            slowing = np.asarray(h * np.linalg.inv(mass + np.diag(self.rotor + brake)))
+            friction = self._held(rate + slowing @ (pushed - answer), slowing)
+            # Friction of a motor that goes back all the same turns over on the way.
+            back = (np.abs(friction) >= self.coulomb) & (friction * rate < 0.0)
+            share = np.minimum(np.abs(rate) / np.maximum(np.abs(rate - reached), 1e-300), 1.0)
+            friction = np.where(back, friction * (1.0 - 2.0 * share), friction)
         start, first = place, rate
 
         def bent(at: Array, speed: Array) -> Array:
@@ -113,7 +125,7 @@ class FreeArm:
             return np.asarray(light @ left)
 
         half = 0.5 * h
-        self.integral = self.integral + self.gains[2] * h * (wanted - place)
+        self.integral = self.integral + growth
         a = bent(place, rate)
         b = bent(place + half * rate, rate + half * a)
         c = bent(place + half * rate + half * half * a, rate + half * b)

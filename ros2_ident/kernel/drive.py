@@ -323,12 +323,15 @@ def control(
         store(mem, (own + MEMORY.last_read) * W, read)
     # Not fused: which of the two products the compiler would fuse is its own choice.
     wanted = product(load(par, (first + DRIVE.position_gain) * W), zc - read)
+    within = spread(0.0)
     if law in (POSITION, PID):
         late = load(par, (first + DRIVE.feedforward) * W) * vc - rate
         torque = wanted + load(par, (first + DRIVE.velocity_gain) * W) * late
         if law == PID:
             torque = torque + load(mem, (own + MEMORY.integral) * W)
-            growth = load(par, (first + DRIVE.integral_gain) * W) * step * (zc - read)
+            growth = load(par, (first + DRIVE.integral_gain) * W) * step
+            growth = growth * (zc - read - (0.5 * step) * v)
+            within = 0.5 * growth
             integral = load(mem, (own + MEMORY.integral) * W) + growth
             _kept(mem, own + MEMORY.integral, integral, active)
     else:
@@ -341,11 +344,12 @@ def control(
         torque = torque + ahead[d * count + k]
     limit = load(par, (first + DRIVE.torque_limit) * W)
     torque = clip(torque, -limit, limit)
-    asked = torque
+    # What is integrated within the step acts in it, by half.
+    asked = clip(torque + within, -limit, limit)
     if on is not None and on & MASK.COMMAND:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, spread(step))
-        asked = hooks.command_hook(torque, state, on, par, first, mem, own)
-        hooks.command_keeps(torque, state, on, par, first, mem, own, active)
+        asked = hooks.command_hook(asked, state, on, par, first, mem, own)
+        hooks.command_keeps(asked, state, on, par, first, mem, own, active)
     store(mem, (own + MEMORY.commanded) * W, asked)
     return torque

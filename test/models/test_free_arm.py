@@ -93,6 +93,30 @@ def test_a_free_run_is_that_of_the_slow_reference(
     assert np.abs(simulated[:4] - effort).max() < 1e-9 * np.abs(effort).max()
 
 
+@pytest.mark.parametrize(
+    ('integral', 'slow', 'cycles', 'most'),
+    # Of fast joints under integral parts, and of one that creeps to a stop while others are fast.
+    [(True, 1.0, 600, 3e-5), (False, 0.02, 1500, 5e-6)],
+    ids=['integral', 'creeping'],
+)
+def test_few_steps_of_a_cycle_do_what_many_do(
+    tmp_path: Path, integral: bool, slow: float, cycles: int, most: float
+) -> None:
+    gains = GAINS if integral else {**GAINS, 'integral_gain': [0.0] * 4}
+    machine = described(tmp_path, controller=gains, **BOXES)
+    place, speed = wanted(cycles)
+    share = np.array([[1.0], [1.0], [slow], [1.0]])
+    place = place[:, :1] + share * (place - place[:, :1])
+    data = logged(place, share * speed, place[:, :1] + 0.0 * place)
+    theta = free_run(machine, cycles, friction=2.0)[1]
+    model = make_model(machine, data, quantities=('position',))
+    model.substeps = 2 if integral else 1
+    few = model.simulate(theta[None])[0]
+    model.substeps = 64
+    off = few - model.simulate(theta[None])[0]
+    assert np.sqrt(np.mean(off**2, axis=1)).max() < most
+
+
 @pytest.mark.parametrize('drive', [None, COUPLED], ids=['plain', 'coupled'])
 def test_another_zero_is_the_same_run_with_all_positions_shifted(
     tmp_path: Path, drive: dict[str, object] | None

@@ -3,7 +3,8 @@
 
 A joint and its motor are one mass. Mass matrix and load of the links are taken once a step, at its
 predicted middle (error of second order), and the joints are integrated over it by a Runge-Kutta
-step of fourth order. A set-point holds for a cycle; what controllers ask changes with the motion.
+step of fourth order. A set-point holds for a cycle; what controllers ask changes with the motion,
+also where it is asked whether friction stops a joint within the step.
 """
 # mypy: ignore-errors
 
@@ -22,6 +23,7 @@ from ros2_ident.lanes import (
     kernel,
     load,
     maximum,
+    minimum,
     parted,
     spread,
     store,
@@ -39,9 +41,9 @@ ROUNDS, SETTLED = 64, 1e-9
 # Where friction of a joint may turn over or let go, a cycle has so many times as many steps: the
 # instant is known to a step, and the error of what follows falls with its square. A joint rests
 # where it is slower than this acceleration [rad/s^2 or m/s^2] makes it in a cycle. Both by hand.
-FINER, RESTS = 4, 1e-3
+FINER, RESTS = 2, 1e-3
 # Numbers of each joint that only a step needs, see `_step`.
-_OF_STEP = 8 + rk.STAGES
+_OF_STEP = 9 + rk.STAGES
 
 
 def sizes(drives: int) -> tuple[int, int]:
@@ -106,6 +108,23 @@ def _prescribed(mode, motion, k, count, mass, asked, size):
     for d in range(drives):
         if mode[d] != dk.CLOSED_LOOP:
             store(asked, d * W, spread(-motion[(2 * drives + d) * count + k]))
+
+
+@inlined
+def _answer(par, mode, asked, d):
+    """Return by how much less joint `d` is pushed a unit further on, and how much a unit faster.
+
+    By controllers, whose torque is within its limit, and viscous friction.
+    """
+    spring, brake = spread(0.0), spread(0.0)
+    if mode[d] == dk.CLOSED_LOOP:
+        row = MACHINE_COUNT + d * DRIVE_COUNT
+        gear = load(par, (row + DRIVE.gear) * W)
+        free = absolute(load(asked, d * W)) < load(par, (row + DRIVE.torque_limit) * W)
+        spring = where(free, gear * load(par, (row + DRIVE.position_gain) * W), spring)
+        brake = where(free, gear * load(par, (row + DRIVE.velocity_gain) * W), brake)
+        brake = brake + gear * load(par, (row + DRIVE.viscous) * W)
+    return spring, brake
 
 
 @called
@@ -231,6 +250,7 @@ def _step(
     asked, rest = parted(rest, drives)
     first, rest = parted(rest, drives)
     commanded, rest = parted(rest, drives)
+    mean, rest = parted(rest, drives)
     bend, rest = parted(rest, rk.STAGES * drives)
     inverse, links = parted(rest, drives * drives)
     zero = spread(0.0)
@@ -248,6 +268,8 @@ def _step(
         mass = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.motor_mass) * W)
         store(inverse, (d * drives + d) * W, load(inverse, (d * drives + d) * W) + mass)
     _prescribed(mode, motion, k, count, inverse, asked, size)
+    heavy = links[: drives * drives * W]
+    copied(inverse, heavy)
     inverted(inverse, size, spare)
     for d in range(drives):
         if mode[d] == dk.CLOSED_LOOP:
@@ -258,18 +280,35 @@ def _step(
             )  # fmt: skip
             store(torques, d * W, torque)
             store(commanded, d * W, load(mem, (d * MEMORY_COUNT + MEMORY.commanded) * W))
-    # Friction against the motion is right where no joint turns over.
+    # Friction against the motion is right where no joint turns over. Controllers answer to the
+    # motion within the step: to the positions as the rates have it, to the rates implicitly.
     _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, time, since)
+    for d in range(drives):
+        store(bend, d * W, _bent(inverse, push, asked, d, size))
+        further, _ = _answer(par, mode, torques, d)
+        store(mean, d * W, load(asked, d * W) + half * further * load(rate, d * W))
     turned = zero > zero
     for d in range(drives):
-        a = _bent(inverse, push, asked, d, size)
-        store(bend, d * W, a)
-        turned = turned | ((load(rate, d * W) + h * a) * load(aim, d * W) < zero)
+        reached = load(rate, d * W) + h * _bent(inverse, push, mean, d, size)
+        store(first, d * W, reached)
+        turned = turned | (reached * load(aim, d * W) < zero)
     if any_lane(turned):
+        for d in range(drives):
+            _, faster = _answer(par, mode, torques, d)
+            at = (d * drives + d) * W
+            store(heavy, at, load(heavy, at) + half * faster)
+        inverted(heavy, size, spare)
         _hold(
-            par, mem, on, mode, place, rate, carried, aim, push, pulls, spare, inverse, asked,
-            size, time, since, h,
+            par, mem, on, mode, place, rate, carried, aim, push, pulls, spare, heavy, mean, size,
+            time, since, h,
         )  # fmt: skip
+        for d in range(drives):
+            # Friction of a joint that goes back all the same turns over on the way.
+            v, end = load(rate, d * W), load(aim, d * W)
+            share = v / maximum(absolute(v - load(first, d * W)), spread(1e-300))
+            share = minimum(absolute(share), spread(1.0))
+            mixed = end + (with_sign(spread(1.0), v) - end) * share
+            store(aim, d * W, where((absolute(end) >= 1.0) & (end * v < zero), mixed, end))
         _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, time, since)
         for d in range(drives):
             store(bend, d * W, _bent(inverse, push, asked, d, size))
