@@ -161,7 +161,7 @@ POSITION_DEPENDENT_FRICTION = Effect(
     equation='Coulomb torque times 1 + a (z - z_0) added',
     source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
     parameters=(
-        EffectParameter('slope', '1/m', -2.0, 2.0, 0.0, symbol='a', meaning='change per length'),
+        EffectParameter('slope', '1/m', -2.0, 2.0, 0.0, symbol='a'),
         along_rail('middle', 'z_0', 'position without change', 'coulomb_friction'),
     ),
     hook=Hook.FRICTION,
@@ -181,7 +181,7 @@ def _presliding(value: Any, drive: Any, p: Any) -> Any:
 
 PRESLIDING = Effect(
     id='presliding',
-    about='Presliding: friction builds up over a way, as in a brush of bristles, not at once.',
+    about='Presliding: friction builds up over a way, as of bristles, not at once.',
     title='presliding hysteresis',
     equation='friction direction h instead of sgn v: dh/dx = (1 - h sgn v)/delta',
     source='Dahl, A solid friction model, 1968',
@@ -209,11 +209,7 @@ QUADRATIC_DRAG = Effect(
     title='quadratic drag',
     equation='Q v |v| added to the friction torque',
     source='MuJoCo dcmotor note; nonlinear viscous friction',
-    parameters=(
-        EffectParameter(
-            'torque', 'effort s^2/m^2', 0.0, 0.5, 0.0, symbol='Q', meaning='coefficient'
-        ),
-    ),
+    parameters=(EffectParameter('torque', 'effort s^2/m^2', 0.0, 0.5, 0.0, symbol='Q'),),
     hook=Hook.FRICTION,
     kernel=_quadratic_drag,
     family='speed-dependent friction',

@@ -46,7 +46,7 @@ POSITION_DEPENDENT_STIFFNESS = Effect(
     equation='c_G (1 + a (s - s_0))',
     source='Ludwig and Gerstmayr 2011, eq. 11; belt length changes with position',
     parameters=(
-        EffectParameter('slope', '1/m', -0.5, 0.5, 0.0, symbol='a', meaning='change per length'),
+        EffectParameter('slope', '1/m', -0.5, 0.5, 0.0, symbol='a'),
         along_rail('middle', 's_0', 'position without change'),
     ),
     hook=Hook.STIFFNESS,
@@ -72,8 +72,8 @@ TRANSMISSION_ECCENTRICITY = Effect(
     equation='e = A sin(gear z) + B cos(gear z) added to the gear deflection; lever 1 + de/dz',
     source='Tuttle and Seering, IEEE T-RA 12(3), 1996',
     parameters=(
-        EffectParameter('sine', 'm', -0.02, 0.02, 0.0, symbol='A', meaning='sine part'),
-        EffectParameter('cosine', 'm', -0.02, 0.02, 0.0, symbol='B', meaning='cosine part'),
+        EffectParameter('sine', 'm', -0.02, 0.02, 0.0, symbol='A'),
+        EffectParameter('cosine', 'm', -0.02, 0.02, 0.0, symbol='B'),
     ),
     hook=Hook.DEFLECTION,
     kernel=_transmission_eccentricity,

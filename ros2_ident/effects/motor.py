@@ -54,11 +54,7 @@ ENCODER_QUANTISATION = Effect(
     title='encoder quantisation',
     equation='position rounded to whole steps',
     source='least significant bit of an encoder',
-    parameters=(
-        EffectParameter(
-            'step', 'm', 0.0, 0.01, 0.0, starts=(1e-4, 7e-4, 3e-3), meaning='step of the encoder'
-        ),
-    ),
+    parameters=(EffectParameter('step', 'm', 0.0, 0.01, 0.0, starts=(1e-4, 7e-4, 3e-3)),),
     hook=Hook.READING,
     kernel=_encoder_quantisation,
     family='reading',
@@ -111,8 +107,8 @@ TORQUE_RIPPLE = Effect(
     source='Holtz and Springob, IEEE TIE 43(2), 1996',
     parameters=(
         # The whole effort: it may be all that a motor without a load makes effort for.
-        EffectParameter('sine', 'effort', -1.0, 1.0, 0.0, symbol='A', meaning='sine part'),
-        EffectParameter('cosine', 'effort', -1.0, 1.0, 0.0, symbol='B', meaning='cosine part'),
+        EffectParameter('sine', 'effort', -1.0, 1.0, 0.0, symbol='A'),
+        EffectParameter('cosine', 'effort', -1.0, 1.0, 0.0, symbol='B'),
         EffectParameter('order', '1', 0.5, 24.5, 1.0,
                         starts=tuple(float(n) for n in (*range(1, 9), *range(10, 21, 2), 24)),
                         role='order', limit='cable_spring', symbol='n',

@@ -17,7 +17,7 @@ def _moment(axis: str) -> EffectParameter:
     name = f'moment_{axis}'
     return EffectParameter(
         name, 'load m', -1.0, 1.0, 0.0, target=f'hand_{name}', symbol=f'm_L {axis}',
-        meaning=f"mass times its place along {axis} of the last joint's frame",
+        meaning=f'mass times {axis}',
     )  # fmt: skip
 
 
@@ -162,7 +162,7 @@ EFFECTS = (
     Effect(
         id='effort_smoothing',
         group='measurement',
-        about='The efforts were smoothed forwards and backwards before they came into the log.',
+        about='The efforts were smoothed before they came into the log.',
         title='smoothed effort',
         equation='M_log = M through a Butterworth low-pass of order 2 and 1/T, forwards and '
         'backwards',
