@@ -118,7 +118,7 @@ CONSTANT_FORCE = Effect(
     about='A constant force or torque on the load side, a weight or a spring far from rest.',
     title='constant force',
     equation='F on the load side, against the positive direction',
-    source='Janot, Gautier, Brunot 2019, offset',
+    source='Janot et al. 2019, offset',
     parameters=(
         EffectParameter(
             'force', 'force', -1.0, 1.0, 0.0, symbol='F', meaning='force, or torque of a joint'

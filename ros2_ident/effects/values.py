@@ -89,7 +89,7 @@ EFFECTS = (
         about='Coulomb friction, where the nominal model has none.',
         title='Coulomb friction',
         equation='M_C sgn v',
-        source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
+        source='Armstrong-Helouvry et al., Automatica 30(7), 1994',
         parameters=(
             EffectParameter('torque', 'effort', 0.0, 1.0, 0.0, target='coulomb', symbol='M_C'),
         ),
@@ -341,7 +341,7 @@ EFFECTS = (
         about='Viscous friction, where the nominal model has none.',
         title='viscous friction',
         equation='M_V v',
-        source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994',
+        source='Armstrong-Helouvry et al., Automatica 30(7), 1994',
         parameters=(
             EffectParameter('torque', 'effort s/m', 0.0, 1.0, 0.0, target='viscous', symbol='M_V'),
         ),
