@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pairs of logs of an arm under position controllers, by MuJoCo in fine steps."""
 
-import contextlib
 from dataclasses import dataclass, replace
-import io
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +10,23 @@ import numpy.typing as npt
 
 from checks.generators.arm_cases import (
     coloured,
-    DESCRIPTION,
     draw_motion,
     draw_robot,
-    ENCODER,
     PANDA,
     Robot,
     STRIDE,
     UR10,
 )
-from checks.generators.free_arms import CYCLE, draw_gains, FRICTION, plant_of, simulate, TORQUE
+from checks.generators.free_arms import (
+    draw_gains,
+    FRICTION,
+    simulate,
+    TORQUE,
+    write_log,
+    write_machine,
+)
 from checks.pairs.draw import kind_of
 from ros2_ident.change.result import Suspect
-from ros2_ident.cli.main import main
-from ros2_ident.recording import Recording, Stream
-from ros2_ident.recording.write import write_bag
 
 Array = npt.NDArray[np.float64]
 
@@ -122,26 +122,9 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
     both = (('before', motions[0], places, efforts), ('after', motions[which], *after))
     for bag, wanted, at, effort in both:
         write_log(folder / bag, wanted, at, effort + coloured(rng, len(effort), noise))
-    write_machine(folder, robot, gains * rng.uniform(0.7, 1.4, gains.shape))
+    believed = gains * rng.uniform(0.7, 1.4, gains.shape)
+    write_machine(folder, robot, believed, folder / 'before')
     return label
-
-
-def write_log(bag: Path, wanted: Array, at: Array, effort: Array) -> None:
-    """Write set-points, positions and efforts, all (T, D), as a bag."""
-    names = tuple(f'joint_{n + 1}' for n in range(wanted.shape[1]))
-    stamp = 1_700_000_000_000_000_000 + np.arange(len(wanted)) * round(1e9 * CYCLE)
-    seen = Stream(names, stamp, ENCODER * np.round(at / ENCODER), None, effort)
-    write_bag(bag, Recording(seen, command=Stream(names, stamp, wanted)))
-
-
-def write_machine(folder: Path, robot: Robot, gains: Array) -> None:
-    """Write description and machine file, made from the log before."""
-    description = folder / DESCRIPTION
-    description.write_text(plant_of(robot, gains, rotors=False).to_xml(), encoding='utf-8')
-    asked = ['--description', description, '--bag', folder / 'before']
-    with contextlib.redirect_stdout(io.StringIO()):
-        if main(['new-machine', *map(str, asked), '--out', str(folder / 'machine.yaml')]):
-            raise ValueError('no machine file could be made')
 
 
 class ArmSides:
@@ -160,7 +143,8 @@ class ArmSides:
         write_log(folder / 'before', motions[0], places,
                   efforts + coloured(rng, len(efforts), self.noise))  # fmt: skip
         self.again('after', None, 0.0)
-        write_machine(folder, self.robot, self.gains * rng.uniform(0.7, 1.4, self.gains.shape))
+        believed = self.gains * rng.uniform(0.7, 1.4, self.gains.shape)
+        write_machine(folder, self.robot, believed, folder / 'before')
 
     @staticmethod
     def _run(robot: Robot, gains: Array, wanted: Array) -> tuple[Array, Array]:
