@@ -9,6 +9,7 @@ them. MuJoCo and pinocchio have to be importable.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -429,12 +430,13 @@ def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
     return close(draw(store.case(case), seed, case), seed)
 
 
-def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
+def orders(store: Store, case: int, **more: str) -> dict[int, dict[str, str]]:
+    """Return what is asked about a case: an identification, too, of one log."""
     folder = store.case(case).resolve()
-    more = {'description': str(folder / DESCRIPTION), 'identify': str(folder / 'identified')}
-    order = order_of(store, case) | more | {'threads': '1', 'method': 'algebraic'}
+    files = {'description': str(folder / DESCRIPTION), 'identify': str(folder / 'identified')}
+    order = order_of(store, case) | files | {'threads': '1'} | more
     del order['check']
     return {case: order}
 
 
-GENERATOR = Generator(numbered, _draw, _orders, arms.row, arms.told)
+GENERATOR = Generator(numbered, _draw, partial(orders, method='algebraic'), arms.row, arms.told)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from checks.blind import arms
 from checks.blind.case import CHECK, FIT, MACHINE
-from checks.blind.run import Generator, numbered, order_of
+from checks.blind.run import Generator, numbered
 from checks.blind.score import SEEN
 from checks.blind.seal import close
 from checks.blind.store import Store
@@ -30,6 +30,7 @@ from checks.generators.arm_cases import (
     draw_motion,
     draw_robot,
     ENCODER,
+    orders,
     PANDA,
     Robot,
     STEP,
@@ -232,15 +233,4 @@ def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
     return close(draw(store.case(case), seed, case), seed)
 
 
-def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
-    folder = store.case(case).resolve()
-    order = order_of(store, case) | {
-        'description': str(folder / DESCRIPTION),
-        'identify': str(folder / 'identified'),
-        'threads': '1',
-    }
-    del order['check']
-    return {case: order}
-
-
-GENERATOR = Generator(numbered, _draw, _orders, arms.row, arms.told)
+GENERATOR = Generator(numbered, _draw, orders, arms.row, arms.told)
