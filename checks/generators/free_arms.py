@@ -87,8 +87,9 @@ def plant_of(robot: Robot, gains: Array, rotors: bool) -> mujoco.MjSpec:
 
 
 def simulate(
-    robot: Robot, gains: Array, wanted: Array, effect: str, joint: int, size: float, shape: float
-) -> tuple[Array, Array, Array]:
+    robot: Robot, gains: Array, wanted: Array,
+    effect: str = 'none', joint: int = 0, size: float = 0.0, shape: float = 0.0,
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Let the controllers follow (K, D) set-points, each held for a cycle.
 
     Returns:
@@ -195,19 +196,16 @@ def draw(folder: Path, seed: int, case: int) -> dict[str, Any]:
         write_log(folder / bag, wanted, places, noisy)
     believed = gains * rng.uniform(0.7, 1.4, gains.shape)
     write_machine(folder, described, believed, folder / FIT)
+    where = [f'joint_{d + 1}' for d in range(joints)]
+    hidden = [f'{name}.{gain}' for gain in arms.GAINS for name in where]
     return {
         'case': case,
         'effect': effect,
-        'where': f'joint_{joint + 1}' if effect != 'none' else '',
+        'where': where[joint] if effect != 'none' else '',
         'size': size,
         'shape': shape,
         'rho': rho,
-        'truth': truth_of(along, robot)
-        | {
-            f'joint_{d + 1}.{name}': float(x)
-            for name, row in zip(('position_gain', 'velocity_gain'), gains, strict=True)
-            for d, x in enumerate(row)
-        },
+        'truth': truth_of(along, robot) | dict(zip(hidden, gains.ravel().tolist(), strict=True)),
     }
 
 

@@ -83,10 +83,10 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
     motions = [draw_motion(rng, joints)[0, ::STRIDE] for _ in range(2)]
     kind, size, which = kind_of(rng)
     joint, shape = int(rng.integers(joints)), float(rng.uniform())
-    places, efforts, _ = simulate(robot, gains, motions[0], '', 0, 0.0, 0.0)
+    places, efforts, _ = simulate(robot, gains, motions[0])
     noise = rng.uniform(0.005, 0.02) * efforts.std(axis=0)
     label: dict[str, Any] = {'kind': kind, 'size': size, 'motion': which}
-    other = simulate(robot, gains, motions[1], '', 0, 0.0, 0.0)[:2] if which else (places, efforts)
+    other = simulate(robot, gains, motions[1])[:2] if which else (places, efforts)
     after = other
     if kind != 'none':
         effects = *FRICTION, *TORQUE, LOAD
@@ -97,12 +97,12 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
         for _ in range(4):
             if name == LOAD:
                 loaded = Loaded(**vars(robot), load=(HEAVY * step, *place))
-                run = simulate(loaded, gains, motions[which], '', 0, 0.0, 0.0)
+                run = simulate(loaded, gains, motions[which])
             elif kind == 'effect':
                 run = simulate(robot, gains, motions[which], name, joint, step, shape)
             else:
                 there, own = changed(robot, gains, name, joint, step)
-                run = simulate(there, own, motions[which], '', 0, 0.0, 0.0)
+                run = simulate(there, own, motions[which])
             after = run[:2]
             rms = float((np.sqrt(np.mean((after[1] - other[1]) ** 2, axis=0)) / noise).max())
             if abs(rms / size - 1.0) < 0.15:
@@ -138,18 +138,13 @@ class ArmSides:
         motions = [draw_motion(rng, joints)[0, ::STRIDE] for _ in range(2)]
         self.wanted = motions[int(rng.random() < 0.5)]
         self.place = rng.uniform(-REACH, REACH, 3)
-        places, efforts = self._run(self.robot, self.gains, motions[0])
+        places, efforts, _ = simulate(self.robot, self.gains, motions[0])
         self.noise = rng.uniform(0.005, 0.02) * efforts.std(axis=0)
         write_log(folder / 'before', motions[0], places,
                   efforts + coloured(rng, len(efforts), self.noise))  # fmt: skip
         self.again('after', None, 0.0)
         believed = self.gains * rng.uniform(0.7, 1.4, self.gains.shape)
         write_machine(folder, self.robot, believed, folder / 'before')
-
-    @staticmethod
-    def _run(robot: Robot, gains: Array, wanted: Array) -> tuple[Array, Array]:
-        places, efforts, _ = simulate(robot, gains, wanted, '', 0, 0.0, 0.0)
-        return places, efforts
 
     def again(self, name: str, what: Suspect | None, step: float) -> None:
         """Write the side after anew, with a change of a size."""
@@ -161,6 +156,6 @@ class ArmSides:
             at = int(joint.removeprefix('joint_')) - 1
             share = step / float(values_of(robot, gains, own)[at])
             robot, gains = changed(robot, gains, own, at, share)
-        places, efforts = self._run(robot, gains, self.wanted)
+        places, efforts, _ = simulate(robot, gains, self.wanted)
         noisy = efforts + coloured(self.rng, len(efforts), self.noise)
         write_log(self.folder / name, self.wanted, places, noisy)

@@ -64,7 +64,4 @@ def _read_motor(d: Array, machine: Machine, name: str) -> None:
     d[at.TORQUE_LIMIT] = machine.number('duty_limit', name)
 
 
-simulate_servo = partial(simulate_machine, servo_plant)
-
-
-TWIN = Twin('servo', servo_plant, simulate_servo)
+TWIN = Twin('servo', servo_plant, partial(simulate_machine, servo_plant))
