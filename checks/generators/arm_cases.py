@@ -9,6 +9,7 @@ them. MuJoCo and pinocchio have to be importable.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -147,9 +148,9 @@ class Robot:
     dry: Array
     viscous: Array
 
-    def described(self, rng: np.random.Generator) -> 'Robot':
-        """Return what its owner believes: masses and centres that are off by a quarter."""
-        off = rng.uniform(0.75, 1.25, self.masses.shape)
+    def described(self, rng: np.random.Generator, share: float = 0.25) -> 'Robot':
+        """Return what its owner believes: masses off by up to a share, and centres by 2 cm."""
+        off = rng.uniform(1.0 - share, 1.0 + share, self.masses.shape)
         moved = self.centres + rng.normal(0.0, 0.02, self.centres.shape)
         return Robot(
             self.table, off * self.masses, moved, off[:, None] * self.inertias, self.rotors,
@@ -304,30 +305,39 @@ def truth_of(folder: Path, robot: Robot) -> dict[str, float]:
     Base parameters are those that ask MuJoCo's torques of the true arm, beside what the
     description asks: a rotor may stand for what its link is described off by.
     """
-    machine = load_machine(folder / MACHINE)
-    arm = arm_of(machine)
-    inertials = Inertials(machine, arm)
     joints = len(robot.masses)
     reach = np.array([np.pi, 2.0, 5.0])[:, None, None]
     motion = reach * np.random.default_rng(0).uniform(-1.0, 1.0, (3, joints, 200))
-    terms = inertials.terms(arm.terms(*motion), hand=False)
-    rotors = np.eye(joints)[:, None, :] * motion[2][:, :, None]
-    columns = np.concatenate([terms[:, :, :-1], rotors], axis=2)
-    asked = _torques(robot, motion) - terms[:, :, -1]
+    names, middles, columns, described = columns_of(folder, motion)
+    asked = torques(robot, motion) - described
     found, *_ = np.linalg.lstsq(columns.reshape(asked.size, -1), asked.ravel())
     if np.abs(columns @ found - asked).max() > 1e-6:
         raise ValueError('the base parameters do not ask what MuJoCo does')
-    names, middles = inertials.names, inertials.middles
-    values = found + np.pad(middles, (0, joints))
-    names += [f'{drive}.drive_inertia' for drive in machine.drives]
-    out = dict(zip(names, map(float, values), strict=True))
-    for d, drive in enumerate(machine.drives):
-        out[f'{drive}.coulomb_torque'] = float(robot.dry[d])
-        out[f'{drive}.viscous_torque'] = float(robot.viscous[d])
+    out = dict(zip(names, map(float, found + middles), strict=True))
+    for d in range(joints):
+        out[f'joint_{d + 1}.coulomb_torque'] = float(robot.dry[d])
+        out[f'joint_{d + 1}.viscous_torque'] = float(robot.viscous[d])
     return out
 
 
-def _torques(robot: Robot, motion: Array) -> Array:
+def columns_of(folder: Path, motion: Array) -> tuple[list[str], Array, Array, Array]:
+    """Return what base parameters and rotors ask along (3, D, K) motion.
+
+    Returns:
+        (C,) names, (C,) what the description makes of them, (D, K, C) what one of each asks, and
+        (D, K) what the description does.
+    """
+    machine = load_machine(folder / MACHINE)
+    arm = arm_of(machine)
+    inertials, joints = Inertials(machine, arm), len(machine.drives)
+    terms = inertials.terms(arm.terms(*motion), hand=False)
+    rotors = np.eye(joints)[:, None, :] * motion[2][:, :, None]
+    names = inertials.names + [f'{drive}.drive_inertia' for drive in machine.drives]
+    columns = np.concatenate([terms[:, :, :-1], rotors], axis=2)
+    return names, np.pad(inertials.middles, (0, joints)), columns, terms[:, :, -1]
+
+
+def torques(robot: Robot, motion: Array) -> Array:
     """Return (D, K) what MuJoCo says that (3, D, K) motion asks of links and rotors."""
     plant = mujoco.MjModel.from_xml_string(robot.xml(rotors=True))
     data = mujoco.MjData(plant)
@@ -420,12 +430,13 @@ def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
     return close(draw(store.case(case), seed, case), seed)
 
 
-def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
+def orders(store: Store, case: int, **more: str) -> dict[int, dict[str, str]]:
+    """Return what is asked about a case: an identification, too, of one log."""
     folder = store.case(case).resolve()
-    more = {'description': str(folder / DESCRIPTION), 'identify': str(folder / 'identified')}
-    order = order_of(store, case) | more | {'threads': '1', 'method': 'algebraic'}
+    files = {'description': str(folder / DESCRIPTION), 'identify': str(folder / 'identified')}
+    order = order_of(store, case) | files | {'threads': '1'} | more
     del order['check']
     return {case: order}
 
 
-GENERATOR = Generator(numbered, _draw, _orders, arms.row, arms.told)
+GENERATOR = Generator(numbered, _draw, partial(orders, method='algebraic'), arms.row, arms.told)

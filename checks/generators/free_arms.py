@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arms under position controllers from MuJoCo: gains, rotors, friction and one effect are hidden.
 
-Every case is two bags of set-points, positions and efforts, the true links as an MJCF whose gains
-are off, and the machine file that `ident new-machine` makes of them. `blind.arms` judges whether
-`ident identify` and `ident diagnose` find what is hidden. MuJoCo and pinocchio have to be
-importable.
+Every case is two bags of set-points, positions and efforts, the links as an MJCF whose masses,
+centres of mass and gains are off, and the machine file that `ident new-machine` makes of them.
+`blind.arms` judges whether `ident identify` and `ident diagnose` find what is hidden. MuJoCo and
+pinocchio have to be importable.
 """
 
 from collections.abc import Callable
@@ -19,22 +19,26 @@ import numpy.typing as npt
 
 from checks.blind import arms
 from checks.blind.case import CHECK, FIT, MACHINE
-from checks.blind.run import Generator, numbered, order_of
+from checks.blind.run import Generator, numbered
 from checks.blind.score import SEEN
 from checks.blind.seal import close
 from checks.blind.store import Store
 from checks.generators.arm_cases import (
     coloured,
+    columns_of,
     DESCRIPTION,
     draw_motion,
     draw_robot,
     ENCODER,
+    orders,
     PANDA,
     Robot,
-    SHARE_WITHOUT,
     STEP,
     STRIDE,
+    torques,
+    truth_of,
     UR10,
+    write_files,
 )
 from ros2_ident.cli.main import main
 from ros2_ident.recording import Recording, Stream
@@ -49,7 +53,11 @@ CYCLE = STEP * STRIDE
 SETTLED = 2.0
 # A controller's bandwidth [rad/s] by the joint's inertia at the start, and its damping ratio.
 BANDWIDTH, RATIO = (20.0, 45.0), (0.4, 0.9)
-_TRIES = 6
+_TRIES = 12
+# By which share the description's masses are off at most.
+BELIEVED = 0.15
+# A joint homed askew, by so many rad.
+ZERO, ASKEW = 'joint_zero_error', (0.01, 0.06)
 
 # (speed, place, size, shape from 0 to 1) -> friction added to the joint's.
 Rub = Callable[[float, float, float, float], float]
@@ -79,13 +87,16 @@ def plant_of(robot: Robot, gains: Array, rotors: bool) -> mujoco.MjSpec:
 
 
 def simulate(
-    robot: Robot, gains: Array, wanted: Array, effect: str, joint: int, size: float, shape: float
-) -> tuple[Array, Array, Array]:
+    robot: Robot, gains: Array, wanted: Array,
+    effect: str = 'none', joint: int = 0, size: float = 0.0, shape: float = 0.0,
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Let the controllers follow (K, D) set-points, each held for a cycle.
 
     Returns:
-        (K, D) places and efforts, and (K,) what the effect added to the friction or torque.
+        (K, D) places as logged and efforts, and (D, K) what the effect adds along these places.
     """
+    askew = size * np.eye(wanted.shape[1])[joint] if effect == ZERO else 0.0
+    wanted = wanted - askew
     spec = plant_of(robot, gains, rotors=True)
     spec.option.timestep, spec.option.integrator = FINE, mujoco.mjtIntegrator.mjINT_RK4
     plant = spec.compile()
@@ -97,7 +108,7 @@ def simulate(
     mujoco.mj_step(plant, data, nstep=round(SETTLED / FINE))
     rub, push = FRICTION.get(effect), TORQUE.get(effect)
     places, efforts = np.empty((2, *wanted.shape))
-    added = np.zeros(len(wanted))
+    added = np.zeros(wanted.T.shape)
     for k, now in enumerate(wanted):
         data.ctrl[:] = now
         mujoco.mj_forward(plant, data)
@@ -109,17 +120,36 @@ def simulate(
             elif push:
                 data.qfrc_applied[joint] = push(*at)
             if not part:
-                added[k] = rub(*at) * np.sign(at[0]) if rub else -push(*at) if push else 0.0
+                added[joint, k] = rub(*at) * np.sign(at[0]) if rub else -push(*at) if push else 0.0
             mujoco.mj_step(plant, data)
-    return places, efforts, added
+    if effect == ZERO:
+        added = torques(robot, motion_of(places)) - torques(robot, motion_of(places + askew))
+    return places + askew, efforts, added
 
 
-def shown(places: Array, added: Array, noise: float) -> float:
-    """Return the RMS of what an effect adds beyond friction, by the effort's noise."""
-    speed = np.gradient(places, CYCLE)
-    columns = np.stack([np.sign(speed), speed, np.gradient(speed, CYCLE)], axis=1)
-    left = added - columns @ np.linalg.lstsq(columns, added)[0]
-    return float(np.sqrt(np.mean(left**2)) / noise)
+def motion_of(places: Array) -> Array:
+    """Return (3, D, K) place, speed and acceleration by (K, D) places."""
+    speed = np.gradient(places, CYCLE, axis=0)
+    return np.stack([places.T, speed.T, np.gradient(speed, CYCLE, axis=0).T])
+
+
+def shown(folder: Path, places: Array, added: Array, noise: Array) -> float:
+    """Return the RMS of what links, rotors and friction cannot imitate, of the worst joint.
+
+    Args:
+        folder: That of a machine file whose parameters they are.
+        places: (K, D) rad.
+        added: (D, K) N m of the effect.
+        noise: (D,) standard deviation of the efforts.
+    """
+    motion = motion_of(places)
+    own = np.eye(len(noise))[:, None, :]
+    rubs = [own * x[:, :, None] for x in (np.sign(motion[1]), motion[1])]
+    columns = np.concatenate([columns_of(folder, motion)[2], *rubs], axis=2)
+    columns, whole = columns / noise[:, None, None], added / noise[:, None]
+    flat = columns.reshape(whole.size, -1)
+    left = whole - columns @ np.linalg.lstsq(flat, whole.ravel())[0]
+    return float(np.sqrt(np.mean(left**2, axis=1)).max())
 
 
 def draw_gains(rng: np.random.Generator, robot: Robot, joints: int) -> Array:
@@ -137,65 +167,68 @@ def draw(folder: Path, seed: int, case: int) -> dict[str, Any]:
     rng = np.random.default_rng([seed, case])
     table = (UR10, PANDA)[case % 2]
     robot, joints = draw_robot(rng, table), len(table[3])
-    names = tuple(f'joint_{n + 1}' for n in range(joints))
     gains = draw_gains(rng, robot, joints)
-    folder.mkdir(parents=True, exist_ok=True)
-    believed = gains * rng.uniform(0.7, 1.4, gains.shape)
-    (folder / DESCRIPTION).write_text(
-        plant_of(robot, believed, rotors=False).to_xml(), encoding='utf-8'
-    )
+    described = robot.described(rng, BELIEVED)
+    along = folder / 'along'
+    along.mkdir(parents=True, exist_ok=True)
+    write_files(along, described)
     effect, joint, size, shape, rho = 'none', 0, 0.0, 0.0, 0.0
-    some, share = rng.uniform() >= SHARE_WITHOUT, rng.uniform(0.005, 0.02)
+    others = [*FRICTION, *TORQUE]
+    # Of four cases, in any order, one has no effect and one a zero that is off.
+    block, place = divmod(case - 1, 4)
+    order = np.random.default_rng([seed, 0, block]).permutation(4)
+    effects = [[], [ZERO], others, others][order[place]]
+    share = rng.uniform(0.005, 0.02)
     motions = [draw_motion(rng, joints)[0, ::STRIDE] for _ in range(2)]
-    for _ in range(_TRIES if some else 0):
-        effect = str(rng.choice([*FRICTION, *TORQUE]))
+    for _ in range(_TRIES if effects else 0):
+        effect, share = str(rng.choice(effects)), rng.uniform(0.005, 0.02)
         joint, shape = int(rng.integers(joints)), float(rng.uniform())
         size = float(robot.dry[joint] * rng.uniform(0.4, 1.2))
+        if effect == ZERO:
+            size = float(rng.choice([-1.0, 1.0]) * rng.uniform(*ASKEW))
         places, efforts, added = simulate(robot, gains, motions[0], effect, joint, size, shape)
-        rho = shown(places[:, joint], added, share * float(efforts[:, joint].std()))
+        rho = shown(along, places, added, share * efforts.std(axis=0))
         if rho >= SEEN:
             break
-    stamp = 1_700_000_000_000_000_000 + np.arange(len(motions[0])) * round(1e9 * CYCLE)
     for bag, wanted in zip((FIT, CHECK), motions, strict=True):
         places, efforts, _ = simulate(robot, gains, wanted, effect, joint, size, shape)
         noisy = efforts + coloured(rng, len(efforts), share * efforts.std(axis=0))
-        seen = Stream(names, stamp, ENCODER * np.round(places / ENCODER), None, noisy)
-        write_bag(folder / bag, Recording(seen, command=Stream(names, stamp, wanted)))
-    asked = ['--description', folder / DESCRIPTION, '--bag', folder / FIT]
-    with contextlib.redirect_stdout(io.StringIO()):
-        if main(['new-machine', *map(str, asked), '--out', str(folder / MACHINE)]):
-            raise ValueError('no machine file could be made')
-    hidden = {
-        'position_gain': gains[0],
-        'velocity_gain': gains[1],
-        'drive_inertia': robot.rotors,
-        'coulomb_torque': robot.dry,
-        'viscous_torque': robot.viscous,
-    }
+        write_log(folder / bag, wanted, places, noisy)
+    believed = gains * rng.uniform(0.7, 1.4, gains.shape)
+    write_machine(folder, described, believed, folder / FIT)
+    where = [f'joint_{d + 1}' for d in range(joints)]
+    hidden = [f'{name}.{gain}' for gain in arms.GAINS for name in where]
     return {
         'case': case,
         'effect': effect,
-        'where': f'joint_{joint + 1}' if effect != 'none' else '',
+        'where': where[joint] if effect != 'none' else '',
         'size': size,
         'shape': shape,
         'rho': rho,
-        'truth': {f'{n}.{k}': float(v[d]) for k, v in hidden.items() for d, n in enumerate(names)},
+        'truth': truth_of(along, robot) | dict(zip(hidden, gains.ravel().tolist(), strict=True)),
     }
+
+
+def write_log(bag: Path, wanted: Array, at: Array, effort: Array) -> None:
+    """Write set-points, positions and efforts, all (K, D), as a bag."""
+    names = tuple(f'joint_{n + 1}' for n in range(wanted.shape[1]))
+    stamp = 1_700_000_000_000_000_000 + np.arange(len(wanted)) * round(1e9 * CYCLE)
+    seen = Stream(names, stamp, ENCODER * np.round(at / ENCODER), None, effort)
+    write_bag(bag, Recording(seen, command=Stream(names, stamp, wanted)))
+
+
+def write_machine(folder: Path, robot: Robot, gains: Array, bag: Path) -> None:
+    """Write a description with (2, D) gains, and the machine file made of it and a log."""
+    description = folder / DESCRIPTION
+    description.write_text(plant_of(robot, gains, rotors=False).to_xml(), encoding='utf-8')
+    asked = ['--description', description, '--bag', bag]
+    with contextlib.redirect_stdout(io.StringIO()):
+        if main(['new-machine', *map(str, asked), '--out', str(folder / MACHINE)]):
+            raise ValueError('no machine file could be made')
 
 
 def _draw(store: Store, case: int, seed: int) -> dict[str, str]:
     return close(draw(store.case(case), seed, case), seed)
 
 
-def _orders(store: Store, case: int) -> dict[int, dict[str, str]]:
-    folder = store.case(case).resolve()
-    order = order_of(store, case) | {
-        'description': str(folder / DESCRIPTION),
-        'identify': str(folder / 'identified'),
-        'threads': '1',
-    }
-    del order['check']
-    return {case: order}
-
-
-GENERATOR = Generator(numbered, _draw, _orders, arms.row, arms.told)
+GENERATOR = Generator(numbered, _draw, orders, arms.row, arms.told)

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pairs of logs of an arm under position controllers, by MuJoCo in fine steps."""
 
-import contextlib
 from dataclasses import dataclass, replace
-import io
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +10,23 @@ import numpy.typing as npt
 
 from checks.generators.arm_cases import (
     coloured,
-    DESCRIPTION,
     draw_motion,
     draw_robot,
-    ENCODER,
     PANDA,
     Robot,
     STRIDE,
     UR10,
 )
-from checks.generators.free_arms import CYCLE, draw_gains, FRICTION, plant_of, simulate, TORQUE
+from checks.generators.free_arms import (
+    draw_gains,
+    FRICTION,
+    simulate,
+    TORQUE,
+    write_log,
+    write_machine,
+)
 from checks.pairs.draw import kind_of
 from ros2_ident.change.result import Suspect
-from ros2_ident.cli.main import main
-from ros2_ident.recording import Recording, Stream
-from ros2_ident.recording.write import write_bag
 
 Array = npt.NDArray[np.float64]
 
@@ -83,10 +83,10 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
     motions = [draw_motion(rng, joints)[0, ::STRIDE] for _ in range(2)]
     kind, size, which = kind_of(rng)
     joint, shape = int(rng.integers(joints)), float(rng.uniform())
-    places, efforts, _ = simulate(robot, gains, motions[0], '', 0, 0.0, 0.0)
+    places, efforts, _ = simulate(robot, gains, motions[0])
     noise = rng.uniform(0.005, 0.02) * efforts.std(axis=0)
     label: dict[str, Any] = {'kind': kind, 'size': size, 'motion': which}
-    other = simulate(robot, gains, motions[1], '', 0, 0.0, 0.0)[:2] if which else (places, efforts)
+    other = simulate(robot, gains, motions[1])[:2] if which else (places, efforts)
     after = other
     if kind != 'none':
         effects = *FRICTION, *TORQUE, LOAD
@@ -97,12 +97,12 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
         for _ in range(4):
             if name == LOAD:
                 loaded = Loaded(**vars(robot), load=(HEAVY * step, *place))
-                run = simulate(loaded, gains, motions[which], '', 0, 0.0, 0.0)
+                run = simulate(loaded, gains, motions[which])
             elif kind == 'effect':
                 run = simulate(robot, gains, motions[which], name, joint, step, shape)
             else:
                 there, own = changed(robot, gains, name, joint, step)
-                run = simulate(there, own, motions[which], '', 0, 0.0, 0.0)
+                run = simulate(there, own, motions[which])
             after = run[:2]
             rms = float((np.sqrt(np.mean((after[1] - other[1]) ** 2, axis=0)) / noise).max())
             if abs(rms / size - 1.0) < 0.15:
@@ -122,26 +122,9 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
     both = (('before', motions[0], places, efforts), ('after', motions[which], *after))
     for bag, wanted, at, effort in both:
         write_log(folder / bag, wanted, at, effort + coloured(rng, len(effort), noise))
-    write_machine(folder, robot, gains * rng.uniform(0.7, 1.4, gains.shape))
+    believed = gains * rng.uniform(0.7, 1.4, gains.shape)
+    write_machine(folder, robot, believed, folder / 'before')
     return label
-
-
-def write_log(bag: Path, wanted: Array, at: Array, effort: Array) -> None:
-    """Write set-points, positions and efforts, all (T, D), as a bag."""
-    names = tuple(f'joint_{n + 1}' for n in range(wanted.shape[1]))
-    stamp = 1_700_000_000_000_000_000 + np.arange(len(wanted)) * round(1e9 * CYCLE)
-    seen = Stream(names, stamp, ENCODER * np.round(at / ENCODER), None, effort)
-    write_bag(bag, Recording(seen, command=Stream(names, stamp, wanted)))
-
-
-def write_machine(folder: Path, robot: Robot, gains: Array) -> None:
-    """Write description and machine file, made from the log before."""
-    description = folder / DESCRIPTION
-    description.write_text(plant_of(robot, gains, rotors=False).to_xml(), encoding='utf-8')
-    asked = ['--description', description, '--bag', folder / 'before']
-    with contextlib.redirect_stdout(io.StringIO()):
-        if main(['new-machine', *map(str, asked), '--out', str(folder / 'machine.yaml')]):
-            raise ValueError('no machine file could be made')
 
 
 class ArmSides:
@@ -155,17 +138,13 @@ class ArmSides:
         motions = [draw_motion(rng, joints)[0, ::STRIDE] for _ in range(2)]
         self.wanted = motions[int(rng.random() < 0.5)]
         self.place = rng.uniform(-REACH, REACH, 3)
-        places, efforts = self._run(self.robot, self.gains, motions[0])
+        places, efforts, _ = simulate(self.robot, self.gains, motions[0])
         self.noise = rng.uniform(0.005, 0.02) * efforts.std(axis=0)
         write_log(folder / 'before', motions[0], places,
                   efforts + coloured(rng, len(efforts), self.noise))  # fmt: skip
         self.again('after', None, 0.0)
-        write_machine(folder, self.robot, self.gains * rng.uniform(0.7, 1.4, self.gains.shape))
-
-    @staticmethod
-    def _run(robot: Robot, gains: Array, wanted: Array) -> tuple[Array, Array]:
-        places, efforts, _ = simulate(robot, gains, wanted, '', 0, 0.0, 0.0)
-        return places, efforts
+        believed = self.gains * rng.uniform(0.7, 1.4, self.gains.shape)
+        write_machine(folder, self.robot, believed, folder / 'before')
 
     def again(self, name: str, what: Suspect | None, step: float) -> None:
         """Write the side after anew, with a change of a size."""
@@ -177,6 +156,6 @@ class ArmSides:
             at = int(joint.removeprefix('joint_')) - 1
             share = step / float(values_of(robot, gains, own)[at])
             robot, gains = changed(robot, gains, own, at, share)
-        places, efforts = self._run(robot, gains, self.wanted)
+        places, efforts, _ = simulate(robot, gains, self.wanted)
         noisy = efforts + coloured(self.rng, len(efforts), self.noise)
         write_log(self.folder / name, self.wanted, places, noisy)

@@ -5,7 +5,8 @@ u = k_p (q_ref - q) + k_d (k_ff q_ref' - q'), clipped; torque k_t (V u - k_t q')
 inertia J_a + J + (m + m_a / 3) l^2; weight (m + m_a / 2) g l sin(q - q_0).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 
 from checks.reference import layout as at
 from checks.reference.plant import (
@@ -13,29 +14,29 @@ from checks.reference.plant import (
     bare_plant,
     ELASTIC,
     known_names,
-    Log,
     PARAMETERS,
     Plant,
     read_drives,
     true_machine,
-    Unmodelled,
 )
-from checks.reference.simulate import simulate
+from checks.reference.simulate import simulate_machine
 from checks.reference.twin import Twin
 from ros2_ident.machine.machine import Machine
 
 
-def servo_plant(machine: Machine, parameters: Mapping[str, float]) -> Plant:
+def servo_plant(machine: Machine, parameters: Mapping[str, float], release: float = 0.0) -> Plant:
     """Build the nominal servos; their gears are rigid where no gear stiffness is given.
 
     Args:
         parameters: Those of the machine file, in its units, `gear_stiffness` [N m/rad],
             `gear_damping_ratio` [1], and numeric constants; of one also as `elbow.armature`.
+        release: When the motors are switched off [s]; 0 for never.
     """
     elastic = any(key.endswith('gear_stiffness') for key in parameters)
     known_names(parameters, machine, (*PARAMETERS, *(ELASTIC if elastic else ())))
     true = true_machine(machine, parameters)
     plant = bare_plant(machine, elastic)
+    plant.shared[at.RELEASE] = release
     inertias = {f'{name}.drive_inertia': true.number('armature', name) for name in true.drives}
     lengths = true.numbers('load_length')
     spread = (true.numbers('load_mass') + true.numbers('arm_mass') / 3.0) * lengths**2
@@ -63,30 +64,4 @@ def _read_motor(d: Array, machine: Machine, name: str) -> None:
     d[at.TORQUE_LIMIT] = machine.number('duty_limit', name)
 
 
-def simulate_servo(
-    machine: Machine,
-    parameters: Mapping[str, float],
-    position: Array,
-    velocity: Array,
-    effects: Sequence[Unmodelled] = (),
-    rtol: float = 1e-11,
-    atol: float = 1e-12,
-    start: tuple[Array, Array] | None = None,
-    release: float = 0.0,
-) -> Log:
-    """Simulate servos from their set-points.
-
-    Args:
-        start: Position [rad] and speed [rad/s] at the start, each (D,); without it at rest where
-            the set-point is.
-        release: When the motors are switched off [s]; 0 for never.
-
-    Returns:
-        The log; its effort is the duty, `carriage` the position that the encoder sees.
-    """
-    plant = servo_plant(machine, parameters)
-    plant.shared[at.RELEASE] = release
-    return simulate(plant, position, velocity, effects, rtol, atol, start)
-
-
-TWIN = Twin('servo', servo_plant, simulate_servo)
+TWIN = Twin('servo', servo_plant, partial(simulate_machine, servo_plant))

@@ -158,7 +158,8 @@ def simulate_machine(
         start: Position and speed, each (D,), where the log begins in motion.
 
     Returns:
-        The log; `carriage` holds what the drives move, carriages or arms, and `effort` is a force
-        where the machine has no gear factor.
+        The log; `carriage` holds what the drives move, carriages or arms, or the position that a
+        servo's encoder sees, and `effort` is a force where the machine has no gear factor, a
+        servo's duty.
     """
     return simulate(plant_of(machine, parameters), position, velocity, effects, rtol, atol, start)

@@ -157,7 +157,7 @@ class Selector(Fitter):
             if best is None or not self.counts(chain[-1], best):
                 break
             further = self.refit(chain[-1].effects, best.theta[: len(chain[-1].theta)])
-            if further.cost < chain[-1].cost - TIE:
+            if _further(further, chain[-1]):
                 # It had not come to its end: what that closes is no merit of the effect.
                 chain = [*chain[:-1], further]
                 if not self.counts(further, best):
@@ -198,7 +198,7 @@ class Selector(Fitter):
         """
         final, count = chain[-1], len(chain[-2].theta)
         less = self.refit(chain[-2].effects, final.theta[:count])
-        if less.cost >= chain[-2].cost - TIE:
+        if not _further(less, chain[-2]):
             return chain
         chain = [*chain[:-2], less]
         return [*chain, final] if self.counts(less, final) else chain
@@ -546,3 +546,11 @@ def _certain(floor: Floor) -> Array:
     """Return (D,) the square of a floor over the upper end of its interval."""
     out: Array = (floor.per_drive / floor.high) ** 2
     return out
+
+
+def _further(after: Hypothesis, before: Hypothesis) -> bool:
+    """Whether a fit of the same effects goes on where another had not come to its end.
+
+    What it closes on the fit part alone is chance.
+    """
+    return after.cost < before.cost - TIE and after.loss < before.loss

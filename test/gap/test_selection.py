@@ -50,6 +50,16 @@ def test_what_the_fit_before_closes_on_its_way_is_no_merit_of_an_effect(selector
         )  # fmt: skip
 
 
+def test_what_a_fit_closes_by_chance_leaves_the_one_before(selector):
+    base, best = made((2.0, 0.0)), made((0.2, 0.0), effects=[STRIBECK])
+    selector.round = lambda before, candidates: Round(before, {}, (best,))
+    selector.with_new_floor = lambda chain, rounds: (chain, rounds)
+    runs_away = replace(made((0.3, 0.0)), check=SAMPLES * np.array([400.0, 1.0]))
+    selector.refit = lambda effects, theta: best if effects else runs_away
+    said = selector.select(base, [STRIBECK], lambda base, e: None)
+    assert said.chain[0] is base and said.chain[1].effects == (STRIBECK,)
+
+
 def test_what_is_closed_is_told_in_units_of_the_floor_that_the_fits_have(selector):
     old = [made((4.0, 0.0)), made((2.0, 0.0), [STRIBECK])]
     new = [made((16.0, 0.0)), made((8.0, 0.0), [STRIBECK]), made((4.0, 0.0), [STRIBECK, DRAG])]

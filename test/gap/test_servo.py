@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from checks.reference.effects import Effect
-from checks.reference.servo import simulate_servo
+from checks.reference.servo import servo_plant
+from checks.reference.simulate import simulate
 from ros2_ident.commissioning import check_both
 from ros2_ident.effects import CATALOGUE
 from ros2_ident.gap.diagnose import diagnose
@@ -67,9 +68,8 @@ def recorded(seed: int, effects=(), seconds: float = 8.0, off: float = 6.0) -> R
     start = np.array([goal[0]]), np.array([0.0])
     # The loop that asks leaves the motor off where it would have sent the next goal.
     release = CYCLE * asked[~on][0]
-    log = simulate_servo(
-        MACHINE, TRUTH, goal[None], rate[None], effects, 1e-9, 1e-10, start=start, release=release
-    )
+    plant = servo_plant(MACHINE, TRUTH, release)
+    log = simulate(plant, goal[None], rate[None], effects, 1e-9, 1e-10, start)
     stamps = 1_700_000_000_000_000_000 + np.round(asked * CYCLE * 1e9).astype(np.int64)
     seen = np.round(log.carriage[0, asked] / COUNT) * COUNT
     state = Stream(MACHINE.drives, stamps, seen[:, None], None, None)

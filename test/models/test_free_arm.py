@@ -376,6 +376,28 @@ def test_links_that_weigh_else_than_described_are_parameters(tmp_path: Path) -> 
         assert low < -2 * least and high > 2 * least
 
 
+@pytest.mark.parametrize(
+    ('mass', 'sought'),
+    [
+        ('1.5', False),
+        # What a heavy joint does beside hides nothing that a light one tells.
+        ('1.8', True),
+    ],
+)
+def test_beside_an_effect_of_one_joint_the_others_tell_the_links(
+    tmp_path: Path, mass: str, sought: bool
+) -> None:
+    told = MJCF.format(actuator='', more='')
+    log = log_of(told.replace('mass="1.5"', f'mass="{mass}"'), 'arm.xml', tmp_path)
+    assert log.state is not None and log.state.position is not None
+    assert log.state.effort is not None
+    effort = log.state.effort + 0.05 * np.random.default_rng(4).standard_normal((1500, 2))
+    effort[:, 0] += 4.0 * np.sin(25.0 * log.state.position[:, 0])
+    log = replace(log, state=replace(log.state, effort=effort))
+    made = yaml.safe_load(followed_file((), told, 'arm.xml', log) or '')
+    assert ('link_moment' in made['parameters']) is sought
+
+
 def test_noise_of_positions_is_no_late_set_point(tmp_path: Path) -> None:
     text = MJCF.format(actuator='', more='')
     log = log_of(text, 'arm.xml', tmp_path)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from checks.reference.effects import Effect
-from checks.reference.servo import simulate_servo
+from checks.reference.servo import servo_plant
+from checks.reference.simulate import simulate
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.models import EffectAt, machine_from_mapping, make_model
 from ros2_ident.models.trials import trials
@@ -69,15 +70,8 @@ def beside(one, effects=(), values=(), unmodelled=(), quantity='position', relea
     position, velocity = set_points()
     truth = {name: TRUTH[name] for name in one.bounds}
     start = (np.array([0.1]), np.array([0.0]))
-    log = simulate_servo(
-        one,
-        truth,
-        position,
-        velocity,
-        unmodelled,
-        start=start,
-        release=0.0 if release is None else release * 1e-3,
-    )
+    plant = servo_plant(one, truth, 0.0 if release is None else release * 1e-3)
+    log = simulate(plant, position, velocity, unmodelled, start=start)
     seen = np.full_like(position, np.nan)
     # Where the encoder stands at first; that many samples tell that it rests.
     seen[:, :12] = 0.1

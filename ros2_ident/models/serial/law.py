@@ -10,10 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, rms
 from ros2_ident.models.protocol import FullModel
+
+Bools = npt.NDArray[np.bool_]
 
 # Slower than this share of the top speed the direction of friction is open.
 _SLOW = 0.05
@@ -159,18 +162,31 @@ def _missed(columns: Array, values: Array) -> float:
     return total / max(float(np.sum(values**2)), 1e-300)
 
 
-def left_by_quarters(model: FullModel) -> float:
-    """Return the sum of squares that a linear model leaves of each quarter of a log.
+def left_by_quarters(model: FullModel) -> Array:
+    """Return (E,) the mean square that a linear model leaves of the drives with an effort.
 
-    By what its parameters are in the other three.
+    Of each quarter of a log, by what its parameters are in the others. A drive weighs by what is
+    left of it at the least, as in the source above: else what the heaviest joint leaves decides on
+    the links of all.
     """
     low, high = np.array([(p.low, p.high) for p in model.parameters]).T
     # Of lines the ends of the box tell the slopes.
     at, *moved = model.residuals(low + np.vstack([np.zeros_like(low), np.diag(high - low)]))
-    slopes = np.array(moved).T - at[:, None]
-    quarter = np.nonzero(np.isfinite(model.measured))[1] * 4 // model.measured.shape[1]
-    total = 0.0
+    rows, instant = np.nonzero(np.isfinite(model.measured))
+    _, drive = np.unique(rows, return_inverse=True)
+    quarter = instant * 4 // model.measured.shape[1]
+    columns = np.column_stack([x - at for x in moved])
+    each = (drive == d for d in range(drive.max() + 1))
+    alone = [rms(_left_over(columns, at, own, own)) for own in each]
+    weight = np.array([x or 1.0 for x in alone])[drive, None]
+    whole = np.column_stack([columns, at]) / weight
+    left = np.empty_like(at)
     for own in (quarter == n for n in range(4)):
-        way = np.linalg.lstsq(slopes[~own], -at[~own], rcond=None)[0]
-        total += float(np.sum((at[own] + slopes[own] @ way) ** 2))
-    return total
+        left[own] = _left_over(whole[:, :-1], whole[:, -1], ~own, own)
+    return np.bincount(drive, (left * weight[:, 0]) ** 2) / np.bincount(drive)
+
+
+def _left_over(columns: Array, values: Array, told: Bools, asked: Bools) -> Array:
+    """Return what columns (K, C) leave of values (K,) in rows that are asked, by others."""
+    shares = np.linalg.lstsq(columns[told], values[told], rcond=None)[0]
+    return np.asarray(values[asked] - columns[asked] @ shares)
