@@ -248,8 +248,9 @@ def header_of(path: Path) -> Header:
     if path.is_dir() or path.suffix.lower() in ARRAYS:
         return _of_arrays(path)
     lines = list(islice(io.StringIO(text_of(path), newline=''), _HEAD))
-    delimiter = _delimiter(lines)
-    decimal = ',' if delimiter != ',' and re.search(r'\d,\d', ''.join(lines[-3:])) else '.'
+    bottom = [line for line in lines if line.strip()][-3:]
+    delimiter = _delimiter(bottom)
+    decimal = ',' if delimiter != ',' and re.search(r'\d,\d', ''.join(bottom)) else '.'
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     try:
         rows = [[x.strip() for x in row] for row in reader]
@@ -258,7 +259,7 @@ def header_of(path: Path) -> Header:
         raise ErrorCode.BAD_VALUES.error(text) from None
     rows = [row[:-1] if row and not row[-1] and delimiter == ' ' else row for row in rows]
     # Among more words than numbers a row holds values where it is like the last one.
-    last = [is_number(x, decimal) for x in rows[-1]] if rows else []
+    last = [is_number(x, decimal) for x in next(filter(any, reversed(rows)), [])]
     held = []
     for number, row in enumerate(rows):
         known = [is_number(x, decimal) for x in row]
@@ -326,10 +327,10 @@ def header_of(path: Path) -> Header:
 
 
 def _delimiter(lines: Sequence[str]) -> str:
-    """Return what cuts the last lines of a table into numbers; a blank only into nothing else."""
+    """Return what cuts lines of a table into numbers; a blank only into nothing else."""
 
     def share(mark: str) -> tuple[float, int]:
-        parts = [x for line in lines[-3:] for x in line.split(None if mark == ' ' else mark)]
+        parts = [x for line in lines for x in line.split(None if mark == ' ' else mark)]
         cells, decimal = [x.strip(' \r\n"') for x in parts], '.' if mark == ',' else ','
         read = [is_number(x, '.') or is_number(x, decimal) for x in cells]
         told = sum(read) / max(1, len(read)) if mark != ' ' or all(read) else -1.0

@@ -157,7 +157,7 @@ def _apart(text: str) -> str:
     Their names have a number, as those of an array's columns. It is judged by the last line but
     one, as the last may break off, below a line of names that are as many.
     """
-    last = text.rstrip().rsplit('\n', 2)[-2:][0]
+    last = ['', *filter(str.strip, text.rstrip().rsplit('\n', 4))][-2:][0]
     for mark in ',;\t':
         with suppress(csv.Error, StopIteration):
             sizes = [len(_several(x)) or 1 for x in next(csv.reader([last], delimiter=mark))]

@@ -81,6 +81,19 @@ def rows(path, header, row, count=200):
     path.write_text('\n'.join([header, *lines, '']))
 
 
+@pytest.mark.parametrize('mark', [',', ';', '\t', ' '])
+@pytest.mark.parametrize('end', ['\r\r\n', '\n\n'])
+def test_lines_may_be_blank_between_the_rows(tmp_path, mark, end):
+    # as Python on Windows writes them without newline=''
+    log = tmp_path / 'log.csv'
+    cells = [mark.join(str(x / 100) for x in (k, 2 * k, 3 * k)) for k in range(200)]
+    log.write_bytes(end.join([f'time{mark}q{mark}tau', *cells, '']).encode())
+    main(['new-machine', '--kind', 'linear_axis', '--bag', str(log)])
+    read = read_bag(log)[0]
+    assert read.state.position[:, 0] == pytest.approx(np.arange(200) / 50)
+    assert read.effort.effort[:, 0] == pytest.approx(3 * np.arange(200) / 100)
+
+
 def test_a_scale_that_only_the_owner_knows_is_asked_for_and_taken(tmp_path, capsys):
     log = tmp_path / 'log.csv'
     rows(log, 'time,Position [inc],Torque [Nm]', '{t},{a},{b}')
