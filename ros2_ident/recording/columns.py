@@ -48,18 +48,22 @@ _RAW = dict.fromkeys(_COUNTED.split(), math.nan)
 PERMIL = ('permil', '‰', '0.1%', '0.1 %')
 OPEN = _RAW | dict.fromkeys(('%', 'percent', *PERMIL), math.nan)
 LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6}
-MOTION = OPEN | LENGTHS | {'rad': 1.0, 'mrad': 1e-3}
-MOTION |= dict.fromkeys(('deg', 'degree', 'degrees', '°'), _DEGREE)
-MOTION |= dict.fromkeys(('rev', 'turn', 'turns'), _TURN)
+for _word, _size in (('meter', 1.0), ('metre', 1.0), ('millimeter', 1e-3), ('millimetre', 1e-3)):
+    LENGTHS |= dict.fromkeys((_word, f'{_word}s'), _size)
+MOTION = OPEN | LENGTHS | {'mrad': 1e-3}
+MOTION |= dict.fromkeys(('rad', 'rads', 'radian', 'radians'), 1.0)
+MOTION |= dict.fromkeys(('deg', 'degs', 'degree', 'degrees', '°'), _DEGREE)
+MOTION |= dict.fromkeys(('rev', 'turn', 'turns', 'rotations', 'revolutions'), _TURN)
 # Of velocities alone, as they stand.
 _MINUTES = 'rpm', '1/min', 'u/min', 'rev/min', 'min^-1', 'min-1'
-SPEEDS = dict.fromkeys(_MINUTES, _TURN / 60.0) | {'hz': _TURN}
-_TORQUES = dict.fromkeys(('nm', 'n m', 'n.m', 'n*m', 'n·m'), 1.0)
+SPEEDS = dict.fromkeys(_MINUTES, _TURN / 60.0) | dict.fromkeys(('hz', 'rps'), _TURN)
+SPEEDS |= {'dps': _DEGREE, 'radps': 1.0}
+_TORQUES = dict.fromkeys(('nm', 'n m', 'n.m', 'n*m', 'n·m', 'newton_meters'), 1.0)
 # Of efforts by what they come to, as the `effort_unit` of a machine file says it.
 EFFORTS: Mapping[str, Mapping[str, float]] = {
     'N m': _TORQUES | {'mnm': 1e-3, 'ncm': 1e-2, 'knm': 1e3},
-    'N': {'n': 1.0, 'kn': 1e3},
-    'A': {'a': 1.0, 'ma': 1e-3},
+    'N': {'n': 1.0, 'kn': 1e3, 'newtons': 1.0},
+    'A': {'a': 1.0, 'ma': 1e-3, 'milliamps': 1e-3},
     'percent': {'%': 1.0, 'percent': 1.0} | dict.fromkeys(PERMIL, 0.1),
 }
 EFFORT = _RAW | {unit: x for units in EFFORTS.values() for unit, x in units.items()}
@@ -93,7 +97,7 @@ def si_unit(quantity: str, unit: str) -> str:
 
 def plain_unit(unit: str) -> str:
     """Return a unit in lower case, without what is per second."""
-    return re.sub(r'(/s(ec)?|_per_s|_s| s-1| s\^-1)$', '', unit.strip().lower())
+    return re.sub(r'(/s(ec)?|_?per_?s(ec(ond)?)?|_s| s-1| s\^-1)$', '', unit.strip().lower())
 
 
 @dataclass(frozen=True)

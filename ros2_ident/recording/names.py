@@ -20,8 +20,8 @@ from ros2_ident.recording.limits import short
 _WORDS = {
     'position': 'pos posn qpos position positions angle angles winkel lage weg '
     'displacement displacements posición posicion posição posizione ángulo angulo',
-    'velocity': 'vel velo qvel velocity velocities speed speeds omega dq qdot geschwindigkeit '
-    'drehzahl velocidad velocidade vitesse velocità velocita',
+    'velocity': 'vel velo qvel velocity velocities speed speeds omega dq qdot dot dtheta thetadot '
+    'geschwindigkeit drehzahl velocidad velocidade vitesse velocità velocita',
     'effort': 'eff effort efforts torque torques tau tor tq trq currents curr amps iq force '
     'moment momenten drehmoment drehmomenten strom kraft '
     'corriente corrente courant coppia fuerza força',
@@ -32,9 +32,10 @@ _WORDS = {
     'observation observations averaged avg '
     'real medido medida mesuré mesurée mesure misurato misurata',
     'other': 'ext external gravity grav coriolis ff feedforward err error following deviation '
-    'temp temperature temperatures voltage volt pwm duty acc accel acceleration ddq qdd jerk tcp '
-    'pose kp kd ki gain limit scaling computed cmptd calculated calc',
-    'time': 'time times t stamp stamps timestamp timestamps clock zeit elapsed tiempo tempo temps',
+    'temp temperature temperatures voltage volt pwm duty acc accel acceleration ddq qdd ddot jerk '
+    'tcp pose kp kd ki gain limit scaling computed cmptd calculated calc ddtheta',
+    'time': 'time times t ts stamp stamps timestamp timestamps clock zeit elapsed tiempo tempo '
+    'temps',
     'vague': 'value values point points state states data controller control trajectory mapper '
     'foc rel header field raw',
     'treated': 'filtered filt fil gefiltert smoothed compensated compensate',
@@ -42,7 +43,7 @@ _WORDS = {
 }
 _MEANT = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _FAINT = dict.fromkeys(('q', 'theta', 'encoder'), 'position')
-_FAINT |= dict.fromkeys(('current', 'i', 'load'), 'effort')
+_FAINT |= dict.fromkeys(('current', 'cur', 'i', 'load'), 'effort')
 # Beside a role a letter is enough: `p_des`, `t_actual`.
 _LETTERS = {'p': 'position', 'v': 'velocity', 't': 'effort'}
 # What a textbook calls so, where it is all of the name: to be asked, not told.
@@ -52,6 +53,10 @@ _QUANTITIES = ('velocity', 'effort', 'position')
 _ROLES = ('command', 'measured')
 _WORD = re.compile(r'[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![^\W\d_A-Z])|[A-Z]|\d+')
 _BESIDE = ' _-./:'
+# Of which drive a row is: `joint_idx`, `motor number`.
+_NUMBERING = {'idx', 'index', 'no', 'nr', 'num', 'number'}
+# What parts a name from its unit where that is in no brackets.
+_BEFORE_UNIT = re.compile(r'_|\s+(?:in|/)\s+|,\s+|(?<=[a-z])(?=[A-Z][A-Za-z])')
 # Units, and of what is no motion and no effort, too.
 _KNOWN = maps.MOTION.keys() | maps.SPEEDS.keys() | maps.EFFORT.keys() | maps.TIME_UNITS.keys()
 _UNITS = _KNOWN | {
@@ -95,7 +100,11 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
         for row in (x for x in rows if x.wanted):
             row.quantity, row.why = '', 'a set-point of the effort'
     _told_by_units(rows)
+    # what has a derivative there is a position: `x` beside `x_dot`
+    derivatives = {row.key for row in rows if row.derivative}
     for row in rows:
+        if row.why == _NAMES_NONE and row.key in derivatives:
+            row.means('position')
         partners = [x for x in rows if x.quantity and x.key == row.key and x is not row]
         if row.bare and row.quantity and not row.unit and not partners:
             row.quantity, row.why = '', _NAMES_NONE
@@ -151,8 +160,7 @@ def _told_by_units(rows: Sequence['_Name']) -> None:
     silent = ((row, _of_unit(row.unit)) for row in rows if row.why == _NAMES_NONE)
     told = {row: quantity for row, quantity in silent if quantity}
     for row, quantity in told.items():
-        row.quantity, row.why = quantity, ''
-        row.scale = maps.units_of(quantity)[maps.plain_unit(row.unit)]
+        row.means(quantity)
     alone = len({*told.values()}) == len(told)
     named = [row for row in rows if row.quantity not in ('', 'time')]
     if told and alone and {row.key for row in named} <= {(), *(row.key for row in told)}:
@@ -194,6 +202,11 @@ class _Name:
         plain = maps.plain_unit(self.unit)
         return 1 if not plain else 2 * (maps.si_unit('effort', plain) in ('A', 'percent'))
 
+    def means(self, quantity: str) -> None:
+        """Let it be a quantity that its name does not say."""
+        self.quantity, self.why = quantity, ''
+        self.scale = maps.units_of(quantity).get(maps.plain_unit(self.unit), 1.0)
+
     def _read(self, text: str, unit: str, derived: bool) -> bool:
         """Take a name without its unit apart; return whether the unit is one of its quantity."""
         self.unit, plain = unit, maps.plain_unit(unit)
@@ -202,7 +215,10 @@ class _Name:
         kinds = {kind for part in parts for kind in part.kinds}
         words = [word for part in parts for word in part.plain]
         units = [x for x in (*words, plain) if x in maps.TIME_UNITS and x != 's']
+        if not unit and 'amps' in words:
+            self.unit, plain = 'A', 'a'
         self.treated = 'treated' in kinds
+        self.derivative = 'dot' in words
         role = next((x for x in _ROLES if x in kinds), '')
         # The last part that names a quantity says it; what others name is of the joint's name.
         named = [(n, x) for n, part in enumerate(parts) if (x := part.quantity(role))]
@@ -326,23 +342,24 @@ def _glued(word: str) -> int:
 def _without_unit(name: str) -> tuple[str, str, bool]:
     """Return a name without its unit, that unit, and whether it may be the name's end instead.
 
-    A unit stands in brackets, behind the last _, or as in `Angle in deg`, `s / mm`, `pos, m`.
+    A unit stands in brackets, behind a _, or as in `Angle in deg`, `s / mm`, `pos, m`, `speedRpm`.
     """
     found = re.fullmatch(r'(.*\S)\s*[\[(<]([^\[\]()<>]*)[\])>]\s*', name)
     if found and found[2].strip().isdigit():
         return f'{found[1]} {found[2].strip()}', '', False
-    behind = re.fullmatch(r'(.+?)(?:_|\s+(?:in|/)\s+|,\s+)([A-Za-zµ%°]+(?:_s|/s|_per_s)?)', name)
     if found and is_unit(found[2]):
         return found[1], found[2].strip(), False
-    if behind and maps.plain_unit(behind[2]) in _KNOWN and _WORD.search(behind[1]):
-        return behind[1], behind[2], True
+    for x in _BEFORE_UNIT.finditer(name):
+        before, unit = name[: x.start()], name[x.end() :]
+        if maps.plain_unit(unit) in _KNOWN and _WORD.search(before):
+            return before, unit, True
     return name, '', False
 
 
 def of_drive(column: Meaning) -> bool:
     """Return whether a column says of which drive its row is: `motor_id`, `Axis`."""
-    words = {_MEANT.get(x.lower()) for x in _WORD.findall(column.name)}
-    return not column.quantity and words == {'place'}
+    words = {x.lower() for x in _WORD.findall(column.name)}
+    return not column.quantity and {_MEANT.get(x) for x in words - _NUMBERING} == {'place'}
 
 
 def is_unit(text: str) -> bool:

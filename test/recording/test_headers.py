@@ -46,6 +46,9 @@ def test_each_column_is_read_as_what_its_name_says(header):
         ('Position [inc]', math.nan), ('Present Position (counts)', math.nan),
         ('pos [%]', math.nan), ('Angle in deg', DEGREE), ('Weg in mm', 1e-3),
         ('torque / mNm', 1e-3), ('motor position, counts', math.nan), ('speed in deg/s', DEGREE),
+        ('speed_dps', DEGREE), ('vel_rps', TURN), ('velDegPerSec', DEGREE),
+        ('speedRpm', TURN / 60.0),
+        ('velocity_degrees_per_second', DEGREE), ('current_milliamps', 1e-3), ('posMm', 1e-3),
     ],
 )  # fmt: skip
 def test_a_unit_is_a_factor_or_has_to_be_asked_for(name, scale):
@@ -163,7 +166,8 @@ def test_an_effort_that_no_option_names_and_no_column_moves_is_left_out(tmp_path
     rows(tmp_path / 'log.csv', 'time,X_RIst,weld_amps,motor_amps', '{t},{a},{b},{b}')
     told = ['X_RIst=x.position', 'motor_amps=x.effort']
     header = header_of(tmp_path / 'log.csv').assigned(told)
-    assert header.map()['joints'] == {'x': {'position': 'X_RIst', 'effort': 'motor_amps'}}
+    effort = {'column': 'motor_amps', 'unit': 'a'}
+    assert header.map()['joints'] == {'x': {'position': 'X_RIst', 'effort': effort}}
     assert header.columns[2].why == "no column says how 'weld' moves"
 
 

@@ -362,6 +362,8 @@ def test_a_header_says_what_its_columns_are(tmp_path, text, joints, time, more):
          "rows of several drives or quantities, by 'joint': a, b"),
         ('t,motor_id,pos,tau\n' + ''.join(f'{k},{k % 2 + 1},1,2\n' for k in range(50)),
          "rows of several drives or quantities, by 'motor_id': 1, 2; .* chooses one by `where`"),
+        ('t,joint_idx,pos,tau\n' + ''.join(f'{k},{k % 2},1,2\n' for k in range(50)),
+         "rows of several drives or quantities, by 'joint_idx': 0, 1"),
         ('Name,c1,Name,c2\nScaleFactor,1,ScaleFactor,1\n0,1,0,2\n', 'a time for each channel'),
         # without properties, the times' names as pandas marks them; trace of CODESYS
         ('Time,q,Time,tau\n0,1,0,2\n1,1,2,2\n', 'has a time for each .*, or interpolate to one'),
