@@ -172,7 +172,7 @@ class Header:
         return replace(self, columns=tuple(replace(x, joint=names[x.joint]) for x in self.columns))
 
     def driven(self, given: Sequence[str], named: Collection[str]) -> 'Header':
-        """Return the header without joints that have no effort and no set-point beside efforts.
+        """Return the header without joints that have no effort and no set-point beside such.
 
         Poses of a tool are such. Those of columns that are `given`, as to `assigned`, and those
         `named` stay.
@@ -180,9 +180,9 @@ class Header:
         of: dict[str, set[str]] = {}
         for x in self.columns:
             of.setdefault(x.joint, set()).add(x.quantity)
-        if not any('effort' in kinds for kinds in of.values()):
-            return self
         idle = {x for x, kinds in of.items() if kinds <= {'position', 'velocity'}}
+        if idle == of.keys() - {''}:
+            return self
         idle -= {*named, *(_option(text)[1] for text in given)}
         columns = (
             x.left_out(f'no effort and no set-point of {short(x.joint)}') if x.joint in idle else x

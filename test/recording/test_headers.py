@@ -217,6 +217,14 @@ def test_what_has_no_effort_beside_others_is_no_drive(tmp_path, capsys):
     assert sorted(read) == ['hand', 'joint_1', 'joint_2', 'lift']
 
 
+def test_what_has_no_set_point_beside_others_is_no_servo(tmp_path, capsys):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows(log, 'time,hip_q_target,hip_q_measured,hip_q_delta', '{t},{a},{b},{b}')
+    assert main(['new-machine', '--kind', 'servo', '--bag', str(log), '--out', str(out)]) == 0
+    assert "- (no effort and no set-point of 'hip_delta')" in capsys.readouterr().err
+    assert read_bag(log)[0].state.names == ('hip',)
+
+
 def test_a_motion_alone_is_refused(tmp_path, capsys):
     rows(tmp_path / 'log.csv', 'time,Angle in deg', '{t},{a}')
     words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.csv')]
