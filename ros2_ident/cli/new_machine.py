@@ -2,6 +2,8 @@
 """`ident new-machine`: a commented machine file to start from."""
 
 import argparse
+from collections.abc import Sequence
+from contextlib import suppress
 import os
 from pathlib import Path
 import shlex
@@ -9,7 +11,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from ros2_ident.cli.arguments import topics_of
-from ros2_ident.errors import ErrorCode
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_text
 from ros2_ident.machine.units import STATED_FOR
 from ros2_ident.models.registry import KINDS, machine_from_mapping
@@ -88,7 +90,7 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
         raise ErrorCode.INVALID_GOAL.error(
             f'{option} is of a table or of arrays, which {path} is not; leave it out'
         )
-    if named and (option or not (args.columns or where.exists())):
+    if named and (option or args.drives or not (args.columns or where.exists())):
         _draft(path, Path(args.columns or where), args, description)
     recording = read_bag(args.bag, topics_of(args))[0]
     if recording.state is None:
@@ -106,36 +108,53 @@ def _log(args: argparse.Namespace, description: str) -> 'Recording':
 
 
 def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) -> None:
-    """Write the column map of a table, or of arrays, by the names there, and print it."""
+    """Write the column map of a table, or of arrays, by the names there, and print it.
+
+    One that an earlier command has written by the names alone gives way to that by options.
+    """
     import yaml
 
     from ros2_ident.machine.description import joints_in, judged_tree
-    from ros2_ident.recording.headers import header_of
+    from ros2_ident.recording.headers import Header, header_of
     from ros2_ident.recording.limits import printable
 
-    named = {*args.drives, *(joints_in(judged_tree(description)) if description else ())}
-    # joints that have numbers are as many as the drives with or without such as are not driven
-    header = header_of(path).timed(args.rate)
-    header = header.called(args.drives).driven(args.column, named).called(args.drives)
-    header = header.assigned(args.column).driven(args.column, named)
+    joints = joints_in(judged_tree(description)) if description else ()
+
+    def header_by(drives: Sequence[str], columns: Sequence[str], rate: float) -> Header:
+        named = {*drives, *joints}
+        # joints that have numbers are as many as the drives with or without such as are not driven
+        header = header_of(path).timed(rate)
+        header = header.called(drives).driven(columns, named).called(drives)
+        return header.assigned(columns).driven(columns, named)
+
+    def text_of(header: Header) -> str:
+        text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)
+        return f'# From the names in {printable(path.name)}.\n{text}'
+
+    before = where.read_text() if where.exists() else None
+    plain = None
+    with suppress(IdentError):
+        plain = None if before is None else text_of(header_by((), (), 0.0))
+    if before != plain and not (args.column or args.rate):
+        return  # as its owner has it
+    header = header_by(args.drives, args.column, args.rate)
     header.require_told(path)
+    text = text_of(header)
+    if before not in (None, plain, text):
+        raise ErrorCode.INVALID_GOAL.error(
+            f'{where} says what the columns are, so that --column and --rate have no part in '
+            'it; correct it there, or remove that file'
+        )
     # Bounds of the file come from the log's effort, in N m or N.
     keys = {key.name for key in KINDS[args.kind].keys} if args.kind else set()
     several = len({x.joint for x in header.columns} - {''}) > 1
     own = {'moving_mass'} if several else {'moving_mass', 'link_moment'}
     print(f'{path} is read as', *header.lines(), sep='\n', file=sys.stderr)
     header.require_scales(args.description is None and bool(keys & own))
-    text = yaml.safe_dump(header.map(), sort_keys=False, allow_unicode=True)
-    text = f'# From the names in {printable(path.name)}.\n{text}'
-    if where.exists():  # by the same options, of a command that was given again
-        if where.read_text() != text:
-            raise ErrorCode.INVALID_GOAL.error(
-                f'{where} says what the columns are, so that --column and --rate have no part in '
-                'it; correct it there, or remove that file'
-            )
+    if before == text:  # by the same options, of a command that was given again
         return
-    write_text(where, text)
+    write_text(where, text, replace=True)
     print(f'written: {where}; correct it where a column is another', file=sys.stderr)
     if options := header.in_order():
-        said = 'are these in the order of the joints? if so, remove that map and give'
+        said = 'are these in the order of the joints? if so, give'
         print(said, options, file=sys.stderr)

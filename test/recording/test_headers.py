@@ -217,6 +217,25 @@ def test_what_has_no_effort_beside_others_is_no_drive(tmp_path, capsys):
     assert sorted(read) == ['hand', 'joint_1', 'joint_2', 'lift']
 
 
+def test_a_map_by_names_alone_gives_way_to_options(tmp_path, capsys):
+    log, out, chart = (tmp_path / x for x in ('log.csv', 'm.yaml', 'log.columns.yaml'))
+    rows(log, 'time,q1,q2,tau1,tau2', '{t},{a},{b},{b},{a}')
+    words = ['new-machine', '--bag', str(log), '--out', str(out)]
+    assert main(words) == 2  # of what kind is it?
+    assert [*yaml.safe_load(chart.read_text())['joints']] == ['joint_1', 'joint_2']
+    words += ['--kind', 'linear_axis', '--drives', 'hip,knee']
+    assert main(words) == 0
+    assert load_machine(out).drives == ('hip', 'knee')
+    assert read_bag(log)[0].state.names == ('hip', 'knee')
+    # what its owner has changed stays
+    chart.write_text(chart.read_text().replace('hip', 'x').replace('knee', 'y'))
+    out.unlink()
+    main([*words[:-1], 'x,y'])
+    assert read_bag(log)[0].state.names == ('x', 'y')
+    assert main([*words, '--column', 'q1=z.position']) == 2
+    assert 'log.columns.yaml says what the columns are, so' in capsys.readouterr().err
+
+
 def test_what_has_no_set_point_beside_others_is_no_servo(tmp_path, capsys):
     log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
     rows(log, 'time,hip_q_target,hip_q_measured,hip_q_delta', '{t},{a},{b},{b}')
@@ -240,13 +259,10 @@ def test_the_order_of_columns_is_asked_for_where_their_names_do_not_pair(tmp_pat
     words = ['new-machine', '--kind', 'serial', '--bag', str(log), '--out', str(out)]
     main(words)
     said = capsys.readouterr().err
-    assert 'are these in the order of the joints? if so, remove that map and give --col' in said
+    assert 'are these in the order of the joints? if so, give --column' in said
     assert len(yaml.safe_load(chart.read_text())['joints'].get('A1', {})) < 2
-    options = shlex.split(said.partition('that map and give ')[2].splitlines()[0])
+    options = shlex.split(said.partition('if so, give ')[2].splitlines()[0])
     out.unlink(missing_ok=True)
-    assert main([*words, *options]) == 2
-    assert 'log.columns.yaml says what the columns are, so' in capsys.readouterr().err
-    chart.unlink()
     assert main([*words, *options]) == 0
     assert '?' not in capsys.readouterr().err
     recording = read_bag(log)[0]
