@@ -216,6 +216,8 @@ class Header:
         ways = [] if timed else ['--column NAME=time or --rate HZ, of rows without one']
         ways += [] if moved else [self.in_order() or '--column NAME=JOINT.QUANTITY']
         text = f'no column is named as a {", or as a ".join(kinds)}: {listed(names, 20)}'
+        if lost := [x.name for x in self.columns if x.why == _NO_ROWS]:
+            text += f', of which {listed(lost, 20)} has no row of numbers for each time'
         raise maps.refuse(path, f'{text}; say which is, by {", and ".join(ways)}')
 
     def require_scales(self, effort: bool = False) -> None:

@@ -49,11 +49,28 @@ _Convert = Callable[[str], Any]
 
 
 def arrays_in(path: Path) -> list[Path]:
-    """Return the files of arrays in a folder that is no bag, by their names; none of a file."""
+    """Return the files of arrays in a folder that is no bag, by their names; none of a file.
+
+    Tables without names are such.
+    """
     files = [x for x in path.iterdir() if x.is_file()] if path.is_dir() else []
     if any(x.suffix in SUFFIXES or x.name == BAG_NAME for x in files):
         return []
-    return sorted(x for x in files if x.suffix.lower() in _PARTS)
+    return sorted(x for x in files if x.suffix.lower() in _PARTS or _nameless(x))
+
+
+def _nameless(path: Path) -> bool:
+    """Return whether a file is a table that begins with numbers."""
+    if path.suffix.lower() not in TABLES:
+        return False
+    with path.open(encoding='utf-8-sig', errors='replace') as stream:
+        return all(map(is_number, _in_blanks(stream.readline(1 << 20)).split() or ['']))
+
+
+def _in_blanks(text: str) -> str:
+    """Return a table's text with blanks between its numbers, and points in them."""
+    marks = str.maketrans(',;\t', '.  ' if re.search('[;\t]', text[: 1 << 20]) else '   ')
+    return text.translate(marks)
 
 
 def of_columns(path: Path) -> bool:
@@ -429,7 +446,7 @@ def _careful(path: Path) -> Iterator[None]:
 
 
 def _opened(path: Path) -> AbstractContextManager[_Opened]:
-    return _folder(path) if path.is_dir() else _OPEN[path.suffix.lower()](path)
+    return _folder(path) if path.is_dir() else _OPEN.get(path.suffix.lower(), _plain)(path)
 
 
 @contextmanager
@@ -442,6 +459,12 @@ def _folder(path: Path) -> Iterator[_Opened]:
             for name in names:
                 found[file.stem if len(names) == 1 else f'{file.stem}.{name}'] = partial(get, name)
         yield [*found], lambda name: found[name](), ()
+
+
+@contextmanager
+def _plain(path: Path) -> Iterator[_Opened]:
+    values = np.loadtxt(io.StringIO(_in_blanks(text_of(path))), ndmin=2)
+    yield [path.stem], lambda name: values, ()
 
 
 @contextmanager

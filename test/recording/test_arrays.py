@@ -175,13 +175,15 @@ def test_an_array_without_a_name_is_told_by_options(tmp_path, write, names):
     np.testing.assert_array_equal(read.effort.effort, values['tau'])
 
 
-@pytest.mark.parametrize('suffix', ['.npy', '.mat'])
+@pytest.mark.parametrize('suffix', ['.npy', '.mat', '.csv', '.txt'])
 def test_a_folder_of_arrays_is_read_as_one_file_of_them(tmp_path, capsys, suffix):
     values, run = samples(), tmp_path / 'run'
     run.mkdir()
     for name, x in values.items():
         if suffix == '.npy':
             np.save(run / name, x)
+        elif suffix != '.mat':
+            np.savetxt(run / f'{name}{suffix}', x, '%.17g', ',' if suffix == '.csv' else ' ')
         else:
             scipy.io.savemat(run / f'{name}.mat', {'ans': x})
     (run / 'notes.txt').write_text('the second run')
