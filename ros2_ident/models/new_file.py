@@ -144,13 +144,13 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
 
     Returns:
         The text, its bounds from what alone would make the effort; None where the kind has no
-        rigid drive or link, the log no effort, or several joints for one link.
+        rigid drive or link, or several joints for one link.
 
     Raises:
         IdentError: INVALID_GOAL for a carriage whose effort follows gravity on a link, where the
             log states an effort that is no force of what slides, or torque of what turns, or
-            where some drives turn and others slide; MISSING_STREAM where positions or efforts
-            stay the same.
+            where some drives turn and others slide; MISSING_STREAM without efforts, or where
+            they or positions stay the same.
     """
     log, summed = with_positions(log, log.state.names if log.state else ())
     assert log.state is not None
@@ -161,7 +161,11 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
         return None
     motions = {x: y for x in names if (y := motion_of(log, x)).effort is not None}
     if not motions:
-        return None
+        raise ErrorCode.MISSING_STREAM.error(
+            f'the log holds no effort of {", ".join(names)}, from which masses and friction are '
+            'told; log their current or torque, or name its topic or column; hobby servos under '
+            'their set-points are the kind servo'
+        )
     for quantity in 'position', 'effort':
         moved = {x: getattr(y, quantity) for x, y in motions.items()}
         moved = {x: y for x, y in moved.items() if np.nanmax(y) > np.nanmin(y)}

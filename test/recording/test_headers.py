@@ -217,6 +217,16 @@ def test_what_has_no_effort_beside_others_is_no_drive(tmp_path, capsys):
     assert sorted(read) == ['hand', 'joint_1', 'joint_2', 'lift']
 
 
+def test_an_axis_without_effort_is_refused_and_no_file_of_example_values_written(tmp_path, capsys):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows(log, 'timestamp,target_q_0,target_q_1,actual_q_0,actual_q_1', '{t},{a},{b},{a},{b}')
+    words = ['new-machine', '--bag', str(log), '--out', str(out), '--kind']
+    assert main([*words, 'linear_axis']) == 2
+    assert 'holds no effort of joint_0, joint_1, from which masses' in capsys.readouterr().err
+    assert not out.exists()
+    assert main([*words, 'servo']) == 0
+
+
 def test_a_map_by_names_alone_gives_way_to_options(tmp_path, capsys):
     log, out, chart = (tmp_path / x for x in ('log.csv', 'm.yaml', 'log.columns.yaml'))
     rows(log, 'time,q1,q2,tau1,tau2', '{t},{a},{b},{b},{a}')
