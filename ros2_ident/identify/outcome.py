@@ -222,7 +222,9 @@ def rival_minima(problem: Problem, found: Fitted) -> tuple[StartOutcome, ...]:
         return ()
     near = np.maximum(APART * (problem.high - problem.low), BEYOND * known.half_width)
     ends = [s for s in refined.starts if s.status is RefineStatus.CONVERGED]
-    apart = [s for s in ends if (np.abs(s.theta - found.theta) > near).any()]
+    # the end from which the estimate goes on, its series weighted
+    own = min(refined.starts, key=lambda s: float(np.abs((s.theta - found.theta) / near).max()))
+    apart = [s for s in ends if (np.abs(s.theta - own.theta) > near).any()]
     if not apart or len(ends) - len(apart) > 1:
         return ()
     noise = _noise(found.residual, problem.series)

@@ -31,6 +31,7 @@ from ros2_ident.search.evaluators import Cancel, Threads, Workers
 from ros2_ident.search.fit import fit
 from ros2_ident.search.journal import Journal
 from ros2_ident.search.least_squares import BOX_DEVIATION
+from ros2_ident.search.uncertainty import even_weights
 
 # Time that the intervals take: a share of the refinement's, and so many seconds beside it, as
 # measured on a tripod of 6 s and axes of 6 and 25 s.
@@ -348,7 +349,9 @@ def quarters(problem: Problem, weighed: Missing, theta: Array) -> Array:
         weighed: Residual and slopes at its solution.
         theta: (N,) the solution.
     """
-    slopes, residual, blocks = weighed.slopes, weighed.residual, weighed.rows.blocks
+    rows, blocks = weighed.rows, weighed.rows.blocks
+    weights = even_weights(weighed.residual, [n for x in rows.masks for n in x.sum(axis=1)])
+    slopes, residual = weighed.slopes * weights[:, None], weighed.residual * weights
     part = (blocks - blocks.min()) * PARTS // (int(np.ptp(blocks)) + 1)
     parts = [part == k for k in np.unique(part)]
     # A triangular factor says all that a part does, in few rows.
@@ -359,8 +362,8 @@ def quarters(problem: Problem, weighed: Missing, theta: Array) -> Array:
     if (known := problem.box.known) is not None:
         box = np.vstack([box, size * np.column_stack([known.rows, known.residual(unit)])])
     left = residual.copy()
-    for k, rows in enumerate(parts):
+    for k, own in enumerate(parts):
         others = np.vstack([*factors[:k], *factors[k + 1 :], box])
         step = np.linalg.lstsq(others[:, :-1], -others[:, -1], rcond=None)[0]
-        left[rows] += slopes[rows] @ (np.clip(unit + step, 0.0, 1.0) - unit)
-    return left
+        left[own] += slopes[own] @ (np.clip(unit + step, 0.0, 1.0) - unit)
+    return left / weights

@@ -12,13 +12,13 @@ import time
 import numpy as np
 import scipy
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, rms
 from ros2_ident.errors import ErrorCode
 from ros2_ident.search.driver import SearchResult
 from ros2_ident.search.fit import Fitted, Solvable
 from ros2_ident.search.genetic import StopReason
 from ros2_ident.search.jacobian import Known
-from ros2_ident.search.uncertainty import intervals
+from ros2_ident.search.uncertainty import even_weights, intervals
 
 # Step to either side, in box widths, and what of it may be curved.
 _STEP, _CURVED = 0.25, 1e-6
@@ -138,7 +138,6 @@ def _solved(
 
     What is known beforehand are rows (L, N + 1) of steps and what they give, of noise 1.
     """
-    lengths = np.array([n for n in series if n])
     weights = np.ones(len(residual))
     change, noise = np.zeros(slopes.shape[1]), 0.0
     for _ in range(_ROUNDS):
@@ -155,8 +154,6 @@ def _solved(
         found = scipy.optimize.lsq_linear(np.vstack(columns), wanted, bounds, method='bvls')
         change = found.x / scale
         left = residual + slopes @ change
-        parts = np.split(left, np.cumsum(lengths)[:-1])
-        sizes = np.array([max(float(np.std(part)), 1e-300) for part in parts])
-        noise = float(sizes.max())
-        weights = np.repeat(noise / sizes, lengths)
+        weights = even_weights(left, series)
+        noise = rms(left * weights)
     return change, weights

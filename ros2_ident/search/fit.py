@@ -5,13 +5,14 @@ Identification, diagnosis, the paper's experiments and the fleet all fit by this
 """
 
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 import time
 from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, rms
 from ros2_ident.errors import ErrorCode
 from ros2_ident.search.driver import Budget, minimise, OnProgress, Progress, SearchResult
 from ros2_ident.search.evaluators import (
@@ -26,8 +27,8 @@ from ros2_ident.search.genetic import GeneticSearch, GeneticSettings, StopReason
 from ros2_ident.search.jacobian import Box, finite_differences, Known
 from ros2_ident.search.journal import Journal, Within
 from ros2_ident.search.operators import Flags
-from ros2_ident.search.refine import refine, Refinement
-from ros2_ident.search.uncertainty import Intervals, intervals
+from ros2_ident.search.refine import refine, Refinement, RefineStatus
+from ros2_ident.search.uncertainty import even_weights, Intervals, intervals
 from ros2_ident.threads import free_memory
 
 # The part of a budget that is kept for the refinement.
@@ -260,6 +261,7 @@ class _Fit:
         self.search = GeneticSearch(len(self.names), settings.genetic, self.seed, start)
         self.new = True
         self.key = 'generation', problem.key, self.seed, asdict(settings.genetic)
+        self.weights = np.ones(1)
         problem.prepare()  # before the clock runs
         self.start = time.monotonic()
 
@@ -416,18 +418,33 @@ class _Fit:
             limit = min(limit, left // len(starts))
         if limit < 1 or self.is_set():
             return None
-        return refine(
-            self._watched(ga, len(starts)),
-            starts,
-            self.problem.low,
-            self.problem.high,
-            cancel=self,
-            max_evaluations=limit,
+        residuals, key = self._watched(ga, len(starts)), self.problem.key
+        refined = partial(
+            refine, low=self.problem.low, high=self.problem.high, cancel=self,
+            journal=self.journal, known=self.known,
+        )  # fmt: skip
+        found = refined(
+            residuals, starts, max_evaluations=limit, key=key,
             good_enough=DOWN_TO_NOISE * self.problem.noise,
-            journal=self.journal,
-            key=self.problem.key,
-            known=self.known,
-        )
+        )  # fmt: skip
+        if budget.evaluations is not None:
+            limit = min(limit, left - found.evaluations)
+        if found.status is not RefineStatus.CONVERGED or limit < 1:
+            return found
+        # What a series leaves says how much its samples tell, those of a wrist beside a shoulder.
+        weights = even_weights(found.residual, self.problem.series)
+        if not np.ptp(weights):
+            return found
+        again = refined(
+            lambda theta: residuals(theta) * weights, found.theta, max_evaluations=limit,
+            key=f'{key} {weights.tobytes().hex()}',
+        )  # fmt: skip
+        self.weights, residual = weights, again.residual / weights
+        return replace(
+            again, residual=residual, jacobian=again.jacobian / weights[:, None],
+            cost=rms(residual), evaluations=found.evaluations + again.evaluations,
+            starts=found.starts,
+        )  # fmt: skip
 
     def _watched(self, ga: SearchResult, starts: int) -> Evaluate:
         """Return the residuals, with reports on the way."""
@@ -472,7 +489,8 @@ class _Fit:
         if not len(jacobian) or not np.isfinite(residual).all():
             return None
         p = self.problem
+        rows, left = jacobian * self.weights[:, None], residual * self.weights
         return intervals(
-            jacobian, residual, theta, p.low, p.high, series=p.series, level=self.settings.level,
+            rows, left, theta, p.low, p.high, series=p.series, level=self.settings.level,
             known=self.known,
         )  # fmt: skip

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import scipy
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, rms
 from ros2_ident.errors import ErrorCode
 from ros2_ident.search.jacobian import Known
 from ros2_ident.search.noise import fit_noise, NoiseModel, weighted_normal_matrix
@@ -123,6 +123,21 @@ def intervals(
             'lower' if p <= AT_BOUND else 'upper' if p >= 1.0 - AT_BOUND else ''
             for p in (theta - np.asarray(low)) / width
         ),
+    )
+
+
+def even_weights(residual: Array, series: Sequence[int]) -> Array:
+    """Return the (R,) weights by which each time series of a residual (R,) is of one size.
+
+    The largest is left as it is, and what is 0 throughout.
+
+    Reference:
+        Seber and Wild (2003), Nonlinear Regression, section 2.8.
+    """
+    lengths = [n for n in series if n]
+    sizes = np.array([rms(x) for x in np.split(residual, np.cumsum(lengths)[:-1])])
+    return np.repeat(
+        np.divide(sizes.max(), sizes, np.ones(sizes.size), where=sizes > 0.0), lengths
     )
 
 
