@@ -147,7 +147,7 @@ def storage_files(path: str | Path) -> tuple[list[Path], list[str]]:
         raise ErrorCode.NO_DATA.error(f'{path}: {unreadable(path)}; {text}')
     files = [x for x in path.iterdir() if x.suffix in (*SUFFIXES, '.zstd') and x.is_file()]
     if not files:
-        text = 'holds no .mcap, .db3 or .bag file; give what `ros2 bag record` wrote'
+        text = 'holds no .mcap, .db3 or .bag file; give what `ros2 bag record` wrote, or one table'
         raise ErrorCode.NO_DATA.at(path, text)
     files.sort(key=lambda x: counted(x.name))
     stated = [path / x for x in read_metadata(path)[0]]
