@@ -51,6 +51,7 @@ class Problem(Layout):
         drives: What the outputs belong to.
         fixed: Values of the parameters that are held.
         series: Lengths of the residual's time series: output after output, model after model.
+        outputs: How many outputs a model has.
 
     Raises:
         IdentError: INVALID_GOAL, UNKNOWN_PARAMETER or NO_DATA with the remedy.
@@ -87,7 +88,7 @@ class Problem(Layout):
         self.noise = self.models[0].noise
         counts = [(~np.isnan(m.measured)).sum(axis=1) for m in self.models]
         self.series: tuple[int, ...] = tuple(int(n) for c in counts for n in c)
-        self.samples = sum(self.series)
+        self.samples, self.outputs = sum(self.series), len(counts[0])
         left, faster = '', ''
         if self.models[0].thinned:
             left, faster = ' beside rest and turns', ', or log at a higher rate'

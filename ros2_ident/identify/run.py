@@ -174,6 +174,7 @@ def solve(
                 journal=journal,
                 first=problem.suggested,
                 known=problem.box.known,
+                even=True,
             )
     weighed = None
     if found.intervals is not None and not cut_short(found):
@@ -350,7 +351,8 @@ def quarters(problem: Problem, weighed: Missing, theta: Array) -> Array:
         theta: (N,) the solution.
     """
     rows, blocks = weighed.rows, weighed.rows.blocks
-    weights = even_weights(weighed.residual, [n for x in rows.masks for n in x.sum(axis=1)])
+    lengths = [n for x in rows.masks for n in x.sum(axis=1)]
+    weights = even_weights(weighed.residual, lengths, problem.outputs)
     slopes, residual = weighed.slopes * weights[:, None], weighed.residual * weights
     part = (blocks - blocks.min()) * PARTS // (int(np.ptp(blocks)) + 1)
     parts = [part == k for k in np.unique(part)]

@@ -3,10 +3,12 @@
 
 The inverse dynamic identification model of robotics (Gautier, Janot, Vandanjon, IEEE TCST 21(2),
 2013): what the recorded motion asks is linear in inertias and friction. The motion comes filtered
-from the model; here both sides pass the same low-pass, are decimated, and every series counts by
+from the model; here both sides pass the same low-pass, are decimated, and every output counts by
 the noise that it leaves.
 """
 
+from collections.abc import Callable
+from functools import partial
 import time
 
 import numpy as np
@@ -63,7 +65,8 @@ def solve(
     if known is not None:
         off = known.residual(np.full(len(middle), 0.5))
         beforehand = np.column_stack([known.rows / width, -off])
-    change, weights = _solved(kept, columns, series, lowest - middle, beforehand)
+    weigh = partial(even_weights, series=series, outputs=problem.outputs)
+    change, weights = _solved(kept, columns, weigh, lowest - middle, beforehand)
     theta = np.maximum(middle + change, lowest)
     residual = left + slopes @ change
     cost = problem.cost_of(residual)
@@ -132,7 +135,11 @@ def _decimated(rows: Array, series: tuple[int, ...], factor: int) -> tuple[Array
 
 
 def _solved(
-    residual: Array, slopes: Array, series: tuple[int, ...], lowest: Array, beforehand: Array
+    residual: Array,
+    slopes: Array,
+    weigh: Callable[[Array], Array],
+    lowest: Array,
+    beforehand: Array,
 ) -> tuple[Array, Array]:
     """Return the (N,) step from the middle, at least `lowest`, and the (R,) weights behind it.
 
@@ -154,6 +161,6 @@ def _solved(
         found = scipy.optimize.lsq_linear(np.vstack(columns), wanted, bounds, method='bvls')
         change = found.x / scale
         left = residual + slopes @ change
-        weights = even_weights(left, series)
+        weights = weigh(left)
         noise = rms(left * weights)
     return change, weights

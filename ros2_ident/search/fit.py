@@ -59,6 +59,7 @@ class Solvable(Objective, Protocol):
         unit: Unit of the cost.
         noise: Standard deviation of the residual's noise as stated; 0 where it is not.
         series: Lengths of the time series that follow one another in the residual.
+        outputs: How many outputs they are of, the series of all after each other.
         key: Digest of what the fit depends on besides settings and seed.
     """
 
@@ -66,6 +67,7 @@ class Solvable(Objective, Protocol):
     high: Array
     unit: str
     series: tuple[int, ...]
+    outputs: int
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -172,6 +174,7 @@ def fit(
     journal: Journal | None = None,
     first: Array | None = None,
     known: Known | None = None,
+    even: bool = False,
 ) -> Fitted:
     """Fit a problem.
 
@@ -189,6 +192,8 @@ def fit(
             same problem, settings and seed goes on from it, with the same result to the bit.
         first: (N,) a candidate of the first generation, physical units.
         known: What is known of the parameters beside their box; the refinement counts it.
+        even: Whether the refinement goes on with each output weighted by the size of what it
+            leaves, which has to be noise more than a difference of the recordings.
 
     Returns:
         The estimate with what is known of it.
@@ -206,7 +211,7 @@ def fit(
     ):
         return _Fit(
             problem, settings, seed, costs, residuals, cancel, on_progress, journal or Journal(),
-            first, known,
+            first, known, even,
         ).solve()  # fmt: skip
 
 
@@ -244,6 +249,7 @@ class _Fit:
     journal: Journal
     first: Array | None
     known: Known | None
+    even: bool
 
     def __post_init__(self) -> None:
         problem, settings = self.problem, self.settings
@@ -429,21 +435,23 @@ class _Fit:
         )  # fmt: skip
         if budget.evaluations is not None:
             limit = min(limit, left - found.evaluations)
-        if found.status is not RefineStatus.CONVERGED or limit < 1:
+        if not self.even or found.status is not RefineStatus.CONVERGED or limit < 1:
             return found
-        # What a series leaves says how much its samples tell, those of a wrist beside a shoulder.
-        weights = even_weights(found.residual, self.problem.series)
+        # What an output leaves says how much its samples tell, those of a wrist beside a shoulder.
+        weights = even_weights(found.residual, self.problem.series, self.problem.outputs)
         if not np.ptp(weights):
             return found
         again = refined(
             lambda theta: residuals(theta) * weights, found.theta, max_evaluations=limit,
             key=f'{key} {weights.tobytes().hex()}',
         )  # fmt: skip
+        count = found.evaluations + again.evaluations
+        if again.status is not RefineStatus.CONVERGED:
+            return replace(found, evaluations=count)
         self.weights, residual = weights, again.residual / weights
         return replace(
             again, residual=residual, jacobian=again.jacobian / weights[:, None],
-            cost=rms(residual), evaluations=found.evaluations + again.evaluations,
-            starts=found.starts,
+            cost=rms(residual), evaluations=count, starts=found.starts,
         )  # fmt: skip
 
     def _watched(self, ga: SearchResult, starts: int) -> Evaluate:

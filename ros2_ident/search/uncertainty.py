@@ -8,7 +8,7 @@ import math
 import numpy as np
 import scipy
 
-from ros2_ident.arrays import Array, rms
+from ros2_ident.arrays import Array
 from ros2_ident.errors import ErrorCode
 from ros2_ident.search.jacobian import Known
 from ros2_ident.search.noise import fit_noise, NoiseModel, weighted_normal_matrix
@@ -126,19 +126,23 @@ def intervals(
     )
 
 
-def even_weights(residual: Array, series: Sequence[int]) -> Array:
-    """Return the (R,) weights by which each time series of a residual (R,) is of one size.
+def even_weights(residual: Array, series: Sequence[int], outputs: int) -> Array:
+    """Return the (R,) weights by which each output's part of a residual (R,) is of one size.
 
     The largest is left as it is, and what is 0 throughout.
+
+    Args:
+        series: As of `intervals`, those of all outputs after each other, segment by segment.
+        outputs: How many outputs there are.
 
     Reference:
         Seber and Wild (2003), Nonlinear Regression, section 2.8.
     """
-    lengths = [n for n in series if n]
-    sizes = np.array([rms(x) for x in np.split(residual, np.cumsum(lengths)[:-1])])
-    return np.repeat(
-        np.divide(sizes.max(), sizes, np.ones(sizes.size), where=sizes > 0.0), lengths
-    )
+    output = np.repeat(np.arange(len(series)) % outputs, series)
+    count = np.bincount(output, minlength=outputs)
+    sizes = np.sqrt(np.bincount(output, residual**2, outputs) / np.maximum(count, 1))
+    weights: Array = np.divide(sizes.max(), sizes, np.ones(outputs), where=sizes > 0.0)
+    return weights[output]
 
 
 def _inverse(scaled: Array) -> tuple[Array, Flags, int]:

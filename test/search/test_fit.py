@@ -28,6 +28,7 @@ class Oscillation:
     unit = 'N'
     noise = 0.0
     series = (50, 30)
+    outputs = 1
     key = 'oscillation'
 
     def __init__(self):
