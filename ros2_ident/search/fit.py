@@ -443,7 +443,7 @@ class _Fit:
             return found
         again = refined(
             lambda theta: residuals(theta) * weights, found.theta, max_evaluations=limit,
-            key=f'{key} {weights.tobytes().hex()}',
+            key=f'{key} weighted',
         )  # fmt: skip
         count = found.evaluations + again.evaluations
         if again.status is not RefineStatus.CONVERGED:
