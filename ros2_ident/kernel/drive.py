@@ -345,11 +345,12 @@ def control(
     limit = load(par, (first + DRIVE.torque_limit) * W)
     torque = clip(torque, -limit, limit)
     # What is integrated within the step acts in it, by half.
-    asked = clip(torque + within, -limit, limit)
+    meant = clip(torque + within, -limit, limit)
+    asked = meant
     if on is not None and on & MASK.COMMAND:
         zero = spread(0.0)
         state = drive_state(par, first, mem, own, z, v, z, zero, zero, time, spread(step))
-        asked = hooks.command_hook(asked, state, on, par, first, mem, own)
-        hooks.command_keeps(asked, state, on, par, first, mem, own, active)
+        asked = hooks.command_hook(meant, state, on, par, first, mem, own)
+        hooks.command_keeps(meant, state, on, par, first, mem, own, active)
     store(mem, (own + MEMORY.commanded) * W, asked)
     return torque
