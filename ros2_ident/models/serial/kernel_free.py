@@ -111,20 +111,27 @@ def _prescribed(mode, motion, k, count, mass, asked, size):
 
 
 @inlined
+def _gains(par, asked, d):
+    """Return the gains of a joint's controller by position and rate; 0 where its torque is cut."""
+    row = MACHINE_COUNT + d * DRIVE_COUNT
+    free = absolute(load(asked, d * W)) < load(par, (row + DRIVE.torque_limit) * W)
+    zero = spread(0.0)
+    spring = where(free, load(par, (row + DRIVE.position_gain) * W), zero)
+    return spring, where(free, load(par, (row + DRIVE.velocity_gain) * W), zero)
+
+
+@inlined
 def _answer(par, mode, asked, d):
     """Return by how much less joint `d` is pushed a unit further on, and how much a unit faster.
 
-    By controllers, whose torque is within its limit, and viscous friction.
+    By its controller and viscous friction.
     """
-    spring, brake = spread(0.0), spread(0.0)
-    if mode[d] == dk.CLOSED_LOOP:
-        row = MACHINE_COUNT + d * DRIVE_COUNT
-        gear = load(par, (row + DRIVE.gear) * W)
-        free = absolute(load(asked, d * W)) < load(par, (row + DRIVE.torque_limit) * W)
-        spring = where(free, gear * load(par, (row + DRIVE.position_gain) * W), spring)
-        brake = where(free, gear * load(par, (row + DRIVE.velocity_gain) * W), brake)
-        brake = brake + gear * load(par, (row + DRIVE.viscous) * W)
-    return spring, brake
+    if mode[d] != dk.CLOSED_LOOP:
+        return spread(0.0), spread(0.0)
+    row = MACHINE_COUNT + d * DRIVE_COUNT
+    gear = load(par, (row + DRIVE.gear) * W)
+    spring, brake = _gains(par, asked, d)
+    return gear * spring, gear * (brake + load(par, (row + DRIVE.viscous) * W))
 
 
 @called
@@ -146,10 +153,8 @@ def _stage(
         z, v = rk.stage_state(place, rate, bend, len(size), d, part, h)
         further = z - load(place, d * W)
         faster = v - load(rate, d * W)
-        less = load(par, (row + DRIVE.position_gain) * W) * further
-        less = less + load(par, (row + DRIVE.velocity_gain) * W) * faster
-        free = absolute(load(asked, d * W)) < load(par, (row + DRIVE.torque_limit) * W)
-        less = where(free, less, spread(0.0))
+        spring, brake = _gains(par, asked, d)
+        less = spring * further + brake * faster
         if on[d] == 0 and not any_lane(load(par, (row + DRIVE.regularisation) * W) > spread(0.0)):
             less = less + load(par, (row + DRIVE.viscous) * W) * faster
             less = load(par, (row + DRIVE.gear) * W) * less
