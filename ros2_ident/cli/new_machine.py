@@ -4,6 +4,7 @@
 import argparse
 from collections.abc import Sequence
 from contextlib import suppress
+import functools
 import os
 from pathlib import Path
 import shlex
@@ -119,11 +120,12 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
     from ros2_ident.recording.limits import printable
 
     joints = joints_in(judged_tree(description)) if description else ()
+    read = functools.cache(header_of)
 
     def header_by(drives: Sequence[str], columns: Sequence[str], rate: float) -> Header:
         named = {*drives, *joints}
         # joints that have numbers are as many as the drives with or without such as are not driven
-        header = header_of(path).timed(rate)
+        header = read(path).timed(rate)
         header = header.called(drives).driven(columns, named).called(drives)
         return header.assigned(columns).driven(columns, named)
 
