@@ -10,13 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from ros2_ident.arrays import Array, rms
-from ros2_ident.models.protocol import FullModel
-
-Bools = npt.NDArray[np.bool_]
+from ros2_ident.models.protocol import FullModel, Mask
 
 # Slower than this share of the top speed the direction of friction is open.
 _SLOW = 0.05
@@ -186,7 +183,7 @@ def left_by_quarters(model: FullModel) -> Array:
     return np.bincount(drive, (left * weight[:, 0]) ** 2) / np.bincount(drive)
 
 
-def _left_over(columns: Array, values: Array, told: Bools, asked: Bools) -> Array:
+def _left_over(columns: Array, values: Array, told: Mask, asked: Mask) -> Array:
     """Return what columns (K, C) leave of values (K,) in rows that are asked, by others."""
     shares = np.linalg.lstsq(columns[told], values[told], rcond=None)[0]
     return np.asarray(values[asked] - columns[asked] @ shares)
