@@ -294,12 +294,10 @@ class Selector(Fitter):
     def counts(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether a step is material, and would be at the lower end of its 95 % interval.
 
-        The interval is that of noise as slow as what is left: under it chance closes a lot, but
-        never more than the noise itself.
+        The interval is that of noise as slow as what is left: under it chance closes a lot, and of
+        a motion that is integrated from an effort more than the noise itself.
         """
-        if not self.rules.is_material(before, after):
-            return False
-        return after.reduces(before) > 1.0 or self.rules.is_certain(
+        return self.rules.is_material(before, after) and self.rules.is_certain(
             before, after, self.standing(before, after)
         )
 

@@ -35,6 +35,8 @@ def selector():
     found = Selector(case, floor_of(1.0, 1.0), RULES)
     found.ends = lambda e, evidence: (e.theta - 0.1, e.theta + 0.1)
     found.tie = lambda base, e, at, hidden: None
+    # Noise that is white: what counts stands out of it.
+    found.standing = lambda before, after: 100.0
     return found
 
 
