@@ -301,6 +301,11 @@ class _Passes:
                 begun = self._begin(Split(fit + check, conditions=self.conditions))
             elif left < _RULES.material:
                 begun = replace(begun, base=whole)
+        watched = begun.selector.fits.missed is not None
+        if watched and begun.material and not self.clock.stopped():
+            # What effects are compared with is fitted to what they are fitted to, rows of the
+            # controllers among it. Whether anything is missing, outputs alone tell.
+            begun = replace(begun, base=begun.selector.refit((), begun.base.theta))
         return self._composed(begun, *self._selected(begun))
 
     def _begin(self, split: Split) -> _Pass:
