@@ -62,6 +62,7 @@ Arguments that many functions here and in `blind.forms` have:
     DEGRESSIVE_SPEED,  # m/s
     PLACE_SLOPE,  # 1/m, Coulomb friction along the rail
     PLACE_MIDDLE,  # m
+    PLACE_BOW,  # 1/m^2
     DRIFT_RATE,  # 1/s, linear in time
     # Torque between controller and rotor.
     CURRENT_LAG,  # s
@@ -104,7 +105,7 @@ Arguments that many functions here and in `blind.forms` have:
     ARM_MOMENT,  # kg m, its first moment, of the same sign
     ARM_ZERO,  # rad, where it lies level
     DRIVE_COLUMNS,
-) = range(73)
+) = range(74)
 
 # Shared by the machine.
 (
