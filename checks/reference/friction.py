@@ -92,9 +92,9 @@ def friction_torque(
         friction += d[at.DRAG] * abs(speed) * speed
     if d[at.DEGRESSIVE_TORQUE] != 0.0:
         friction += d[at.DEGRESSIVE_TORQUE] * math.tanh(speed / d[at.DEGRESSIVE_SPEED])
-    if d[at.PLACE_SLOPE] != 0.0 or d[at.PLACE_BOW] != 0.0:
+    if d[at.PLACE_SLOPE] != 0.0:
         off = place - d[at.PLACE_MIDDLE]
-        friction += coulomb * (d[at.PLACE_SLOPE] * off + d[at.PLACE_BOW] * off**2) * sign
+        friction += coulomb * d[at.PLACE_SLOPE] * off * (1.0 + d[at.PLACE_BEND] * off) * sign
     if d[at.ASYMMETRY] != 0.0:
         level = coulomb + d[at.VISCOUS] * abs(speed)
         friction += d[at.ASYMMETRY] * level * abs(sign)

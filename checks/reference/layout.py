@@ -62,7 +62,7 @@ Arguments that many functions here and in `blind.forms` have:
     DEGRESSIVE_SPEED,  # m/s
     PLACE_SLOPE,  # 1/m, Coulomb friction along the rail
     PLACE_MIDDLE,  # m
-    PLACE_BOW,  # 1/m^2
+    PLACE_BEND,  # 1/m
     DRIFT_RATE,  # 1/s, linear in time
     # Torque between controller and rotor.
     CURRENT_LAG,  # s
