@@ -93,8 +93,7 @@ def friction_torque(
     if d[at.DEGRESSIVE_TORQUE] != 0.0:
         friction += d[at.DEGRESSIVE_TORQUE] * math.tanh(speed / d[at.DEGRESSIVE_SPEED])
     if d[at.PLACE_SLOPE] != 0.0:
-        off = place - d[at.PLACE_MIDDLE]
-        friction += coulomb * d[at.PLACE_SLOPE] * off * (1.0 + d[at.PLACE_BEND] * off) * sign
+        friction += coulomb * d[at.PLACE_SLOPE] * (place - d[at.PLACE_MIDDLE]) * sign
     if d[at.ASYMMETRY] != 0.0:
         level = coulomb + d[at.VISCOUS] * abs(speed)
         friction += d[at.ASYMMETRY] * level * abs(sign)

@@ -62,7 +62,6 @@ Arguments that many functions here and in `blind.forms` have:
     DEGRESSIVE_SPEED,  # m/s
     PLACE_SLOPE,  # 1/m, Coulomb friction along the rail
     PLACE_MIDDLE,  # m
-    PLACE_BEND,  # 1/m
     DRIFT_RATE,  # 1/s, linear in time
     # Torque between controller and rotor.
     CURRENT_LAG,  # s
@@ -105,7 +104,7 @@ Arguments that many functions here and in `blind.forms` have:
     ARM_MOMENT,  # kg m, its first moment, of the same sign
     ARM_ZERO,  # rad, where it lies level
     DRIVE_COLUMNS,
-) = range(74)
+) = range(73)
 
 # Shared by the machine.
 (

@@ -74,7 +74,7 @@ FOLLOWER = """<robot name="follower">
 EFFECTS = {
     'stribeck': {'torque': 0.3, 'velocity': 0.4},
     'asymmetric_friction': {'coulomb': 0.1, 'viscous': 0.05},
-    'position_dependent_friction': {'slope': 0.5, 'bow': -0.3, 'middle': 0.2},
+    'position_dependent_friction': {'slope': 0.5, 'middle': 0.2},
     'torque_ripple': {'sine': 0.3, 'cosine': 0.2, 'order': 5.0},
 }
 # What a joint has; speed at which friction has turned over, rad/s.

@@ -151,20 +151,17 @@ LOAD_DEPENDENT_FRICTION = Effect(
 
 @inlined
 def _position_dependent_friction(value: Any, drive: Any, p: Any) -> Any:
-    way = drive.position - p[2]
-    return value + drive.coulomb * drive.direction * way * (p[0] + p[1] * way)
+    return value + drive.coulomb * drive.direction * p[0] * (drive.position - p[1])
 
 
 POSITION_DEPENDENT_FRICTION = Effect(
     id='position_dependent_friction',
     about='Dry friction that changes along the rail.',
     title='position-dependent friction',
-    equation='Coulomb torque times a (z - z_0) + b (z - z_0)^2 added',
-    source='Armstrong-Helouvry et al., Automatica 30(7), 1994; the first two terms of a series',
+    equation='Coulomb torque times 1 + a (z - z_0) added',
+    source='Armstrong-Helouvry et al., Automatica 30(7), 1994',
     parameters=(
         EffectParameter('slope', '1/m', -2.0, 2.0, 0.0, symbol='a'),
-        # From the middle of the stroke to its ends as much as the slope makes between these.
-        EffectParameter('bow', '1/m^2', -8.0, 8.0, 0.0, symbol='b'),
         along_rail('middle', 'z_0', 'position without change', 'coulomb_friction'),
     ),
     hook=Hook.FRICTION,

@@ -165,7 +165,7 @@ def test_what_the_file_states_comes_before_effects_the_smallest_share_first():
 
 
 def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
-    law = 'position_dependent_friction@emps_axis:slope=0.1,bow=0,middle=0'
+    law = 'position_dependent_friction@emps_axis:slope=0.1,middle=0'
     for name, more in (('one', ['--seed', '1']), ('two', ['--seed', '2', '--effect', law])):
         words = ['simulate', f'{tmp_path}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
         assert main([*words, '--seconds', '12', '--noise', '0.2', *more]) == 0

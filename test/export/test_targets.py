@@ -117,7 +117,7 @@ LAWFUL = {
     'constant_force': {'force': 2.0},
     'degressive_friction': {'torque': 2.0, 'velocity': 0.3},
     'end_stop': {'stiffness': 50.0, 'lower': -0.1, 'upper': 0.2},
-    'position_dependent_friction': {'slope': 0.3, 'bow': -0.2, 'middle': 0.1},
+    'position_dependent_friction': {'slope': 0.3, 'middle': 0.1},
     'quadratic_drag': {'torque': 0.7},
     'stribeck': {'torque': 2.0, 'velocity': 0.3},
     'torque_ripple': {'sine': 1.0, 'cosine': -0.5, 'order': 3.0},

@@ -119,13 +119,6 @@ def test_a_force_that_a_smooth_function_of_the_place_makes_is_no_end_stop() -> N
     assert [(tie.effect, tie.like) for tie in smooth.facts.ties] == [('end_stop', ('position',))]
 
 
-def test_friction_that_is_largest_amid_the_way_depends_on_the_position() -> None:
-    near = 'position_dependent_friction', 'friction_drift', 'stribeck'
-    found = pressed(lambda u, way: 5.0 * way * (1.0 + np.sin(np.pi * u)), *near)
-    assert (found.effect, found.also) == ('position_dependent_friction', ()), sentence(found)
-    assert found.parameters['cart.position_dependent_friction.bow'].high < 0.0
-
-
 def test_what_coulomb_friction_makes_up_for_leaves_a_slope_as_well_known_as_it_is() -> None:
     found = pressed(lambda u, way: 5.0 * way * (0.5 + u), 'position_dependent_friction')
     slope, place, friction = (

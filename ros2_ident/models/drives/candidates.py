@@ -242,7 +242,7 @@ class Candidates:
         force = float((self.scales.effort * self.machine.numbers('gear_factor'))[places].max())
         factors = {
             'effort': effort, 'force': force, '1/(effort)': 1.0 / effort,
-            'm': stroke, '1/m': 1.0 / stroke, '1/m^2': stroke**-2, 'force/m': force / stroke,
+            'm': stroke, '1/m': 1.0 / stroke, 'force/m': force / stroke,
             'm/s': speed, 'effort s/m': effort / speed, 'effort s^2/m^2': effort / speed**2,
             '1/W': 1.0 / (force * speed), 'load': force / _GRAVITY, 'load m': force / _GRAVITY,
         }  # fmt: skip
