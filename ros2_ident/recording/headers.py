@@ -237,7 +237,8 @@ class Header:
                 per = per if x.quantity == 'effort' else 'rad or m'
                 option = shlex.quote(f'{x.name}={x.joint}.{x.quantity}*SCALE')
                 text = f'the column {short(x.name)} is in {x.unit}; say how many {per} one is'
-                raise ErrorCode.INVALID_GOAL.error(f'{text}: --column {option}')
+                rest = '; by 1 masses and friction come divided by it' * asked
+                raise ErrorCode.INVALID_GOAL.error(f'{text}: --column {option}{rest}')
 
 
 def header_of(path: Path) -> Header:

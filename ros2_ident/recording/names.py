@@ -44,6 +44,22 @@ _WORDS = {
 _MEANT = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _FAINT = dict.fromkeys(('q', 'theta', 'encoder'), 'position')
 _FAINT |= dict.fromkeys(('current', 'cur', 'i', 'load'), 'effort')
+# Those that are a current. Where no unit is stated it is in A, and a constant makes it a torque.
+_CURRENTS = {
+    *[
+        'amps',
+        'cur',
+        'curr',
+        'current',
+        'currents',
+        'i',
+        'iq',
+        'strom',
+        'corriente',
+        'corrente',
+        'courant',
+    ]
+}
 # Beside a role a letter is enough: `p_des`, `t_actual`.
 _LETTERS = {'p': 'position', 'v': 'velocity', 't': 'effort'}
 # What a textbook calls so, where it is all of the name: to be asked, not told.
@@ -215,8 +231,6 @@ class _Name:
         kinds = {kind for part in parts for kind in part.kinds}
         words = [word for part in parts for word in part.plain]
         units = [x for x in (*words, plain) if x in maps.TIME_UNITS and x != 's']
-        if not unit and 'amps' in words:
-            self.unit, plain = 'A', 'a'
         self.treated = 'treated' in kinds
         self.derivative = 'dot' in words
         role = next((x for x in _ROLES if x in kinds), '')
@@ -232,6 +246,8 @@ class _Name:
             of = (x for x in ('position', *_QUANTITIES) if maps.factor_of(x, unit) is not None)
             if found := next(of, ''):
                 fits, quantity = True, found
+        if quantity == 'effort' and says >= 0 and not unit and parts[says].current:
+            self.unit, plain = 'A', 'a'
         rests = [part.rest(role, quantity if n == says else '') for n, part in enumerate(parts)]
         self.quantity, self.why, self.scale = '', '', 1.0
         if 'other' in kinds:
@@ -292,6 +308,14 @@ class _Part:
             if found := [kind for kind in kinds if kind in _QUANTITIES]:
                 return found[-1]
         return ''
+
+    @property
+    def current(self) -> bool:
+        """Whether the effort that it names is a current."""
+        pairs = zip(self.plain, self.kinds, strict=True)
+        strong = [word for word, kind in pairs if kind in _QUANTITIES]
+        words = strong or [word for word in self.plain if word in _FAINT]
+        return bool(words) and words[-1] in _CURRENTS
 
     def rest(self, role: str, named: str) -> tuple[str, list[str]]:
         """Return what is left of it for the joint, as spelled, and the words that tell it.

@@ -156,6 +156,31 @@ def test_a_scale_of_one_is_a_scale_that_is_stated(tmp_path):
     assert header.map()['joints'] == {'joint_1': {'position': 'pos', 'effort': 'i [A]'}}
 
 
+@pytest.mark.parametrize(
+    ('name', 'unit'),
+    [
+        *[(x, 'A') for x in ('Iq', 'Present Current', 'axis0.motor.foc.Iq_measured', 'Strom X')],
+        *[(x, 'A') for x in ('i_measured', 'motorCurrentAmps', 'cur2')],
+        ('current_milliamps', 'milliamps'), ('i [%]', '%'),
+        *[(x, '') for x in ('current_torque', 'torque', 't_actual', 'current_position', 'load')],
+    ],
+)  # fmt: skip
+def test_a_current_is_in_ampere_where_no_unit_is_stated(name, unit):
+    (found,) = meanings([name])
+    assert (found.unit, found.quantity) == (unit, 'position' if 'pos' in name else 'effort')
+
+
+def test_a_current_is_no_torque_of_a_drive_until_its_owner_says_so(tmp_path, capsys):
+    rows(tmp_path / 'log.csv', 'Time,Position,Iq', '{t},{a},{b}')
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.csv')]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert 'say how many N m or N one is: --column' in said
+    assert 'by 1 masses and friction come divided by it' in said
+    words += ['--column', 'Iq=joint_1.effort*0.025', '--out', str(tmp_path / 'm.yaml')]
+    assert main(words) == 0
+
+
 def test_an_effort_of_a_joint_that_no_column_moves_is_refused(tmp_path):
     rows(tmp_path / 'log.csv', 'time,q11,Im1 (A)', '{t},{a},{b}')
     with pytest.raises(IdentError, match="effort of 'joint_1', which no .* one of joint_11"):

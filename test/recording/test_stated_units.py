@@ -120,7 +120,7 @@ def test_the_torque_constant_of_a_servo_is_a_parameter_of_its_own(tmp_path, caps
 
 
 def test_the_file_of_a_carriage_says_that_its_effort_is_a_force(tmp_path, capsys):
-    log, out = logged(tmp_path, '', 'time,pos,current'), tmp_path / 'm.yaml'
+    log, out = logged(tmp_path, '', 'time,pos,effort'), tmp_path / 'm.yaml'
     assert new_machine(log, out, '--travel', 'm') == 0
     assert 'effort_unit: N\n' in out.read_text()
     assert main(['check', '--machine', str(out)]) == 0
