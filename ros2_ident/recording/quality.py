@@ -217,10 +217,11 @@ def _judge_drives(
             idle.add(name)
         drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
         # An integrated speed says nothing of the speed.
-        fit = None if name in integrated else _velocity_fit(motion)
+        rests = motions.still(state.position[:, state.names.index(name)])
+        fit = None if name in integrated or rests else _velocity_fit(motion)
         if fit is not None and fit[2] >= KNOWN:
             rates.append(fit[1])
-        judged = [*_judged(drives[-1], motion, gravity, wanted is not None, fit)]
+        judged = [*_judged(drives[-1], motion, rests, gravity, wanted is not None, fit)]
         judged += [('warn', code, text) for code, text in repeats(recording, name)]
         if name not in integrated:
             judged += _of_counts(state.position[:, state.names.index(name)])
@@ -248,24 +249,21 @@ def standing(strokes: Mapping[str, float], idle: Collection[str] = ()) -> tuple[
     return tuple(name for name, stroke in strokes.items() if stroke < STANDS * longest)
 
 
-def _moves(motion: Motion) -> bool:
-    return float(np.ptp(motion.position)) > 1e-6 * float(np.abs(motion.position).max())
-
-
 def _judged(
-    drive: DriveSummary, motion: Motion, gravity: float, wanted: bool, fit: _Fit | None
-) -> Iterator[Said]:
+    drive: DriveSummary, motion: Motion, still: bool, gravity: float, wanted: bool,
+    fit: _Fit | None,
+) -> Iterator[Said]:  # fmt: skip
     """Yield what is to be said of a drive's excitation, velocity by its fit, and effort.
 
     Where it is `wanted` to identify the drive, that it stands still is an error.
     """
-    moves = _moves(motion)
-    if moves:
+    if not still:
         yield _of_motion(drive, motion)
         if fit is not None:
             yield _of_velocity(motion, *fit)
     else:
-        text = 'does not move; move it through its working range while recording'
+        text = 'does not move beyond the noise of its readings; move it through its working range '
+        text += 'while recording'
         yield 'error' if wanted else 'warn', 'no_motion', text
     effort = motion.effort
     if effort is None or np.isfinite(effort).sum() < _FEWEST:
@@ -274,7 +272,7 @@ def _judged(
         text = f'the effort is {np.nanmax(effort):g} all the time'
         text += f'; name another topic or column, {_NOT_DRIVEN}'
         yield 'error', 'effort_constant', text
-    elif moves:
+    elif not still:
         yield from _of_effort(motion, effort)
         if gravity and math.isfinite(drive.effort_rest):
             yield _of_gravity(drive.effort_rest, float(np.nanstd(effort)), gravity)
@@ -311,7 +309,7 @@ def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
 
 def _velocity_fit(motion: Motion) -> _Fit | None:
     """Fit the reported velocity by the derivative of the position; None where one is not there."""
-    if motion.reported is None or np.isfinite(motion.reported).sum() < 20 or not _moves(motion):
+    if motion.reported is None or np.isfinite(motion.reported).sum() < 20:
         return None
     reported = motion.slowly(fill_gaps(motion.reported))
     lag, gain, share = motions.best_lag(
