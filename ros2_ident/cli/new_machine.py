@@ -79,11 +79,10 @@ def run(args: argparse.Namespace) -> int:
 def _log(args: argparse.Namespace, description: str) -> 'Recording':
     """Return what a bag holds, of a table or arrays by their map, or one made from the names."""
     from ros2_ident.recording import read_bag
-    from ros2_ident.recording.columns import MAP_SUFFIX
-    from ros2_ident.recording.table import of_columns
+    from ros2_ident.recording.table import map_beside, of_columns
 
     path = Path(args.bag)
-    where = path.with_name(path.stem + MAP_SUFFIX)
+    where = map_beside(path)
     there = path.exists()  # of what is not there the reader says so
     named = there and of_columns(path)
     option = '--column' if args.column else '--rate' if args.rate else ''

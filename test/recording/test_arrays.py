@@ -155,12 +155,12 @@ def npy(path, values):
 
 def of_fields(path, values):
     rows = [(*q, *tau) for q, tau in zip(values['q'], values['tau'], strict=True)]
-    np.save(path, np.array(rows, dtype=[(x, 'f8') for x in ('q0', 'q1', 'i0', 'i1')]))
+    np.save(path, np.array(rows, dtype=[(x, 'f8') for x in ('q0', 'q1', 'u0', 'u1')]))
 
 
 @pytest.mark.parametrize(
     ('write', 'names'),
-    [(npy, ('log[0]', 'log[1]', 'log[2]', 'log[3]')), (of_fields, ('q0', 'q1', 'i0', 'i1'))],
+    [(npy, ('log[0]', 'log[1]', 'log[2]', 'log[3]')), (of_fields, ('q0', 'q1', 'u0', 'u1'))],
 )
 def test_an_array_without_a_name_is_told_by_options(tmp_path, write, names):
     values = samples()
@@ -202,6 +202,58 @@ def test_a_folder_of_arrays_is_read_as_one_file_of_them(tmp_path, capsys, suffix
     (run / 'bag.mcap').write_bytes(b'')
     with pytest.raises(IdentError, match='is empty'):
         read_bag(run)
+
+
+@pytest.mark.parametrize(
+    ('first', 'second'),
+    [
+        ('t,pos_l,pos_r', 't,eff_l,eff_r'),  # one.csv and torque.csv, whose columns say it
+        ('t,l,r', 't,l,r'),  # position.csv and torque.csv, which say it themselves
+        ('l,r', 'l,r'),
+    ],
+)
+def test_tables_that_share_a_logs_quantities_are_read_as_one(tmp_path, capsys, first, second):
+    values, run = samples(), tmp_path / 'run'
+    run.mkdir()
+    timed = first.startswith('t')
+    names = ('one.csv' if 'pos' in first else 'position.csv', first), ('torque.csv', second)
+
+    def write(name, header, table, late=0.0):
+        own = [values['time'] + late] * timed
+        np.savetxt(run / name, np.column_stack([*own, table]), '%.17g', ',', header=header,
+                   comments='')  # fmt: skip
+
+    for (name, header), table in zip(names, (values['q'], values['tau']), strict=True):
+        write(name, header, table)
+    (run / 'README.txt').write_text('the second run')
+    words = ['new-machine', '--kind', 'serial', '--bag', str(run)]
+    words += [] if timed else ['--rate', '250']
+    assert main([*words, '--out', str(tmp_path / 'm.yaml')]) == 0
+    (read,) = read_bag(run)
+    assert read.state.names == ('l', 'r')
+    np.testing.assert_array_equal(read.state.position, values['q'])
+    np.testing.assert_array_equal(read.effort.effort, values['tau'])
+    if timed:
+        write(*names[1], values['tau'], late=1e-3)
+        with pytest.raises(IdentError, match='is another time than that of the other tables'):
+            read_bag(run)
+    # the same quantity twice is two logs
+    write('torque.csv', names[0][1].replace('l,r', 'pos_l,pos_r'), values['q'])
+    write(names[0][0], names[0][1].replace('l,r', 'pos_l,pos_r'), values['q'])
+    with pytest.raises(IdentError, match='or one table'):
+        read_bag(run)
+
+
+def test_a_log_may_be_the_folder_in_which_one_is(tmp_path, monkeypatch):
+    values, run = samples(), tmp_path / 'run'
+    run.mkdir()
+    for name in ('q', 'tau', 'time'):
+        np.save(run / name, values[name])
+    monkeypatch.chdir(run)
+    words = ['new-machine', '--kind', 'serial', '--bag', '.', '--out', str(tmp_path / 'm.yaml')]
+    assert main(words) == 0
+    assert (tmp_path / 'run.columns.yaml').exists()
+    assert equal(read_bag('.'), read_bag(run))
 
 
 def test_arrays_with_a_row_for_each_quantity_are_to_be_turned_over(tmp_path, capsys):
