@@ -207,9 +207,13 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
         what = f'{shown} is missing: the residual is noise, in which a gap of {limit} would show'
         if facts.hidden:
             what = f'{shown} is missing above {limit}, but slow noise may hide more'
-        drives = d.per_drive.values()
-        noise = of_output(max(g.noise_floor / (g.torque_rms or math.inf) for g in drives), unit)
-        level = f'{level[:-1]}, at most {noise})'
+        shares = {x: g.noise_floor / (g.torque_rms or math.inf) for x, g in d.per_drive.items()}
+        level = f'{level[:-1]}, at most {of_output(max(shares.values()), unit)})'
+        # of their mean square
+        if lost := [x for x, share in shares.items() if share**2 > 0.5]:
+            of = f'nothing can be said of {joined(lost)}: neither the model nor what came before '
+            of += f'explains most of its {compared(unit)}'
+            what = capital(of) if len(lost) == len(shares) else f'{what}; {of}'
         return what, f'; the largest of a drive is {size:.2f} times the noise floor {level}.'
     share = of_output(d.per_drive[facts.worst].share_of_output, unit)
     gap = f'{size:.2f} times the noise floor, {share}'

@@ -39,6 +39,20 @@ def test_an_interval_is_told_by_its_ends_where_its_halves_differ(value, low, hig
     assert interval(value, low, high) == told
 
 
+def test_of_an_effort_that_is_mostly_unexplained_it_is_not_said_that_nothing_is_missing():
+    found = diagnosed()
+    drives, facts = found.per_drive, replace(found.facts, cause=Cause.NONE)
+    found = replace(found, facts=facts, evidence={**found.evidence, 'size': 0.1})
+    assert 'is missing: the residual is noise' in words.sentence(found)
+    noisy = {x: replace(g, noise_floor=0.75 * g.torque_rms) for x, g in drives.items()}
+    one = words.sentence(replace(found, per_drive={**drives, 'drive_2': noisy['drive_2']}))
+    assert 'is missing: the residual is noise' in one
+    assert '; nothing can be said of drive_2: neither the model nor what came before' in one
+    both = words.sentence(replace(found, per_drive=noisy))
+    assert both.startswith('Nothing can be said of drive_1 and drive_2: neither the model nor')
+    assert 'missing' not in both.split(';')[0] and 'at most 75 % of the effort' in both
+
+
 @pytest.mark.parametrize(
     ('effects', 'headline', 'all_of_it'),
     [
