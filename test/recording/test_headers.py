@@ -279,6 +279,31 @@ def test_what_has_no_set_point_beside_others_is_no_servo(tmp_path, capsys):
     assert read_bag(log)[0].state.names == ('hip',)
 
 
+def test_joints_of_options_are_in_the_order_of_these(tmp_path, capsys):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows(log, 'time,q_up,q_base,tau_base,tau_up', '{t},{a},{b},{b},{a}')
+    words = ['new-machine', '--kind', 'serial', '--bag', str(log), '--out', str(out)]
+    assert main([*words, '--column', 'q_base=base.position', '--column', 'q_up=up.position']) == 0
+    assert load_machine(out).drives == read_bag(log)[0].state.names == ('base', 'up')
+    assert "state its geometry, which is an example's, change" in capsys.readouterr().out
+
+
+def test_joints_with_numbers_are_offered_the_names_of_the_description(tmp_path, capsys):
+    log, out, arm = tmp_path / 'log.csv', tmp_path / 'm.yaml', tmp_path / 'arm.urdf'
+    rows(log, 'time,q1,q2,tau1,tau2', '{t},{a},{b},{b},{a}')
+    link = '<link name="l{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+    link += 'ixz="0" iyz="0"/></inertial></link>'
+    joint = '<joint name="{0}" type="continuous"><parent link="l{1}"/><child link="l{2}"/></joint>'
+    names = ('left hip', 'knee')
+    parts = [*(link.format(n) for n in range(3)), *map(joint.format, names, (0, 1), (1, 2))]
+    arm.write_text(f'<robot name="leg">{"".join(parts)}</robot>')
+    words = ['new-machine', '--description', str(arm), '--bag', str(log), '--out', str(out)]
+    assert main([*words, '--kind', 'serial']) == 2
+    said = capsys.readouterr().err.partition('in the order of the joints? if so, give ')[2]
+    assert main([*words, '--kind', 'serial', *shlex.split(said.splitlines()[0])]) == 0
+    assert load_machine(out).drives == names
+
+
 def test_a_motion_alone_is_refused(tmp_path, capsys):
     rows(tmp_path / 'log.csv', 'time,Angle in deg', '{t},{a}')
     words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.csv')]

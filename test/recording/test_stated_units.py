@@ -108,7 +108,10 @@ def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path, capsys):
     assert main(words) == 0
     machine = load_machine(out)
     assert machine.effort_unit == 'A' and machine.drives == ('a', 'b')
-    assert '; state its torque_constant, as efforts are in A, ch' in capsys.readouterr().out
+    assert (
+        '; state its torque_constant, as efforts are in A, state its geom'
+        in capsys.readouterr().out
+    )
 
 
 def test_the_torque_constant_of_a_servo_is_a_parameter_of_its_own(tmp_path, capsys):
