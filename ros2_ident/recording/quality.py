@@ -21,6 +21,7 @@ from ros2_ident.recording.motion import fill_gaps, Motion
 from ros2_ident.recording.repeated import repeats
 from ros2_ident.recording.sign import backward, effort_lag, KNOWN, SAID, sign_of, WRONG
 from ros2_ident.recording.streams import (
+    FIELDS,
     FloatArray,
     Recording,
     SPEEDS_ALONE,
@@ -233,20 +234,34 @@ def _judge_drives(
     if off := _of_time(rates, sample_period(state.stamp)):
         findings = [x for x in findings if x.code != 'velocity']
         findings += about('state', off)
-    if still := standing({x.drive: x.stroke for x in drives}, idle):
+    ways = {x.drive: recording.units.get((x.drive, FIELDS[0]), '') for x in drives}
+    if still := standing({x.drive: x.stroke for x in drives}, idle, ways):
         text = 'stood still, so nothing is found of what moves there; the others count'
         findings = [f for f in findings if f.subject not in still]
         findings += [y for x in still for y in about(x, [('warn', 'no_motion', text)])]
     return drives, findings
 
 
-def standing(strokes: Mapping[str, float], idle: Collection[str] = ()) -> tuple[str, ...]:
+def standing(
+    strokes: Mapping[str, float], idle: Collection[str] = (), ways: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
     """Return the drives that stand while others move, by the strokes of all.
 
-    Those that are idle, driven by nothing, may go round: they are no measure for others.
+    Args:
+        strokes: Of each drive, rad or m.
+        idle: Drives driven by nothing: they may go round, and are no measure for others.
+        ways: Unit of each drive's stroke, which is compared with those in the same.
     """
-    longest = max((x for name, x in strokes.items() if name not in idle), default=0.0)
-    return tuple(name for name, stroke in strokes.items() if stroke < STANDS * longest)
+    units = ways or {}
+    longest: dict[str, float] = {}
+    for name, stroke in strokes.items():
+        if name not in idle:
+            unit = units.get(name, '')
+            longest[unit] = max(stroke, longest.get(unit, 0.0))
+    return tuple(
+        name for name, stroke in strokes.items()
+        if stroke < STANDS * longest.get(units.get(name, ''), 0.0)
+    )  # fmt: skip
 
 
 def _judged(

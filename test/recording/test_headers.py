@@ -304,6 +304,23 @@ def test_joints_with_numbers_are_offered_the_names_of_the_description(tmp_path, 
     assert load_machine(out).drives == names
 
 
+@pytest.mark.parametrize(
+    ('units', 'stands'), [('[mm] [deg]', False), ('[mm] [mm]', True), ('[deg] [deg]', True)]
+)
+def test_strokes_of_different_units_are_not_compared(tmp_path, capsys, units, stands):
+    # a table's 57 mm beside its spindle's fourteen turns
+    log = tmp_path / 'log.csv'
+    first, second = units.split()
+    time = 0.01 * np.arange(500)
+    table = np.stack([time, 28.5 * np.sin(time), np.cos(time), 4977 * time, np.sin(time)], axis=1)
+    header = f'time,x_pos {first},x_torque [Nm],spindle_pos {second},spindle_torque [Nm]'
+    np.savetxt(log, table, delimiter=',', header=header, comments='')
+    chart = yaml.safe_dump(header_of(log).map(), sort_keys=False)
+    (tmp_path / 'log.columns.yaml').write_text(chart)
+    main(['check', str(log)])
+    assert ('x: stood still' in capsys.readouterr().out) == stands
+
+
 def test_a_motion_alone_is_refused(tmp_path, capsys):
     rows(tmp_path / 'log.csv', 'time,Angle in deg', '{t},{a}')
     words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.csv')]
