@@ -72,7 +72,7 @@ _BESIDE = ' _-./:'
 # Of which drive a row is: `joint_idx`, `motor number`.
 _NUMBERING = {'idx', 'index', 'no', 'nr', 'num', 'number'}
 # What parts a name from its unit where that is in no brackets.
-_BEFORE_UNIT = re.compile(r'_|\s+(?:in|/)\s+|,\s+|(?<=[a-z])(?=[A-Z][A-Za-z])')
+_BEFORE_UNIT = re.compile(r'_|\s+(?:in|/)\s+|,\s+|\s+(?=\w\w|\w/)|(?<=[a-z])(?=[A-Z][A-Za-z])')
 # Units, and of what is no motion and no effort, too.
 _KNOWN = maps.MOTION.keys() | maps.SPEEDS.keys() | maps.EFFORT.keys() | maps.TIME_UNITS.keys()
 _UNITS = _KNOWN | {

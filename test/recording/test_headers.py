@@ -48,12 +48,17 @@ def test_each_column_is_read_as_what_its_name_says(header):
         ('torque / mNm', 1e-3), ('motor position, counts', math.nan), ('speed in deg/s', DEGREE),
         ('speed_dps', DEGREE), ('vel_rps', TURN), ('velDegPerSec', DEGREE),
         ('speedRpm', TURN / 60.0),
+        ('velocity (mm/min)', 1e-3 / 60.0), ('speed_kmh', 1 / 3.6), ('speed km/h', 1 / 3.6),
+        ('Speed rpm', TURN / 60.0), ('speed m/s', 1.0), ('torque mNm', 1e-3),
+        ('vel_rev_per_min', TURN / 60.0), ('speed_mps', 1.0), ('vel_rad_sec', 1.0),
+        ('speed [m/min]', 1 / 60.0), ('pos [inch]', 0.0254), ('speed_meters_per_sec', 1.0),
         ('velocity_degrees_per_second', DEGREE), ('current_milliamps', 1e-3), ('posMm', 1e-3),
     ],
 )  # fmt: skip
 def test_a_unit_is_a_factor_or_has_to_be_asked_for(name, scale):
     (found,) = meanings([name])
     assert found.scale == pytest.approx(scale, nan_ok=True)
+    assert found.joint in ('joint_1', 'motor')  # no unit is a joint
 
 
 @pytest.mark.parametrize(
