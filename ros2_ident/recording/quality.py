@@ -367,7 +367,7 @@ def _fitting(factor: float, period: float) -> str:
 def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
     """Compare the reported velocity with the derivative of the position."""
     text = f'the reported velocity is {gain:.3g} times the derivative of the position and '
-    text += f'explains {100.0 * share:.0f} % of it'
+    text += f'explains {100.0 * max(share, 0.0):.0f} % of it'
     if share < 0.5 or not 0.9 < gain < 1.1:
         remedy = 'correct its unit, sign or source in the driver, or leave it out'
         # Alone it does not show whether it is the velocity or the time that is off.

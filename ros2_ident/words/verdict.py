@@ -191,8 +191,11 @@ def _small(d: Diagnosis) -> str:
     """Return that a gap that counts is small; empty where it is not."""
     if d.evidence['size'] < d.evidence['material']:
         return ''
-    worst = max((g.share_of_output for g in d.per_drive.values()), default=math.inf)
-    return f'The gap is small, {of_output(worst, d.unit)}. ' if worst < _SMALL else ''
+    drives = d.per_drive.values()
+    worst = max((g.share_of_output for g in drives), default=math.inf)
+    # of a load or a pressure that stays the same the share would be as small as that is large
+    small = max([worst, *(g.share_of_change for g in drives)]) < _SMALL
+    return f'The gap is small, {of_output(worst, d.unit)}. ' * small
 
 
 def _answer(d: Diagnosis) -> tuple[str, str]:

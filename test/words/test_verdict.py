@@ -104,6 +104,9 @@ def test_a_small_gap_is_called_small():
     small = {n: replace(g, share_of_output=0.0048) for n, g in found.per_drive.items()}
     said = words.headline(replace(found, per_drive=small))
     assert said == f'The gap is small, 0.48 % of the effort. {ONE}.'
+    # a load that stays the same makes no gap small
+    held = {n: replace(g, share_of_change=0.3) for n, g in small.items()}
+    assert words.headline(replace(found, per_drive=held)) == f'{ONE}.'
 
 
 def test_advice_tells_effects_apart_and_lists_those_not_visible():
