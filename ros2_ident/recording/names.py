@@ -111,6 +111,10 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     derived = any(re.search(r'(?<![a-z])(dq|qdot)(?![a-z])', name.lower()) for name in names)
     pairs = zip(names, units or [''] * len(names), strict=True)
     rows = [_Name(name, unit, derived) for name, unit in pairs]
+    # of `pos_a` and `tau_a` the end is a joint, though one could be in A
+    joints = {row.key for row in rows if row.quantity != 'time'}
+    for row in (x for x in rows if (x.unit.lower(),) in joints and x.quantity != 'time'):
+        row.ends()
     # the effort that was asked for stands for the effort where there is no other
     if any(row.quantity == 'effort' and not row.wanted for row in rows):
         for row in (x for x in rows if x.wanted):
@@ -204,9 +208,16 @@ class _Name:
         whole = re.sub(r'^#\s+', '', name)
         text, unit, behind = _without_unit(whole)
         stated = below.strip('[]() ')
-        if not self._read(text, stated or unit, derived) and behind and not stated:
-            # what is no unit of it is a name's end
-            self._read(whole, '', derived)
+        fits = self._read(text, stated or unit, derived)
+        # what is no unit of it is a name's end
+        self._end = (whole, '', derived) if behind and not stated else None
+        if not fits:
+            self.ends()
+
+    def ends(self) -> None:
+        """Take what is in no brackets, and was taken for its unit, for its end."""
+        if self._end:
+            self._read(*self._end)
 
     @property
     def asks(self) -> int:

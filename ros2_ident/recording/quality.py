@@ -253,15 +253,9 @@ def standing(
         ways: Unit of each drive's stroke, which is compared with those in the same.
     """
     units = ways or {}
-    longest: dict[str, float] = {}
-    for name, stroke in strokes.items():
-        if name not in idle:
-            unit = units.get(name, '')
-            longest[unit] = max(stroke, longest.get(unit, 0.0))
-    return tuple(
-        name for name, stroke in strokes.items()
-        if stroke < STANDS * longest.get(units.get(name, ''), 0.0)
-    )  # fmt: skip
+    moving = [(units.get(x, ''), y) for x, y in strokes.items() if x not in idle]
+    longest = {unit: max(y for x, y in moving if x == unit) for unit, _ in moving}
+    return tuple(x for x, y in strokes.items() if y < STANDS * longest.get(units.get(x, ''), 0.0))
 
 
 def _judged(
