@@ -116,14 +116,14 @@ def _too_fast(models: Sequence[FullModel]) -> Iterator[Gate]:
         fast, whole = 0.0, 0.0
         for model in models:
             efforts = model.data.effort
-            if output.quantity != 'effort' or efforts is None:
+            if not model.thinned or output.quantity != 'effort' or efforts is None:
                 continue
             order = [model.data.names.index(x.place or x.name) for x in model.outputs]
-            seen = efforts[order]
-            if not np.isfinite(seen).any(axis=1).all():
+            seen, compared = efforts[order], np.flatnonzero(np.isfinite(model.measured[o]))
+            if not (compared.size > 1 and np.isfinite(seen).any(axis=1).all()):
                 continue
             rows = np.stack([fill_gaps(row) for row in seen])
-            kept = np.flatnonzero(np.isfinite(model.measured[o]))[[0, -1]]
+            kept = compared[[0, -1]]
             left = (rows - model.in_band(rows))[o, slice(*kept)]
             noise = fast_noise(seen[o, np.isfinite(seen[o])])
             fast += left.size * max(float(np.var(left)) - noise**2, 0.0)
