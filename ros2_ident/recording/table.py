@@ -30,7 +30,7 @@ from ros2_ident.recording import columns as maps
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import Cell, ColumnMap, MAP_SUFFIX, refuse
 from ros2_ident.recording.limits import listed, printable, require_memory, short
-from ros2_ident.recording.matlab import arrays_of
+from ros2_ident.recording.matlab import arrays_of, linked_in
 from ros2_ident.recording.names import meanings
 from ros2_ident.recording.storage import counted, damaged, digest, SUFFIXES
 from ros2_ident.recording.storage import NAME as BAG_NAME
@@ -539,9 +539,8 @@ def _matlab(path: Path) -> Iterator[_Opened]:
     with path.open('rb') as stream:
         newer = stream.read(19) == b'MATLAB 7.3 MAT-file'
     if newer:
-        with _hdf5(path) as (names, get_there, _):
-            paths = {x.replace('/', '.'): x for x in names}
-            yield [*paths], lambda name: get_there(paths[name]).T, ()
+        with _hdf5(path, matlab=True) as (names, get, _):
+            yield names, lambda name: get(name).T, ()
         return
     require_memory(f'{path}: its values take', 4 * path.stat().st_size)
     found = dict(arrays_of(path.read_bytes()))
@@ -549,7 +548,7 @@ def _matlab(path: Path) -> Iterator[_Opened]:
 
 
 @contextmanager
-def _hdf5(path: Path) -> Iterator[_Opened]:
+def _hdf5(path: Path, matlab: bool = False) -> Iterator[_Opened]:
     h5py = _library('h5py', path)
     found: dict[str, Any] = {}
 
@@ -565,7 +564,10 @@ def _hdf5(path: Path) -> Iterator[_Opened]:
         return np.asarray(found[name][()])
 
     with h5py.File(path, 'r') as file:
-        file.visititems(visit)
+        if matlab:
+            found |= islice(linked_in(file), _MOST_NAMES)
+        else:
+            file.visititems(visit)
         yield [*found], get, ()
 
 

@@ -13,6 +13,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import read_bag, Topics
 from ros2_ident.recording.matlab import arrays_of
+from ros2_ident.recording.table import array_sizes
 
 h5py = pytest.importorskip('h5py', reason='h5py is not installed; `make setup` brings it')
 pyarrow = pytest.importorskip('pyarrow', reason='pyarrow is not installed; `make setup` brings it')
@@ -413,6 +414,42 @@ def test_several_structures_of_matlab_are_called_by_what_tells_them_apart(tmp_pa
         'time: {column: rec.X.Data, unit: s}\njoints:\n  a:\n'
         f"    command_position: '{names[0]}'\n    position: '{names[1]}'\n"
         f"    effort: '{names[2]}'\n"
+    )
+    (log,) = read_bag(tmp_path / 'log.mat')
+    assert np.array_equal(log.state.position[:, 0], 2.0 * wave)
+    assert np.array_equal(log.effort.effort[:, 0], 3.0 * wave)
+
+
+@pytest.mark.parametrize('told', TOLD)
+def test_structures_of_matlab_7_3_are_called_as_those_of_level_5(tmp_path, told):
+    texts, called = TOLD[told]
+    wave = np.sin(0.1 * np.arange(ROWS))
+    with h5py.File(tmp_path / 'log.mat', 'w', userblock_size=512) as file:
+        fields = {x: [] for x in (*texts[0], 'Data')}
+        for k, row in enumerate(texts, 1):
+            for name, value in {**row, 'Data': k * wave}.items():
+                at = f'#refs#/{name}{k}'
+                if isinstance(value, str):
+                    codes = np.array([*map(ord, value)], dtype='u2')[:, None]
+                    file[at] = codes
+                    file[at].attrs['MATLAB_class'] = np.bytes_('char')
+                else:
+                    file[at] = np.reshape(value, (-1, 1)).astype(float)
+                fields[name].append(file[at].ref)
+        for name, links in fields.items():
+            file.create_dataset(f'rec/Y/{name}', data=np.array(links, dtype=h5py.ref_dtype))
+        file['rec/X/Data'] = 0.02 * np.arange(ROWS)[:, None]
+        cell = file.create_dataset('c', data=np.array(fields['Data'][:2], dtype=h5py.ref_dtype))
+        cell.attrs['MATLAB_class'] = np.bytes_('cell')
+    with (tmp_path / 'log.mat').open('r+b') as stream:
+        stream.write(b'MATLAB 7.3 MAT-file, Platform: GLNXA64')
+    names = [f'rec.Y{x}.Data' for x in called.split()]
+    sizes = array_sizes(tmp_path / 'log.mat')
+    assert {x for x in sizes if x.endswith('.Data')} == {'rec.X.Data', *names}
+    assert {x for x in sizes if '.' not in x} == {'c[0]', 'c[1]'}
+    (tmp_path / 'log.columns.yaml').write_text(
+        'time: {column: rec.X.Data, unit: s}\njoints:\n  a:\n'
+        f"    position: '{names[1]}'\n    effort: '{names[2]}'\n"
     )
     (log,) = read_bag(tmp_path / 'log.mat')
     assert np.array_equal(log.state.position[:, 0], 2.0 * wave)
