@@ -457,13 +457,18 @@ def _explained(
     return some / (some + max(0.0, now.weighed.unseen())) if some > 0.0 else math.nan
 
 
+def _of_either_sign(sides: Sides) -> set[str]:
+    """Return the parameters that may be of either sign; a stated number changes by a factor."""
+    return {p.name for p in sides.parameters[: sides.nominal] if p.low < 0.0 < p.high}
+
+
 def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Change]:
     """Yield what changed with its intervals, all changes beside one another.
 
     Args:
         theta: (N,) one fit of all logs; without what the model may lack it is the plainest.
     """
-    sides, common = now.sides, np.zeros(now.sides.nominal)
+    sides, common, either = now.sides, np.zeros(now.sides.nominal), _of_either_sign(now.sides)
     width = (sides.high - sides.low)[sides.nominal :]
     half = np.concatenate([common, now.weighed.half_widths() * width])
     for x in found:
@@ -471,7 +476,8 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
         sizes = [
             Size(sides.parameters[i].name.removesuffix(AFTER), value, value - half[i],
                  value + half[i], sides.parameters[i].unit,
-                 float(theta[sides.names.index(s.name)]) if s.kind == 'parameter' else math.nan)
+                 float(theta[sides.names.index(s.name)]) if s.kind == 'parameter' else math.nan,
+                 s.name in either)
             for i in sides.places_of(c.at, s.name) for value in [float(now.theta[i])]
         ]  # fmt: skip
         here = next((x for x in now.columns if x.suspect == s), None)
@@ -540,6 +546,7 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
     """Yield the smallest change of each suspect that shows."""
     smallest = dict[tuple[str, str], Visible]()
     moved = {name for m in now.sides.moved for name in (m.name, *m.of)}
+    either = _of_either_sign(now.sides)
     for c in now.suspects:
         if c.suspect.name in moved:
             continue
@@ -549,7 +556,7 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
         ):
             size = size if size <= most else math.inf
             key = c.suspect.name, c.suspect.where
-            one = Visible(c.suspect, name, size, unit, c.value)
+            one = Visible(c.suspect, name, size, unit, c.value, c.suspect.name in either)
             known = smallest.setdefault(key, one)
             # Of several shapes; numbers of several units are not compared, the first is told.
             if size < known.size and (name == known.name or known.size == math.inf):

@@ -155,13 +155,29 @@ def test_what_the_file_states_comes_before_effects_the_smallest_share_first():
         Visible(Suspect('effect', 'backlash', 'x_axis'), 'n', 1.0, 'm', math.nan),
         Visible(Suspect('parameter', 'x_axis.mass'), 'x_axis.mass', 1.0, 'kg', 10.0),
         Visible(Suspect('constant', 'gear_factor'), 'gear_factor', 0.1, '1/m', 100.0),
+        Visible(Suspect('parameter', 'load_angle'), 'load_angle', 0.5, 'rad', 7e-4, signed=True),
     ]
     for smallest in (each, each[::-1]):
         found = Comparison((), math.nan, tuple(smallest), (), (2, 2), False, 5.0, True)
         *_, said = sentences(found)
-        order = ['gear_factor', 'x_axis.mass', 'load_mass']
+        order = ['gear_factor', 'x_axis.mass', 'load_mass', 'load_angle 0.5 rad,']
         assert sorted(order, key=said.index) == order
-        assert said.index('load_mass') < min(said.index('Stribeck'), said.index('backlash'))
+        assert said.index('load_angle') < min(said.index('Stribeck'), said.index('backlash'))
+
+
+@pytest.mark.parametrize(
+    ('size', 'told'),
+    [
+        (Size('x', -0.8, -1.0, -0.6, 'N', -3.2, signed=True), 'x by -0.8 N ± 0.2.'),
+        (Size('x', -0.8, -1.0, -0.6, 'N', 3.2), 'x by -0.8 N ± 0.2 (-25 %).'),
+        (Size('x', -0.8, -math.inf, math.inf, 'N', 3.2),
+         'x is smaller, by how much these logs do not tell.'),
+    ],
+)  # fmt: skip
+def test_a_change_is_told_by_its_share_where_that_says_something(size, told):
+    change = Change(Suspect('parameter', 'x'), (size,), 30.0, ())
+    found = Comparison((change,), 0.9, (), (), (2, 2), False, 5.0, True)
+    assert f'Changed: {told}' in sentences(found)
 
 
 def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
