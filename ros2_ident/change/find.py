@@ -144,16 +144,21 @@ def find_change(
     for _ in range(2 * Rules.most):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
         base = cache(partial(_fitted, now, now.sides, now.theta, stopped))
-        weak = next(
-            (x for x in found[:-1] if not _still(now, x.column, price, base, stopped)), None
-        )
+        less = [
+            (x, *_less(now, x.column, stopped)) for x in found[:-1]
+            if now.sides.places_of(x.column.at, x.column.suspect.name)
+        ]  # fmt: skip
+        better = _escaped(now, less, base, stopped) if less else None
+        weak = next((x for x in less if not _still(now, x[0].column, x[2], price, base)), None)
         if stopped():
             break
-        if weak is not None:
+        if better is not None:
+            sides, best = now.sides, better.theta
+        elif weak is not None:
             # What came first stood for what came after, and does not come back for it.
-            found.remove(weak)
-            dropped.add((weak.column.suspect.name, weak.column.suspect.where))
-            sides, point = _less(now, weak.column, stopped)
+            one, sides, point = weak
+            found.remove(one)
+            dropped.add((one.column.suspect.name, one.column.suspect.where))
             best = point.theta
         elif (
             len(found) < Rules.most
@@ -525,19 +530,40 @@ def _less(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Sides, _
     return sides, _fitted(now, sides, start, stopped)
 
 
-def _still(
+def _escaped(
     now: _Round,
-    c: Column,
-    price: float,
+    less: Sequence[tuple[_Fit, Sides, _Best]],
     base: Callable[[], _Best],
     stopped: Callable[[], bool],
+) -> _Best | None:
+    """Return a better fit with all that was found than the best one, where there is one.
+
+    More never explains less: where a fit without a change is better, that with it is a local
+    optimum, and begins anew from there.
+
+    Args:
+        less: The changes, the sides without each, and their best fit.
+        base: As of `_step`.
+    """
+    x, sides, without = min(less, key=lambda one: one[2].loss)
+    if without.loss >= base().loss:
+        return None
+    own = now.sides.places_of(x.column.at, x.column.suspect.name)
+    start = now.sides.start(sides, without.theta, now.theta[own])
+    again = _fitted(now, now.sides, start, stopped)
+    return again if again.loss < base().loss else None
+
+
+def _still(
+    now: _Round, c: Column, without: _Best, price: float, base: Callable[[], _Best]
 ) -> bool:
-    """Return whether a change counts beside those found after it; arguments as of `_step`."""
-    own = now.sides.places_of(c.at, c.suspect.name)
-    if not own:
-        return True
-    _, without = _less(now, c, stopped)
+    """Return whether a change counts beside those found after it; arguments as of `_step`.
+
+    Args:
+        without: The best fit without it.
+    """
     gain = max(0.0, without.loss - base().loss)
+    own = now.sides.places_of(c.at, c.suspect.name)
     kept = [now.weighed.kept[i - now.sides.nominal] for i in own]
     return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price
 

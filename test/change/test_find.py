@@ -466,3 +466,29 @@ def test_a_load_is_one_change_of_an_arm(more, suspect, true, tmp_path):
     assert found.explained > 0.95
     units = {a.text.rpartition(' ')[2]: a.unit for a in found.apart if 'stroke' in a.text}
     assert units.pop('slide') == 'm' and {*units.values()} <= {'rad'}
+
+
+@pytest.mark.parametrize(('again', 'kept'), [(2.0, True), (12.0, False)])
+def test_a_fit_that_one_without_a_change_beats_begins_anew_from_there(monkeypatch, again, kept):
+    started = []
+
+    def fitted(now, sides, start, stopped):
+        started.append(start.tolist())
+        return find._Best(start, again)
+
+    monkeypatch.setattr(find, '_fitted', fitted)
+    whole = SimpleNamespace(
+        places_of=lambda at, name: [1], start=lambda base, theta, new: np.append(theta, new)
+    )
+    now = SimpleNamespace(sides=whole, theta=np.array([5.0, 0.7]))
+    column = SimpleNamespace(at=None, suspect=Suspect('parameter', 'x'))
+    less = [(SimpleNamespace(column=column), None, find._Best(np.array([3.0]), 4.0))]
+
+    def found(loss):
+        base = find._Best(now.theta, loss)
+        return find._escaped(now, less, lambda: base, lambda: False)
+
+    assert found(4.0) is None and not started
+    better = found(9.0)
+    assert started == [[3.0, 0.7]]
+    assert (better is not None) is kept
