@@ -34,7 +34,7 @@ EXTRAS = {
     'mujoco': ['mujoco>=3.3'],
     'protobuf': ['protobuf'],
     'tables': ['h5py', 'pyarrow'],
-    'usd': ['urdf-usd-converter'],
+    'usd': ['mujoco-usd-converter', 'urdf-usd-converter'],
 }
 # What `ident example` copies: folders of this tree as packages without code, in the wheel only.
 EXAMPLES = {

@@ -54,7 +54,7 @@ KEYS = {
 }
 # What is said to be installed where it is asked for: extras.
 OPTIONAL = {'distributed', 'google', 'h5py', 'mujoco', 'pinocchio', 'pyarrow'}
-OPTIONAL |= {'pxr', 'urdf_usd_converter', 'usdex'}
+OPTIONAL |= {'mujoco_usd_converter', 'pxr', 'urdf_usd_converter', 'usdex'}
 
 
 def imported(*folders: str) -> set[str]:

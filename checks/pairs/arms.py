@@ -93,8 +93,10 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
         name = str(rng.choice(effects if kind == 'effect' else [*GAINS, *OTHERS]))
         sign = float(rng.choice([-1.0, 1.0]))
         step = 0.1 * (1.0 if name == LOAD else robot.dry[joint] if kind == 'effect' else sign)
+        rms = size
         place = rng.uniform(-REACH, REACH, 3)
         for _ in range(4):
+            step = max(-0.9, step * size / max(rms, 1e-9))
             if name == LOAD:
                 loaded = Loaded(**vars(robot), load=(HEAVY * step, *place))
                 run = simulate(loaded, gains, motions[which])
@@ -107,7 +109,6 @@ def draw_arm(folder: Path, case: int, seed: int) -> dict[str, Any]:
             rms = float((np.sqrt(np.mean((after[1] - other[1]) ** 2, axis=0)) / noise).max())
             if abs(rms / size - 1.0) < 0.15:
                 break
-            step = max(-0.9, step * size / max(rms, 1e-9))
         where = names[joint] if kind == 'effect' else ''
         label |= {'name': name, 'where': 'all' if name == LOAD else where, 'size': rms}
         if name == LOAD:

@@ -74,8 +74,9 @@ class Pair(Drawer):
         names = [p.name for p in self.probe.model(0).parameters if p.unit != 's']
         name = str(self.rng.choice(names))
         base = self._values()
-        step = float(self.rng.choice([-1.0, 1.0])) * 0.05 * abs(base[name])
+        step, rms = float(self.rng.choice([-1.0, 1.0])) * 0.05 * abs(base[name]), size
         for _ in range(3):
+            step = max(-0.9 * abs(base[name]), step * size / max(rms, 1e-9))
             after = type(self.probe)(
                 self.machine, base | {name: base[name] + step}, self.probe.motions,
                 self.rough.sigma,
@@ -84,7 +85,6 @@ class Pair(Drawer):
             rms = float(np.sqrt(np.mean(effort**2, axis=1)).max() / self.rough.sigma)
             if abs(rms / size - 1.0) < 0.1:
                 break
-            step = max(-0.9 * abs(base[name]), step * size / max(rms, 1e-9))
         label |= {'name': name, 'where': '', 'size': rms, 'value': base[name], 'change': step}
         return after
 

@@ -144,16 +144,21 @@ def find_change(
     for _ in range(2 * Rules.most):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
         base = cache(partial(_fitted, now, now.sides, now.theta, stopped))
-        weak = next(
-            (x for x in found[:-1] if not _still(now, x.column, price, base, stopped)), None
-        )
+        less = [
+            (x, *_less(now, x.column, stopped)) for x in found[:-1]
+            if now.sides.places_of(x.column.at, x.column.suspect.name)
+        ]  # fmt: skip
+        better = _escaped(now, less, base, stopped) if less else None
+        weak = next((x for x in less if not _still(now, x[0].column, x[2], price, base)), None)
         if stopped():
             break
-        if weak is not None:
+        if better is not None:
+            sides, best = now.sides, better.theta
+        elif weak is not None:
             # What came first stood for what came after, and does not come back for it.
-            found.remove(weak)
-            dropped.add((weak.column.suspect.name, weak.column.suspect.where))
-            sides, point = _less(now, weak.column, stopped)
+            one, sides, point = weak
+            found.remove(one)
+            dropped.add((one.column.suspect.name, one.column.suspect.where))
             best = point.theta
         elif (
             len(found) < Rules.most
@@ -457,13 +462,18 @@ def _explained(
     return some / (some + max(0.0, now.weighed.unseen())) if some > 0.0 else math.nan
 
 
+def _of_either_sign(sides: Sides) -> set[str]:
+    """Return the parameters that may be of either sign; a stated number changes by a factor."""
+    return {p.name for p in sides.parameters[: sides.nominal] if p.low < 0.0 < p.high}
+
+
 def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Change]:
     """Yield what changed with its intervals, all changes beside one another.
 
     Args:
         theta: (N,) one fit of all logs; without what the model may lack it is the plainest.
     """
-    sides, common = now.sides, np.zeros(now.sides.nominal)
+    sides, common, either = now.sides, np.zeros(now.sides.nominal), _of_either_sign(now.sides)
     width = (sides.high - sides.low)[sides.nominal :]
     half = np.concatenate([common, now.weighed.half_widths() * width])
     for x in found:
@@ -471,7 +481,8 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
         sizes = [
             Size(sides.parameters[i].name.removesuffix(AFTER), value, value - half[i],
                  value + half[i], sides.parameters[i].unit,
-                 float(theta[sides.names.index(s.name)]) if s.kind == 'parameter' else math.nan)
+                 float(theta[sides.names.index(s.name)]) if s.kind == 'parameter' else math.nan,
+                 s.name in either)
             for i in sides.places_of(c.at, s.name) for value in [float(now.theta[i])]
         ]  # fmt: skip
         here = next((x for x in now.columns if x.suspect == s), None)
@@ -519,19 +530,40 @@ def _less(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Sides, _
     return sides, _fitted(now, sides, start, stopped)
 
 
-def _still(
+def _escaped(
     now: _Round,
-    c: Column,
-    price: float,
+    less: Sequence[tuple[_Fit, Sides, _Best]],
     base: Callable[[], _Best],
     stopped: Callable[[], bool],
+) -> _Best | None:
+    """Return a better fit with all that was found than the best one, where there is one.
+
+    More never explains less: where a fit without a change is better, that with it is a local
+    optimum, and begins anew from there.
+
+    Args:
+        less: The changes, the sides without each, and their best fit.
+        base: As of `_step`.
+    """
+    x, sides, without = min(less, key=lambda one: one[2].loss)
+    if without.loss >= base().loss:
+        return None
+    own = now.sides.places_of(x.column.at, x.column.suspect.name)
+    start = now.sides.start(sides, without.theta, now.theta[own])
+    again = _fitted(now, now.sides, start, stopped)
+    return again if again.loss < base().loss else None
+
+
+def _still(
+    now: _Round, c: Column, without: _Best, price: float, base: Callable[[], _Best]
 ) -> bool:
-    """Return whether a change counts beside those found after it; arguments as of `_step`."""
-    own = now.sides.places_of(c.at, c.suspect.name)
-    if not own:
-        return True
-    _, without = _less(now, c, stopped)
+    """Return whether a change counts beside those found after it; arguments as of `_step`.
+
+    Args:
+        without: The best fit without it.
+    """
     gain = max(0.0, without.loss - base().loss)
+    own = now.sides.places_of(c.at, c.suspect.name)
     kept = [now.weighed.kept[i - now.sides.nominal] for i in own]
     return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price
 
@@ -540,6 +572,7 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
     """Yield the smallest change of each suspect that shows."""
     smallest = dict[tuple[str, str], Visible]()
     moved = {name for m in now.sides.moved for name in (m.name, *m.of)}
+    either = _of_either_sign(now.sides)
     for c in now.suspects:
         if c.suspect.name in moved:
             continue
@@ -549,7 +582,7 @@ def _visible(now: _Round, price: float) -> Iterator[Visible]:
         ):
             size = size if size <= most else math.inf
             key = c.suspect.name, c.suspect.where
-            one = Visible(c.suspect, name, size, unit, c.value)
+            one = Visible(c.suspect, name, size, unit, c.value, c.suspect.name in either)
             known = smallest.setdefault(key, one)
             # Of several shapes; numbers of several units are not compared, the first is told.
             if size < known.size and (name == known.name or known.size == math.inf):

@@ -20,6 +20,7 @@ class Size:
         high: Upper end.
         unit: Unit of all.
         before: Value of one fit of all logs, or as stated; NaN of an effect.
+        signed: Whether that may be of either sign, so that shares of it say nothing.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Size:
     high: float
     unit: str
     before: float
+    signed: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class Visible:
         size: By how much, `unit`; inf where the largest that is looked for would not.
         unit: Unit.
         value: Value of a parameter or constant before; NaN of an effect.
+        signed: As of `Size`.
     """
 
     suspect: Suspect
@@ -81,6 +84,7 @@ class Visible:
     size: float
     unit: str
     value: float
+    signed: bool = False
 
 
 ApartKind = Literal['check', 'timing', 'zero', 'friction', 'scatter', 'motion']

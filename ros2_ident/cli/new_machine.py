@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
         if args.description is None:
             text = new_file.driven_file(kind, args.drives, log, args.travel)
         known['log'] = log
+    example = text is None and log is not None and args.description is None
     text = text or new_file.new_machine_file(kind, args.drives, **known)
     stated = yaml.safe_load(text)
     unit = machine_from_mapping(stated, '--drives', folder).effort_unit
@@ -68,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
     command = shlex.join(['ident', 'check', '--machine', str(path)])
     key = STATED_FOR.get(unit)
     first = f'state its {key}, as efforts are in {unit}, ' if key in stated else ''
+    if example and 'geometry' in stated:
+        first += "state its geometry, which is an example's, "
     print(f'written: {path}; {first}change its values, then: {command}')
     if log is not None and kind.joints is not None:
         print(new_file.ways(kind, log, freely))
@@ -79,11 +82,10 @@ def run(args: argparse.Namespace) -> int:
 def _log(args: argparse.Namespace, description: str) -> 'Recording':
     """Return what a bag holds, of a table or arrays by their map, or one made from the names."""
     from ros2_ident.recording import read_bag
-    from ros2_ident.recording.columns import MAP_SUFFIX
-    from ros2_ident.recording.table import of_columns
+    from ros2_ident.recording.table import map_beside, of_columns
 
     path = Path(args.bag)
-    where = path.with_name(path.stem + MAP_SUFFIX)
+    where = map_beside(path)
     there = path.exists()  # of what is not there the reader says so
     named = there and of_columns(path)
     option = '--column' if args.column else '--rate' if args.rate else ''
@@ -157,6 +159,9 @@ def _draft(path: Path, where: Path, args: argparse.Namespace, description: str) 
         return
     write_text(where, text, replace=True)
     print(f'written: {where}; correct it where a column is another', file=sys.stderr)
-    if options := header.in_order():
+    options = header.in_order()
+    if header.called(joints) is not header:
+        options = shlex.join(['--drives', ','.join(joints)])
+    if options:
         said = 'are these in the order of the joints? if so, give'
         print(said, options, file=sys.stderr)

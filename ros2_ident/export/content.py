@@ -32,7 +32,7 @@ class Content:
         identified: The drives as they were identified.
         beside: The drives beside `laws`; of a joint with other effects, closest to these.
         laws: Effects that are a function of a joint's position and speed, by joint.
-        delays: How late controllers take their set-points up, s, where they do, by joint.
+        delays: How late controllers take their set-points up, s, where they do, by drive.
         effects: Those of the machine.
         logged: Those of how it was logged, which a simulator does not want.
         links: Links that bodies can be; None where there are none.
@@ -125,9 +125,9 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
     theta = fit = np.array([estimate.values[name] for name in names])
     if isinstance(model, Mujoco):
         forces = tuple(at for at in model.effects if get_effect(at.effect).hook in HOOKS)
-        measured = model.measured
+        measured, delays = model.measured, _late(model, model.as_found(theta)[1])
         return Content(
-            (), (), (), {}, {}, forces, logged, None, spread, model, theta, measured, measured
+            (), (), (), {}, delays, forces, logged, None, spread, model, theta, measured, measured
         )
     if not isinstance(model, DriveModel):
         raise ErrorCode.INVALID_GOAL.error(
@@ -172,13 +172,18 @@ def content_of(problem: Problem, estimate: Estimate, spread: float) -> Content:
         lawless = [at for at in effects if not is_law(get_effect(at.effect))]
         lawful = taken(laws, joints, place, speed)
         joints, beside = closest(whole, effects), closest(whole - lawful, lawless)
-    late = plain.candidates.of(plain.rows(own[None]), 'set_point_delay')[0].tolist()
-    delays = {name: x for name, x in zip(plain.machine.drives, late, strict=True) if x > 0.0}
+    delays = _late(plain, plain.candidates.of(plain.rows(own[None]), 'set_point_delay')[0])
     measured = model.measured - (model.simulate(fit)[0] - fitted)
     return Content(
         joints, identified, beside, laws, delays, effects, logged, links, spread, plain, own,
         measured, fitted,
     )  # fmt: skip
+
+
+def _late(model: DriveModel | Mujoco, delays: Array) -> dict[str, float]:
+    """Return delays (D,) by drive, s, where there are any."""
+    each = zip(model.machine.drives, delays.tolist(), strict=True)
+    return {name: late for name, late in each if late > 0.0}
 
 
 def _without_log(model: DriveModel, plain: DriveModel, theta: Array) -> Array:

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identified values in descriptions of robots: URDF, with Drake's tags, MJCF, and OpenUSD."""
+"""Identified values in descriptions of robots: URDF, with Drake's tags, and MJCF."""
 
-import importlib.util
 import math
 import os
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 import xml.etree.ElementTree as ET
 
@@ -40,16 +38,19 @@ def is_urdf(text: str) -> bool:
     return '<robot' in text
 
 
-def moved(text: str, folder: Path, to: Path) -> str:
+def moved(text: str, folder: Path, to: Path | None) -> str:
     """Return a description for another folder, from where it finds the shapes that it names.
 
-    Ways that are absolute, or begin as `package://` does, stay.
+    Ways that are absolute, or begin as `package://` does, stay; all are absolute where it is for
+    no folder.
     """
     root = _parsed(text)
 
     def way(name: str) -> str:
-        stays = '://' in name or os.path.isabs(name)
-        return name if stays else os.path.relpath(folder.resolve() / name, to.resolve())
+        if '://' in name or os.path.isabs(name):
+            return name
+        found = folder.resolve() / name
+        return str(found) if to is None else os.path.relpath(found, to.resolve())
 
     for shape in root.iterfind('.//geometry/mesh[@filename]'):
         shape.set('filename', way(shape.attrib['filename']))
@@ -131,6 +132,11 @@ def mjcf(text: str, content: Content) -> str:
     Raises:
         IdentError: BAD_MACHINE_FILE where a joint or body is not in it; as `mjcf_of`.
     """
+    return _written(in_mjcf(text, content))
+
+
+def in_mjcf(text: str, content: Content) -> ET.Element:
+    """Return the root of an MJCF that has what was identified; raises as `mjcf`."""
     described = is_urdf(text)
     root = _parsed(mjcf_of(urdf(text, content)) if described else text)
     for compiler in root.findall('compiler[@inertiafromgeom="true"]'):
@@ -141,7 +147,7 @@ def mjcf(text: str, content: Content) -> str:
         full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         _set(new, pos=centre, mass=mass, fullinertia=full)
     if isinstance(content.model, Mujoco):
-        _put_back(root, content.model, content.theta)
+        _put_back(root, content.model, content)
     for joint in content.joints:
         element = _named(root, 'worldbody//joint', joint.name)
         _set(element, damping=joint.viscous, frictionloss=joint.coulomb, solimpfriction=_STIFF)
@@ -151,7 +157,7 @@ def mjcf(text: str, content: Content) -> str:
         elif math.isfinite(joint.limit):
             most = (-joint.limit, joint.limit)
             _set(element, actuatorfrclimited='true', actuatorfrcrange=most)
-    return _written(root)
+    return root
 
 
 def _actuator(root: ET.Element, joint: Joint, gains: Gains, delay: float) -> None:
@@ -182,13 +188,13 @@ def _set_delay(option: ET.Element, actuator: ET.Element, delay: float) -> None:
         _set(actuator, delay=delay, interp='linear', nsample=str(math.ceil(delay / step) + 1))
 
 
-def _put_back(root: ET.Element, model: Mujoco, theta: Array) -> None:
+def _put_back(root: ET.Element, model: Mujoco, content: Content) -> None:
     """Put what MuJoCo's own model has of drives into the MJCF that it was made of."""
-    found, late = model.as_found(theta)
+    found, drives = model.as_found(content.theta)[0], model.machine.drives
     sought, option = {*model.machine.bounds, *model.machine.given}, _part(root, 'option')
     _set(option, timestep=found.opt.timestep)
     acting = [x for part in root.findall('actuator') for x in part if isinstance(x.tag, str)]
-    for at, delay in zip(model.plant.places, late, strict=True):
+    for at, drive in zip(model.plant.places, drives, strict=True):
         joint = _named(root, 'worldbody//joint', found.joint(at.joint).name)
         _set(joint, armature=found.dof_armature[at.dof], damping=found.dof_damping[at.dof])
         _set(joint, frictionloss=found.dof_frictionloss[at.dof])
@@ -205,7 +211,7 @@ def _put_back(root: ET.Element, model: Mujoco, theta: Array) -> None:
             _set(own, forcelimited='true', forcerange=found.actuator_forcerange[n])
             if not found.jnt_actfrclimited[at.joint]:
                 joint.set('actuatorfrclimited', 'false')
-        _set_delay(option, own, delay)
+        _set_delay(option, own, content.delays.get(drive, 0.0))
         if any(name.startswith('body_') for name in sought):
             name, every = found.body(at.body).name, root.iterfind('worldbody//body')
             body = next(x for x in every if (x.get('name') == name if name else joint in x))
@@ -294,65 +300,3 @@ def _written(root: ET.Element) -> str:
     ET.indent(root)
     text = ET.tostring(root, encoding='unicode')
     return f"<?xml version='1.0' encoding='utf-8'?>\n<!-- {mark('export')} -->\n{text}\n"
-
-
-# ---------------------------------------------------------------------- USD
-
-
-def can_write() -> bool:
-    """Whether the converter is there."""
-    return importlib.util.find_spec('urdf_usd_converter') is not None
-
-
-def usd(text: str, content: Content) -> str:
-    """Return a layer of USD, as text, with all of a URDF but for meshes that are not found.
-
-    The converter leaves out, and this adds, the inertia of motors and gears as the attribute
-    `newton:armature` [kg m^2 or kg], and by UsdPhysics' `DriveAPI` the effort limits of the URDF
-    [N m or N] and controllers' gains.
-
-    Raises:
-        IdentError: BAD_MACHINE_FILE where the converter refuses the URDF; as `urdf`.
-    """
-    from pxr import Sdf, Usd, UsdPhysics
-    from urdf_usd_converter import Converter
-    import usdex.core
-
-    root = in_urdf(text, content)
-    give_mass(root)
-    usdex.core.activateDiagnosticsDelegate()  # or every step is told on the terminal
-    usdex.core.setDiagnosticsLevel(usdex.core.DiagnosticsLevel.eError)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / 'robot.urdf'
-        path.write_bytes(ET.tostring(root, encoding='utf-8'))
-        try:
-            asset = Converter(layer_structure=False, scene=False).convert(str(path), folder)
-        except (RuntimeError, ValueError) as error:
-            raise ErrorCode.BAD_MACHINE_FILE.error(
-                f'no USD can be made of the URDF ({" ".join(str(error).split())}); mend it, or '
-                'leave usd out of --to'
-            ) from error
-        stage = Usd.Stage.Open(asset.path)
-        identified = {joint.name: joint for joint in content.joints}
-        for prim in filter(lambda prim: prim.IsA(UsdPhysics.Joint), stage.Traverse()):
-            joint = identified.get(prim.GetDisplayName() or prim.GetName())
-            # USD's angles are in degrees, and so are gains.
-            turns = prim.IsA(UsdPhysics.RevoluteJoint)
-            axis, unit = ('angular', math.pi / 180.0) if turns else ('linear', 1.0)
-            if joint is not None:
-                prim.AddAppliedSchema('NewtonJointAPI')
-                armature = prim.CreateAttribute('newton:armature', Sdf.ValueTypeNames.Float)
-                armature.Set(joint.armature)
-            gains = joint and joint.gains
-            limit = prim.GetAttribute('urdf:limit:effort').Get() or 0.0
-            if gains or limit:
-                drive = UsdPhysics.DriveAPI.Apply(prim, axis)
-                drive.CreateTypeAttr('force')
-                if limit:
-                    drive.CreateMaxForceAttr(limit)
-                if gains:
-                    drive.CreateStiffnessAttr(gains.p * unit)
-                    drive.CreateDampingAttr(gains.d * unit)
-        layer = stage.GetRootLayer()
-        layer.comment, layer.documentation = mark('export'), ''
-        return str(layer.ExportToString())

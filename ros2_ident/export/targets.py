@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
+from importlib.util import find_spec
 import json
 import math
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 
 from ros2_ident.effects import get_effect
 from ros2_ident.errors import ErrorCode
-from ros2_ident.export import descriptions
+from ros2_ident.export import descriptions, usd
 from ros2_ident.export.content import Content
 from ros2_ident.export.laws import is_law
 from ros2_ident.files import make_directory, mark, require_ours, write_text
@@ -120,6 +121,7 @@ class Target:
         massless: What it makes of a URDF's links without mass.
         follows: What it makes of a URDF's joints that follow others.
         beside: Other targets whose files it reads.
+        alone: Whether the meshes are in it, not named by it.
     """
 
     title: str
@@ -130,6 +132,7 @@ class Target:
     massless: str = ''
     follows: str = ''
     beside: tuple[str, ...] = ()
+    alone: bool = False
 
 
 def _loaded(title: str, massless: str, follows: str, *holds: str) -> Target:
@@ -167,7 +170,8 @@ TARGETS = {
         'Newton', 'weigh 1e-6 kg', 'are coupled', 'armature', 'laws', 'p', 'd', 'command_delay'
     ),
     'usd': Target(
-        'USD', 'robot.usda', descriptions.usd, _URDF, _SERVO, 'weigh 1e-5 kg', 'are coupled'
+        'USD', 'robot.usda', usd.usd, _ANY, _SERVO, 'weigh 1e-5 kg', 'are coupled',
+        alone=True,
     ),
     'isaac': Target('Isaac Lab', 'isaac.yaml', isaac, (), _SERVO),
     'ros2_control': Target('ros2_control', 'ros2_control.yaml', ros2_control, (), tuple('pidf')),
@@ -182,9 +186,10 @@ def fitting(content: Content, description: str) -> tuple[str, ...]:
 
 def _lack(name: str, content: Content, description: str) -> str:
     """Return why a target cannot be filled, with the remedy; empty where it can."""
-    if name != 'mjcf' and isinstance(content.model, Mujoco):
+    if name not in ('mjcf', 'usd') and isinstance(content.model, Mujoco):
         return (
-            f'a machine of the kind {content.model.name} goes back into its MJCF; give --to mjcf'
+            f'a machine of the kind {content.model.name} goes back into its MJCF; give --to mjcf '
+            'or usd'
         )
     of, own = TARGETS[name].of, 'urdf' if descriptions.is_urdf(description) else 'mjcf'
     if of and not (description and own in of):
@@ -199,8 +204,8 @@ def _lack(name: str, content: Content, description: str) -> str:
         return 'no effect was found that needs it; mjcf has all'
     if own == 'urdf' and name in ('mjcf', 'mjcf_effects') and not can_convert():
         return 'it needs MuJoCo; `pip install mujoco`'
-    if name == 'usd' and not descriptions.can_write():
-        return 'it needs its converter; `pip install urdf-usd-converter`'
+    if name == 'usd' and find_spec(converter := usd.CONVERTERS[own]) is None:
+        return f'it needs its converter; `pip install {converter.replace("_", "-")}`'
     return ''
 
 
@@ -230,10 +235,12 @@ def write(
         if why := _lack(name, content, description):
             raise ErrorCode.INVALID_GOAL.error(f'nothing can be written for {name}: {why}')
     names = tuple(dict.fromkeys(x for n in names for x in (*TARGETS[n].beside, n)))
-    text = (
-        description if folder is None else descriptions.moved(description, folder, Path(directory))
-    )
-    texts = {name: TARGETS[name].write(text, content) for name in names}
+    ways = {False: Path(directory), True: None}
+    text = {
+        alone: description if folder is None else descriptions.moved(description, folder, to)
+        for alone, to in ways.items()
+    }
+    texts = {name: TARGETS[name].write(text[TARGETS[name].alone], content) for name in names}
     paths = {name: Path(directory) / TARGETS[name].file for name in names}
     require_ours([*paths.values(), Path(directory) / SUMMARY])
     read = [x for x in paths.values() if x.is_file() and x.read_text('utf-8') == description]

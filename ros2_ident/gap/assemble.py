@@ -255,6 +255,7 @@ def _per_drive(
         held_out = split.check.measured(d)
         measured = np.concatenate([*split.fit.measured(d), *held_out])
         output[d] = max(float(np.mean(measured**2)), 1e-300)
+        change = max(float(np.var(measured)), 1e-300)
         out[name] = DriveGap(
             before=float(np.sqrt(blocks.squares[0, d])),
             after=float(np.sqrt(blocks.squares[last, d])),
@@ -263,5 +264,6 @@ def _per_drive(
             torque_rms=float(np.sqrt(np.mean(np.concatenate(held_out) ** 2))),
             share_of_output=float(np.sqrt(gap[d] / output[d])),
             counted=bool(counted[d]),
+            share_of_change=float(np.sqrt(gap[d] / change)),
         )
     return out, float(np.sqrt(gap.sum() / output.sum()))

@@ -246,6 +246,7 @@ class DriveGap:
         torque_rms: RMS of the measured output.
         share_of_output: The gap before over the measured output, RMS, on all data.
         counted: Whether the drive shows a gap, and counts in the share of all.
+        share_of_change: As `share_of_output`, of how the output varies about its mean.
     """
 
     before: float
@@ -255,6 +256,7 @@ class DriveGap:
     torque_rms: float
     share_of_output: float
     counted: bool = True
+    share_of_change: float = 0.0
 
     @property
     def over_floor(self) -> float:

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from ros2_ident.arrays import Array
+from ros2_ident.arrays import Array, fast_noise
 from ros2_ident.errors import IdentError
 from ros2_ident.gates import scale
 from ros2_ident.gates.added import added_to, without
@@ -22,7 +22,7 @@ from ros2_ident.gates.weight import check_weight
 from ros2_ident.models import FullModel, Machine
 from ros2_ident.models.registry import compared_of, follows, kind_of, knows_gains
 from ros2_ident.recording import Dataset
-from ros2_ident.recording.motion import motion_in, ROOM
+from ros2_ident.recording.motion import fill_gaps, motion_in, ROOM
 from ros2_ident.recording.sign import effort_lag, SAID, sign_of, WRONG
 from ros2_ident.recording.streams import StreamQuality
 
@@ -100,6 +100,7 @@ def examine_models(
         of_effort = models[0].outputs[0].quantity == 'effort'
         data = [m.data for m in models]
         report = examine(machine, data, models[0].places, noise if of_effort else None)
+        report = replace(report, gates=(*report.gates, *_too_fast(models)))
     if theta is None or noise is None:
         return report
     left = models[0].measured - models[0].simulate(np.atleast_2d(theta))[0]
@@ -107,6 +108,35 @@ def examine_models(
     # What a model explains down to the noise has the model's sign.
     wrong = [g for g in report.of('sign') if g.level == 'fail' and rms[g.drive] < 2.0]
     return replace(report, gates=tuple(g for g in report.gates if g not in wrong))
+
+
+def _too_fast(models: Sequence[FullModel]) -> Iterator[Gate]:
+    """Yield the drives of whose effort most is faster than what is compared, and no noise."""
+    for o, output in enumerate(models[0].outputs):
+        fast, whole = 0.0, 0.0
+        for model in models:
+            efforts = model.data.effort
+            if not model.thinned or output.quantity != 'effort' or efforts is None:
+                continue
+            order = [model.data.names.index(x.place or x.name) for x in model.outputs]
+            seen, compared = efforts[order], np.flatnonzero(np.isfinite(model.measured[o]))
+            if not (compared.size > 1 and np.isfinite(seen).any(axis=1).all()):
+                continue
+            rows = np.stack([fill_gaps(row) for row in seen])
+            kept = compared[[0, -1]]
+            left = (rows - model.in_band(rows))[o, slice(*kept)]
+            noise = fast_noise(seen[o, np.isfinite(seen[o])])
+            fast += left.size * max(float(np.var(left)) - noise**2, 0.0)
+            whole += left.size * float(np.var(rows[o, slice(*kept)]))
+        if fast > 0.5 * whole:
+            share = fast / whole
+            drive = output.place or output.name
+            text = (
+                f'{drive}: {100.0 * share:.0f} % of what varies in the effort is faster than the '
+                'recorded positions tell and is not compared, so that a ripple there has no name; '
+                'record the motion slower, or the positions in finer steps'
+            )
+            yield Gate('too_fast', drive, 'warn', share, '1', text)
 
 
 def _of_one(

@@ -222,6 +222,9 @@ def _sized(factors: dict[str, float], constant: str) -> list[Gate]:
     (drive, factor), *others = sorted(off.items(), key=lambda x: abs(x[1]) < _NOTHING)
     # A description that is wrong is not so by one factor on every joint.
     by_one = len(off) == len(factors) > 1 and all(near(x / factor) for x in off.values())
+    turned = [name for name, x in off.items() if x < 0.0]
+    # No masses, right or wrong, turn the efforts of all joints over.
+    sure = by_one or (len(factors) > 1 and all(x < -_NOTHING for x in factors.values()))
     rest = '' if by_one else likewise(f'{n} {figure(x)}' for n, x in others)
     text = (
         f'{"all joints" if by_one else drive}: the effort is {figure(factor)} times what the '
@@ -230,8 +233,7 @@ def _sized(factors: dict[str, float], constant: str) -> list[Gate]:
     if all(abs(x) < _NOTHING for x in factors.values()) and not constant:
         text += 'log the whole torque, not one with gravity compensated, or set free_fall to 0'
     else:
-        turned = [name for name, x in off.items() if x < 0.0]
-        hangs = ', or write base_roll: 3.14 where the arm hangs' if by_one else ''
+        hangs = ', or write base_roll: 3.14 where the arm hangs' * sure
         whose = '' if len(turned) == len(factors) else f' of {", ".join(turned)}'
         steps = [f'negate the effort or the position{whose} in the driver{hangs}'] * bool(turned)
         if not near(-factor):
@@ -242,8 +244,8 @@ def _sized(factors: dict[str, float], constant: str) -> list[Gate]:
                 'description'
             )
         text += ', and '.join(steps)
-    level: Level = 'fail' if by_one else 'warn'
-    return [Gate('weight', '', level, factor, '1', text, by_one, cause='size')]
+    level: Level = 'fail' if sure else 'warn'
+    return [Gate('weight', '', level, factor, '1', text, sure, cause='size')]
 
 
 def _behind_gears(machine: Machine, joints: list[_Joint]) -> list[Gate]:

@@ -175,7 +175,8 @@ def driven_file(kind: Kind, drives: Sequence[str], log: Recording, travel: str =
                 f'nothing of the drive; record a motion, or name another column as its {quantity}'
             )
         motions = {x: motions[x] for x in moved}
-    still = standing({x: float(np.ptp(y.position)) for x, y in motions.items()})
+    read = {x: log.units.get((x, 'position'), '') for x in motions}
+    still = standing({x: float(np.ptp(y.position)) for x, y in motions.items()}, ways=read)
     rows: dict[str, list[str]] = {}
     fit: set[str] = set()
     for name, motion in motions.items():

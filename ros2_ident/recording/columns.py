@@ -47,7 +47,8 @@ _COUNTED = 'inc incs increments count counts cnt cts tick ticks puls pulses lsb 
 _RAW = dict.fromkeys(_COUNTED.split(), math.nan)
 PERMIL = ('permil', '‰', '0.1%', '0.1 %')
 OPEN = _RAW | dict.fromkeys(('%', 'percent', *PERMIL), math.nan)
-LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'um': 1e-6, 'µm': 1e-6}
+LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'km': 1e3, 'um': 1e-6, 'µm': 1e-6}
+LENGTHS |= dict.fromkeys(('inch', 'inches'), 0.0254)
 for _word, _size in (('meter', 1.0), ('metre', 1.0), ('millimeter', 1e-3), ('millimetre', 1e-3)):
     LENGTHS |= dict.fromkeys((_word, f'{_word}s'), _size)
 MOTION = OPEN | LENGTHS | {'mrad': 1e-3}
@@ -55,9 +56,14 @@ MOTION |= dict.fromkeys(('rad', 'rads', 'radian', 'radians'), 1.0)
 MOTION |= dict.fromkeys(('deg', 'degs', 'degree', 'degrees', '°'), _DEGREE)
 MOTION |= dict.fromkeys(('rev', 'turn', 'turns', 'rotations', 'revolutions'), _TURN)
 # Of velocities alone, as they stand.
+_PER = dict.fromkeys(('/min', '_per_min', '_per_minute'), 60.0)
+_PER |= dict.fromkeys(('/h', '_h', 'h', 'ph', '_per_h', '_per_hour'), 3600.0)
+_LENGTH_SPEEDS = {f'{x}{per}': y / time for x, y in LENGTHS.items() for per, time in _PER.items()}
+_LENGTH_SPEEDS |= {'mps': 1.0, 'kph': 1.0 / 3.6}
 _MINUTES = 'rpm', '1/min', 'u/min', 'rev/min', 'min^-1', 'min-1'
 SPEEDS = dict.fromkeys(_MINUTES, _TURN / 60.0) | dict.fromkeys(('hz', 'rps'), _TURN)
-SPEEDS |= {'dps': _DEGREE, 'radps': 1.0}
+SPEEDS |= {'dps': _DEGREE, 'radps': 1.0} | _LENGTH_SPEEDS
+SPEEDS |= {f'{x}{per}': MOTION[x] / _PER[per] for x in ('rad', 'deg', 'rev') for per in _PER}
 _TORQUES = dict.fromkeys(('nm', 'n m', 'n.m', 'n*m', 'n·m', 'newton_meters'), 1.0)
 # Of efforts by what they come to, as the `effort_unit` of a machine file says it.
 EFFORTS: Mapping[str, Mapping[str, float]] = {
@@ -92,12 +98,12 @@ def si_unit(quantity: str, unit: str) -> str:
     if quantity == 'effort':
         return next((kind for kind, units in EFFORTS.items() if unit in units), '')
     turns = (MOTION | SPEEDS).keys() - OPEN.keys()
-    return 'm' if unit in LENGTHS else 'rad' if unit in turns else ''
+    return 'm' if unit in LENGTHS.keys() | _LENGTH_SPEEDS else 'rad' if unit in turns else ''
 
 
 def plain_unit(unit: str) -> str:
     """Return a unit in lower case, without what is per second."""
-    return re.sub(r'(/s(ec)?|_?per_?s(ec(ond)?)?|_s| s-1| s\^-1)$', '', unit.strip().lower())
+    return re.sub(r'(/s(ec)?|_?per_?s(ec(ond)?)?|_s(ec)?| s-1| s\^-1)$', '', unit.strip().lower())
 
 
 @dataclass(frozen=True)

@@ -59,10 +59,12 @@ class Header:
     named: bool = True  # whether a line of names is there; else numbers stand for them
     words: str = ''  # said where what lacks is in a column of words
     rate: float = 0.0  # rows per second where they have no time, Hz
+    stated: tuple[str, ...] = ()  # joints of options, in their order, which is that of the map
 
     def map(self) -> dict[str, object]:
         """Return the column map as a YAML mapping."""
-        joints: dict[str, dict[str, object]] = {}
+        there = {x.joint for x in self.columns}
+        joints: dict[str, dict[str, object]] = {x: {} for x in self.stated if x in there}
         time: dict[str, object] = {'rate': self.rate}
         for cell, x in zip(self.cells, self.columns, strict=True):
             if x.quantity == 'time':
@@ -156,7 +158,8 @@ class Header:
                 text += f'no column moves; write one of {listed(moving, 30)}'
                 raise ErrorCode.INVALID_GOAL.error(text)
             columns[n] = x.left_out(f'no column says how {short(x.joint)} moves')
-        return replace(self, columns=tuple(columns))
+        joints = filter(None, (_option(text)[1] for text in given))
+        return replace(self, columns=tuple(columns), stated=tuple(dict.fromkeys(joints)))
 
     def called(self, drives: Sequence[str]) -> 'Header':
         """Return the header with joints that have numbers for names called as the drives are.
@@ -237,7 +240,8 @@ class Header:
                 per = per if x.quantity == 'effort' else 'rad or m'
                 option = shlex.quote(f'{x.name}={x.joint}.{x.quantity}*SCALE')
                 text = f'the column {short(x.name)} is in {x.unit}; say how many {per} one is'
-                raise ErrorCode.INVALID_GOAL.error(f'{text}: --column {option}')
+                rest = '; by 1 masses and friction come divided by it' * asked
+                raise ErrorCode.INVALID_GOAL.error(f'{text}: --column {option}{rest}')
 
 
 def header_of(path: Path) -> Header:

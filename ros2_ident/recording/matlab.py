@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays of a MATLAB file, level 5 (MathWorks, MAT-File Format, R2023b).
+"""Arrays of a MATLAB file, level 5 (MathWorks, MAT-File Format, R2023b), and their names in 7.3.
 
 SciPy's reader is not made for damaged files, as its documentation says: some end the process.
 """
@@ -25,7 +25,7 @@ _MATRIX, _COMPRESSED = 14, 15
 _STRUCTURE, _CHARACTERS, _NUMBERS, _OBJECT, _COMPLEX = 2, 4, range(6, 16), 17, 0x0800
 # Whole numbers and texts as MATLAB writes them, and as others do.
 _WHOLE, _TEXTS = (5, 6), (1, 2, 16)
-_HEADER, _DEEPEST = 128, 8
+_HEADER, _DEEPEST, _MOST = 128, 8, 100_000
 _NOTHING = 0, memoryview(b'')
 
 
@@ -61,6 +61,50 @@ def arrays_of(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
                     yield from _matrix(body, order, '', 0)
         elif kind == _MATRIX:
             yield from _matrix(payload, order, '', 0)
+
+
+def linked_in(file: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the data sets of a file of level 7.3, by paths as `arrays_of` has them.
+
+    Fields of several structures in one array, and cells, are references to what lies elsewhere.
+
+    Args:
+        file: That h5py has opened.
+    """
+    yield from _linked(file, file, '', 0)
+
+
+def _linked(file: Any, node: Any, path: str, deep: int) -> Iterator[tuple[str, Any]]:
+    if not hasattr(node, 'items'):
+        if not (node.external or node.is_virtual):  # else it lies in other files
+            yield path, node
+        return
+    hard = (x for x in node if type(node.get(x, getlink=True)).__name__ == 'HardLink')
+    below = {x: node[x] for x in hard if not x.startswith('#')} if deep < _DEEPEST else {}
+    held = {
+        name: [file[ref] for ref in one[()].ravel() if ref]
+        for name, one in below.items()
+        if 'ref' in (getattr(getattr(one, 'dtype', None), 'metadata', None) or ())
+        and one.size <= _MOST
+    }
+    cells = {x for x in held if below[x].attrs.get('MATLAB_class') == b'cell'}
+    texts = [[*map(_characters, held[x])] for x in held if x not in cells]
+    told = next((x for x in texts if len({*x}) == len(x) > 1 and '' not in x), [])
+    before = f'{path}.' if path else ''
+    for name, one in below.items():
+        for k, other in enumerate(held.get(name, ())):
+            called = f'.{told[k]}' if k < len(told) else f'[{k}]' * (len(held[name]) > 1)
+            at = f'{before}{name}[{k}]' if name in cells else f'{path}{called}.{name}'
+            yield from _linked(file, other, at, deep + 1)
+        if name not in held:
+            yield from _linked(file, one, before + name, deep + 1)
+
+
+def _characters(node: Any) -> str:
+    """Return a line of text in a data set, empty for all else."""
+    if node.attrs.get('MATLAB_class') != b'char' or not hasattr(node, 'dtype'):
+        return ''
+    return ''.join(map(chr, np.ravel(node[()]).tolist()))
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:

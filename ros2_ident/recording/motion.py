@@ -424,6 +424,18 @@ def standing(
     return out
 
 
+def still(position: FloatArray) -> bool:
+    """Return whether readings (T,) differ by no more than their step, or their noise, makes them.
+
+    So many of white noise range over some 2 sqrt(2 ln T) standard deviations.
+    """
+    seen = position[np.isfinite(position)]
+    if seen.size < 2:
+        return True
+    noise = 2.0 * math.sqrt(2.0 * math.log(seen.size)) * _noise(seen)
+    return float(np.ptp(seen)) <= max(step_of(seen), noise)
+
+
 def speed_error(position: FloatArray, cycle: float, cutoff: float) -> float:
     """Return by how much a joint's speed is off below a frequency, as far as readings tell, 1/s.
 

@@ -44,6 +44,22 @@ _WORDS = {
 _MEANT = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _FAINT = dict.fromkeys(('q', 'theta', 'encoder'), 'position')
 _FAINT |= dict.fromkeys(('current', 'cur', 'i', 'load'), 'effort')
+# Those that are a current. Where no unit is stated it is in A, and a constant makes it a torque.
+_CURRENTS = {
+    *[
+        'amps',
+        'cur',
+        'curr',
+        'current',
+        'currents',
+        'i',
+        'iq',
+        'strom',
+        'corriente',
+        'corrente',
+        'courant',
+    ]
+}
 # Beside a role a letter is enough: `p_des`, `t_actual`.
 _LETTERS = {'p': 'position', 'v': 'velocity', 't': 'effort'}
 # What a textbook calls so, where it is all of the name: to be asked, not told.
@@ -56,7 +72,7 @@ _BESIDE = ' _-./:'
 # Of which drive a row is: `joint_idx`, `motor number`.
 _NUMBERING = {'idx', 'index', 'no', 'nr', 'num', 'number'}
 # What parts a name from its unit where that is in no brackets.
-_BEFORE_UNIT = re.compile(r'_|\s+(?:in|/)\s+|,\s+|(?<=[a-z])(?=[A-Z][A-Za-z])')
+_BEFORE_UNIT = re.compile(r'_|\s+(?:in|/)\s+|,\s+|\s+(?=\w\w|\w/)|(?<=[a-z])(?=[A-Z][A-Za-z])')
 # Units, and of what is no motion and no effort, too.
 _KNOWN = maps.MOTION.keys() | maps.SPEEDS.keys() | maps.EFFORT.keys() | maps.TIME_UNITS.keys()
 _UNITS = _KNOWN | {
@@ -95,6 +111,10 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     derived = any(re.search(r'(?<![a-z])(dq|qdot)(?![a-z])', name.lower()) for name in names)
     pairs = zip(names, units or [''] * len(names), strict=True)
     rows = [_Name(name, unit, derived) for name, unit in pairs]
+    # of `pos_a` and `tau_a` the end is a joint, though one could be in A
+    joints = {row.key for row in rows if row.quantity != 'time'}
+    for row in (x for x in rows if (x.unit.lower(),) in joints and x.quantity != 'time'):
+        row.ends()
     # the effort that was asked for stands for the effort where there is no other
     if any(row.quantity == 'effort' and not row.wanted for row in rows):
         for row in (x for x in rows if x.wanted):
@@ -188,9 +208,16 @@ class _Name:
         whole = re.sub(r'^#\s+', '', name)
         text, unit, behind = _without_unit(whole)
         stated = below.strip('[]() ')
-        if not self._read(text, stated or unit, derived) and behind and not stated:
-            # what is no unit of it is a name's end
-            self._read(whole, '', derived)
+        fits = self._read(text, stated or unit, derived)
+        # what is no unit of it is a name's end
+        self._end = (whole, '', derived) if behind and not stated else None
+        if not fits:
+            self.ends()
+
+    def ends(self) -> None:
+        """Take what is in no brackets, and was taken for its unit, for its end."""
+        if self._end:
+            self._read(*self._end)
 
     @property
     def asks(self) -> int:
@@ -215,8 +242,6 @@ class _Name:
         kinds = {kind for part in parts for kind in part.kinds}
         words = [word for part in parts for word in part.plain]
         units = [x for x in (*words, plain) if x in maps.TIME_UNITS and x != 's']
-        if not unit and 'amps' in words:
-            self.unit, plain = 'A', 'a'
         self.treated = 'treated' in kinds
         self.derivative = 'dot' in words
         role = next((x for x in _ROLES if x in kinds), '')
@@ -232,6 +257,8 @@ class _Name:
             of = (x for x in ('position', *_QUANTITIES) if maps.factor_of(x, unit) is not None)
             if found := next(of, ''):
                 fits, quantity = True, found
+        if quantity == 'effort' and says >= 0 and not unit and parts[says].current:
+            self.unit, plain = 'A', 'a'
         rests = [part.rest(role, quantity if n == says else '') for n, part in enumerate(parts)]
         self.quantity, self.why, self.scale = '', '', 1.0
         if 'other' in kinds:
@@ -292,6 +319,14 @@ class _Part:
             if found := [kind for kind in kinds if kind in _QUANTITIES]:
                 return found[-1]
         return ''
+
+    @property
+    def current(self) -> bool:
+        """Whether the effort that it names is a current."""
+        pairs = zip(self.plain, self.kinds, strict=True)
+        strong = [word for word, kind in pairs if kind in _QUANTITIES]
+        words = strong or [word for word in self.plain if word in _FAINT]
+        return bool(words) and words[-1] in _CURRENTS
 
     def rest(self, role: str, named: str) -> tuple[str, list[str]]:
         """Return what is left of it for the joint, as spelled, and the words that tell it.

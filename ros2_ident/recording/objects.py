@@ -49,11 +49,13 @@ def decoder(about: MessageMap, role: str, form: str, schema: bytes) -> Decode:
                     values.setdefault(FIELDS[0], []).append(found[source.entry(len(found))])
                 else:
                     values[field] = found
-            names = tuple(map(str, _found(tree, titles))) if titles else about.joints
+            names = tuple(map(str, _entries(tree, titles))) if titles else about.joints
             stamp = sum(_nanoseconds(tree, *part) for part in about.stamp)
         except (LookupError, TypeError, AttributeError, OverflowError) as exc:
             raise ValueError(f'no such field, {exc}') from exc
-        if len(names) > limit('joints') or any(len(x) != len(names) for x in values.values()):
+        if len(names) > limit('joints') or any(
+            len(x) not in (0, len(names)) for x in values.values()
+        ):
             raise ValueError(f'{len(names)} names but arrays of another length')
         if abs(stamp) >= LATEST_STAMP:
             raise ValueError('a stamp that is no time')
@@ -62,8 +64,9 @@ def decoder(about: MessageMap, role: str, form: str, schema: bytes) -> Decode:
     def decode(messages: Sequence[bytes] | ByteTable) -> list[Block]:
         rows = map(row_of, map(bytes, messages))
         blocks, begin = [], 0
-        for names, group in groupby(rows, key=lambda x: x[0]):
+        for _, group in groupby(rows, key=lambda x: (x[0], [*map(len, x[1].values())])):
             own = list(group)
+            names = own[0][0]
             tables = [np.array([x[1].get(name, ()) for x in own], dtype=float) for name in FIELDS]
             fields = tuple(x if x.size and np.isfinite(x).any() else None for x in tables)
             stamp = np.array([x[2] for x in own], dtype=np.int64)
@@ -122,11 +125,15 @@ def _found(tree: Any, path: Path) -> list[Any]:
     return nodes
 
 
-def _numbers(tree: Any, path: Path) -> list[float]:
+def _entries(tree: Any, path: Path) -> list[Any]:
+    """Return what lies at a path, of one sequence its entries."""
     found = _found(tree, path)
-    if len(found) == 1 and isinstance(found[0], Sequence) and not isinstance(found[0], str):
-        found = list(found[0])
-    return [math.nan if x is None else float(x) for x in found]
+    one = len(found) == 1 and isinstance(found[0], Sequence) and not isinstance(found[0], str)
+    return list(found[0]) if one else found
+
+
+def _numbers(tree: Any, path: Path) -> list[float]:
+    return [math.nan if x is None else float(x) for x in _entries(tree, path)]
 
 
 def _nanoseconds(tree: Any, path: Path, unit: int) -> int:

@@ -21,6 +21,7 @@ from ros2_ident.recording.motion import fill_gaps, Motion
 from ros2_ident.recording.repeated import repeats
 from ros2_ident.recording.sign import backward, effort_lag, KNOWN, SAID, sign_of, WRONG
 from ros2_ident.recording.streams import (
+    FIELDS,
     FloatArray,
     Recording,
     SPEEDS_ALONE,
@@ -217,10 +218,11 @@ def _judge_drives(
             idle.add(name)
         drives.append(DriveSummary(number, name, float(np.ptp(motion.position)), at_rest))
         # An integrated speed says nothing of the speed.
-        fit = None if name in integrated else _velocity_fit(motion)
+        rests = motions.still(state.position[:, state.names.index(name)])
+        fit = None if name in integrated or rests else _velocity_fit(motion)
         if fit is not None and fit[2] >= KNOWN:
             rates.append(fit[1])
-        judged = [*_judged(drives[-1], motion, gravity, wanted is not None, fit)]
+        judged = [*_judged(drives[-1], motion, rests, gravity, wanted is not None, fit)]
         judged += [('warn', code, text) for code, text in repeats(recording, name)]
         if name not in integrated:
             judged += _of_counts(state.position[:, state.names.index(name)])
@@ -232,40 +234,45 @@ def _judge_drives(
     if off := _of_time(rates, sample_period(state.stamp)):
         findings = [x for x in findings if x.code != 'velocity']
         findings += about('state', off)
-    if still := standing({x.drive: x.stroke for x in drives}, idle):
+    ways = {x.drive: recording.units.get((x.drive, FIELDS[0]), '') for x in drives}
+    if still := standing({x.drive: x.stroke for x in drives}, idle, ways):
         text = 'stood still, so nothing is found of what moves there; the others count'
         findings = [f for f in findings if f.subject not in still]
         findings += [y for x in still for y in about(x, [('warn', 'no_motion', text)])]
     return drives, findings
 
 
-def standing(strokes: Mapping[str, float], idle: Collection[str] = ()) -> tuple[str, ...]:
+def standing(
+    strokes: Mapping[str, float], idle: Collection[str] = (), ways: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
     """Return the drives that stand while others move, by the strokes of all.
 
-    Those that are idle, driven by nothing, may go round: they are no measure for others.
+    Args:
+        strokes: Of each drive, rad or m.
+        idle: Drives driven by nothing: they may go round, and are no measure for others.
+        ways: Unit of each drive's stroke, which is compared with those in the same.
     """
-    longest = max((x for name, x in strokes.items() if name not in idle), default=0.0)
-    return tuple(name for name, stroke in strokes.items() if stroke < STANDS * longest)
-
-
-def _moves(motion: Motion) -> bool:
-    return float(np.ptp(motion.position)) > 1e-6 * float(np.abs(motion.position).max())
+    units = ways or {}
+    moving = [(units.get(x, ''), y) for x, y in strokes.items() if x not in idle]
+    longest = {unit: max(y for x, y in moving if x == unit) for unit, _ in moving}
+    return tuple(x for x, y in strokes.items() if y < STANDS * longest.get(units.get(x, ''), 0.0))
 
 
 def _judged(
-    drive: DriveSummary, motion: Motion, gravity: float, wanted: bool, fit: _Fit | None
-) -> Iterator[Said]:
+    drive: DriveSummary, motion: Motion, still: bool, gravity: float, wanted: bool,
+    fit: _Fit | None,
+) -> Iterator[Said]:  # fmt: skip
     """Yield what is to be said of a drive's excitation, velocity by its fit, and effort.
 
     Where it is `wanted` to identify the drive, that it stands still is an error.
     """
-    moves = _moves(motion)
-    if moves:
+    if not still:
         yield _of_motion(drive, motion)
         if fit is not None:
             yield _of_velocity(motion, *fit)
     else:
-        text = 'does not move; move it through its working range while recording'
+        text = 'does not move beyond the noise of its readings; move it through its working range '
+        text += 'while recording'
         yield 'error' if wanted else 'warn', 'no_motion', text
     effort = motion.effort
     if effort is None or np.isfinite(effort).sum() < _FEWEST:
@@ -274,7 +281,7 @@ def _judged(
         text = f'the effort is {np.nanmax(effort):g} all the time'
         text += f'; name another topic or column, {_NOT_DRIVEN}'
         yield 'error', 'effort_constant', text
-    elif moves:
+    elif not still:
         yield from _of_effort(motion, effort)
         if gravity and math.isfinite(drive.effort_rest):
             yield _of_gravity(drive.effort_rest, float(np.nanstd(effort)), gravity)
@@ -311,7 +318,7 @@ def _of_motion(drive: DriveSummary, motion: Motion) -> Said:
 
 def _velocity_fit(motion: Motion) -> _Fit | None:
     """Fit the reported velocity by the derivative of the position; None where one is not there."""
-    if motion.reported is None or np.isfinite(motion.reported).sum() < 20 or not _moves(motion):
+    if motion.reported is None or np.isfinite(motion.reported).sum() < 20:
         return None
     reported = motion.slowly(fill_gaps(motion.reported))
     lag, gain, share = motions.best_lag(
@@ -354,7 +361,7 @@ def _fitting(factor: float, period: float) -> str:
 def _of_velocity(motion: Motion, lag: float, gain: float, share: float) -> Said:
     """Compare the reported velocity with the derivative of the position."""
     text = f'the reported velocity is {gain:.3g} times the derivative of the position and '
-    text += f'explains {100.0 * share:.0f} % of it'
+    text += f'explains {100.0 * max(share, 0.0):.0f} % of it'
     if share < 0.5 or not 0.9 < gain < 1.1:
         remedy = 'correct its unit, sign or source in the driver, or leave it out'
         # Alone it does not show whether it is the velocity or the time that is off.

@@ -30,7 +30,8 @@ from ros2_ident.recording import columns as maps
 from ros2_ident.recording.builder import RecordingBuilder
 from ros2_ident.recording.columns import Cell, ColumnMap, MAP_SUFFIX, refuse
 from ros2_ident.recording.limits import listed, printable, require_memory, short
-from ros2_ident.recording.matlab import arrays_of
+from ros2_ident.recording.matlab import arrays_of, linked_in
+from ros2_ident.recording.names import meanings
 from ros2_ident.recording.storage import counted, damaged, digest, SUFFIXES
 from ros2_ident.recording.storage import NAME as BAG_NAME
 from ros2_ident.recording.streams import FloatArray, IntArray, LATEST_STAMP, Recording
@@ -42,6 +43,7 @@ _BLOCK = 1 << 14
 # A step between rows outside of this is a wrong unit of the time, ns.
 _FINEST, _COARSEST = 1_000, 2_000_000_000
 _NO_TIME = 'write a number, or leave lines of units below the names out by `skip_below: 1`'
+_NUMBERS = ('numbers',)  # of a line that holds such
 _NO_VALUE = 'leave a cell empty where nothing was measured'
 # Number of a line and its cells; makes a value of a cell.
 _Row = tuple[int, list[str]]
@@ -51,26 +53,57 @@ _Convert = Callable[[str], Any]
 def arrays_in(path: Path) -> list[Path]:
     """Return the files of arrays in a folder that is no bag, by their names; none of a file.
 
-    Tables without names are such.
+    Tables without names are such, and those that share a log's quantities.
     """
     files = [x for x in path.iterdir() if x.is_file()] if path.is_dir() else []
     if any(x.suffix in SUFFIXES or x.name == BAG_NAME for x in files):
         return []
-    return sorted(x for x in files if x.suffix.lower() in _PARTS or _nameless(x))
+    arrays = sorted(x for x in files if x.suffix.lower() in _PARTS or _line(x, 0) is _NUMBERS)
+    return arrays or sorted(_shared(files))
 
 
-def _nameless(path: Path) -> bool:
-    """Return whether a file is a table that begins with numbers."""
+def _line(path: Path, number: int) -> Sequence[str]:
+    """Return the words of a table's first or second line, or that these are numbers; or none."""
     if path.suffix.lower() not in TABLES:
-        return False
+        return ()
     with path.open(encoding='utf-8-sig', errors='replace') as stream:
-        return all(map(is_number, _in_blanks(stream.readline(1 << 20)).split() or ['']))
+        line = [stream.readline(1 << 20) for _ in range(number + 1)][-1]
+    if all(map(is_number, _in_blanks(line).split() or [''])):
+        return _NUMBERS
+    mark = max(',;\t', key=line.count)
+    return [x.strip(' "\r\n') for x in (line.split(mark) if mark in line else line.split())]
+
+
+def _shared(files: Sequence[Path]) -> dict[Path, list[str]]:
+    """Return the tables that share a log, each with the names of its columns.
+
+    A file is named before its columns where these name no quantity. What is in two of them is
+    logged twice, so that they are several logs: none is returned.
+    """
+    found, places = dict[Path, list[str]](), list[str]()
+    for path in files:
+        names = _line(path, 0)
+        if names is _NUMBERS or _line(path, 1) is not _NUMBERS:
+            continue
+        before = {x.name: f'{path.stem}.' * (x.quantity != 'time') for x in meanings(names)}
+        for called in ([*names], [f'{before[x]}{x}' for x in names]):
+            if read := [x for x in meanings(called) if x.quantity not in ('', 'time')]:
+                found[path] = called
+                places += [f'{x.joint}.{x.quantity}' for x in read]
+                break
+    return found if len(found) > 1 and len({*places}) == len(places) else {}
 
 
 def _in_blanks(text: str) -> str:
     """Return a table's text with blanks between its numbers, and points in them."""
     marks = str.maketrans(',;\t', '.  ' if re.search('[;\t]', text[: 1 << 20]) else '   ')
     return text.translate(marks)
+
+
+def map_beside(path: Path) -> Path:
+    """Return where the column map of a log lies that none is named for."""
+    path = path.resolve() if path.name in ('', '..') else path
+    return path.parent / f'{path.stem}{MAP_SUFFIX}'
 
 
 def of_columns(path: Path) -> bool:
@@ -99,7 +132,7 @@ def read_columns(path: Path, columns: str | Path = '') -> list[Recording]:
     if why := unreadable(path):
         kind = 'a log' if arrays else 'a bag or a CSV file'
         raise ErrorCode.NO_DATA.error(f'{path}: {why}; give the path of {kind}')
-    where = Path(columns) if columns else path.with_name(path.stem + MAP_SUFFIX)
+    where = Path(columns) if columns else map_beside(path)
     return _read_arrays(path, where) if arrays else _read_table(path, where)
 
 
@@ -453,8 +486,20 @@ def _opened(path: Path) -> AbstractContextManager[_Opened]:
 def _folder(path: Path) -> Iterator[_Opened]:
     """Give the arrays of all files; what a file holds alone has the file's name."""
     found: dict[str, Callable[[], NDArray[Any]]] = {}
+    time: NDArray[Any] | None = None
     with ExitStack() as stack:
-        for file in arrays_in(path):
+        files = arrays_in(path)
+        for file, called in _shared(files).items():
+            values = np.loadtxt(io.StringIO(_in_blanks(text_of(file))), skiprows=1, ndmin=2)
+            for meant, column in zip(meanings(called), values.T, strict=True):
+                if meant.quantity != 'time' or time is None:
+                    found[meant.name] = partial(np.asarray, column)
+                elif not np.array_equal(time, column):
+                    text = f'{short(meant.name)} of {printable(file.name)} is another time than '
+                    raise _bad(path, f'{text}that of the other tables; write one table')
+                if meant.quantity == 'time':
+                    time = column
+        for file in () if found else files:
             names, get, _ = stack.enter_context(_opened(file))
             for name in names:
                 found[file.stem if len(names) == 1 else f'{file.stem}.{name}'] = partial(get, name)
@@ -494,9 +539,8 @@ def _matlab(path: Path) -> Iterator[_Opened]:
     with path.open('rb') as stream:
         newer = stream.read(19) == b'MATLAB 7.3 MAT-file'
     if newer:
-        with _hdf5(path) as (names, get_there, _):
-            paths = {x.replace('/', '.'): x for x in names}
-            yield [*paths], lambda name: get_there(paths[name]).T, ()
+        with _hdf5(path, matlab=True) as (names, get, _):
+            yield names, lambda name: get(name).T, ()
         return
     require_memory(f'{path}: its values take', 4 * path.stat().st_size)
     found = dict(arrays_of(path.read_bytes()))
@@ -504,7 +548,7 @@ def _matlab(path: Path) -> Iterator[_Opened]:
 
 
 @contextmanager
-def _hdf5(path: Path) -> Iterator[_Opened]:
+def _hdf5(path: Path, matlab: bool = False) -> Iterator[_Opened]:
     h5py = _library('h5py', path)
     found: dict[str, Any] = {}
 
@@ -520,7 +564,10 @@ def _hdf5(path: Path) -> Iterator[_Opened]:
         return np.asarray(found[name][()])
 
     with h5py.File(path, 'r') as file:
-        file.visititems(visit)
+        if matlab:
+            found |= islice(linked_in(file), _MOST_NAMES)
+        else:
+            file.visititems(visit)
         yield [*found], get, ()
 
 

@@ -58,7 +58,6 @@ class Changes:
         inflation: (Q,) by how much the scatter from log to log raises a change's variance.
         freedom: (Q,) degrees of freedom of that variance; inf where nothing scatters.
         scatter: The same, where a side has one log by its parts.
-        expected: The same again, of logs like these: how much is usual is told by all changes.
         by_itself: (Q,) variance of a change between the sides that has no cause.
         noise: The noise of each place.
         common: (R, C) columns of what the model lacks on both sides, of one size.
@@ -81,7 +80,6 @@ class Changes:
     inflation: Array
     freedom: Array
     scatter: tuple[Array, Array]
-    expected: tuple[Array, Array]
     by_itself: Array
     noise: tuple[NoiseModel, ...]
     common: Array
@@ -152,11 +150,11 @@ class Changes:
             information -= across.T @ np.linalg.solve(left, less * across)
         covariance = replace(self, information=information).of(at)[1]
         noise = (np.diag(covariance) - self.by_itself[at]) * (
-            self.expected[0][at] / self.inflation[at].max()
+            self.scatter[0][at] / self.inflation[at].max()
         )
         total = noise + self.by_itself[at]
         share = np.divide(noise, total, out=np.ones_like(total), where=total < np.inf)
-        freedom = np.minimum(self.expected[1][at] / share**2, 1e9)
+        freedom = np.minimum(self.scatter[1][at] / share**2, 1e9)
         errors = [shown_from(price, x) for x in freedom.tolist()]
         return np.asarray(errors * np.sqrt(total))
 
@@ -348,11 +346,9 @@ def weigh_changes(
             usually[at], own = np.hypot(usually[at], spread), freedom[at]
             inflation, freedom = of_each(usually, np.arange(len(rms))).moderated
             freedom[at] = own
-        scatter = expected = inflation, freedom
+        scatter = inflation, freedom
     else:
-        found = of_each(usually, np.arange(len(rms)))
-        usually_more = (found.moderated[0] - 1.0) * (found.free > 0.5)
-        scatter, expected = found.alone, _inflated(usually_more, found.free)
+        scatter = of_each(usually, np.arange(len(rms))).alone
     of_all = [_reduced(cells, seen, prior, x) for x in (usually, 0.0 * usually)]
     (own, score), alike = [(g * np.outer(rms, rms), h * rms) for g, h, _ in of_all]
     factor = np.append(np.ones(first), rms)
@@ -361,7 +357,7 @@ def weigh_changes(
     number[seen.common] = np.arange(first)
     by_itself = np.where(alone, between * usual**2, 0.0)
     return Changes(
-        own, score, tuple(kept), alike, inflation, freedom, scatter, expected, by_itself, noise,
+        own, score, tuple(kept), alike, inflation, freedom, scatter, by_itself, noise,
         common, sizes, limit, apart, (moved * spread)[:, spread > 0.0], parts, on_both,
         number[changed], scale,
     )  # fmt: skip

@@ -114,7 +114,10 @@ def _change(change: Change) -> str:
 
 
 def _other(x: Size) -> str:
-    share = f' ({100.0 * x.value / abs(x.before):+.3g} %)' if x.before else ''
+    if not math.isfinite(x.high - x.low):
+        more = 'larger' if x.value > 0.0 else 'smaller'
+        return f'{x.name} is {more}, by how much these logs do not tell'
+    share = f' ({100.0 * x.value / abs(x.before):+.3g} %)' if x.before and not x.signed else ''
     return f'{x.name} by {quantity(x.value, x.unit)} {_ends(x)}{share}'
 
 
@@ -147,8 +150,9 @@ def _smallest(visible: tuple[Visible, ...], *, beside: bool) -> str:
     texts = []
     shown = [v for v in visible if v.size < math.inf]
     # What the machine file states comes before effects, which have no share; nan has no order.
-    shares = {id(v): v.size / abs(v.value) for v in shown if v.value and math.isfinite(v.value)}
-    for v in sorted(shown, key=lambda v: (math.isnan(v.value), shares.get(id(v), 0.0))):
+    shares = {id(v): v.size / abs(v.value) for v in shown
+              if v.value and math.isfinite(v.value) and not v.signed}  # fmt: skip
+    for v in sorted(shown, key=lambda v: (math.isnan(v.value), shares.get(id(v), math.inf))):
         share = f' ({figure(100.0 * shares[id(v)])} %)' if id(v) in shares else ''
         texts.append(f'{title_of(v.suspect)} {quantity(v.size, v.unit)}{share}')
     more = f' and {len(texts) - _LISTED} more' if len(texts) > _LISTED else ''

@@ -191,8 +191,11 @@ def _small(d: Diagnosis) -> str:
     """Return that a gap that counts is small; empty where it is not."""
     if d.evidence['size'] < d.evidence['material']:
         return ''
-    worst = max((g.share_of_output for g in d.per_drive.values()), default=math.inf)
-    return f'The gap is small, {of_output(worst, d.unit)}. ' if worst < _SMALL else ''
+    drives = d.per_drive.values()
+    worst = max((g.share_of_output for g in drives), default=math.inf)
+    # of a load or a pressure that stays the same the share would be as small as that is large
+    small = max([worst, *(g.share_of_change for g in drives)]) < _SMALL
+    return f'The gap is small, {of_output(worst, d.unit)}. ' * small
 
 
 def _answer(d: Diagnosis) -> tuple[str, str]:
@@ -207,9 +210,13 @@ def _answer(d: Diagnosis) -> tuple[str, str]:
         what = f'{shown} is missing: the residual is noise, in which a gap of {limit} would show'
         if facts.hidden:
             what = f'{shown} is missing above {limit}, but slow noise may hide more'
-        drives = d.per_drive.values()
-        noise = of_output(max(g.noise_floor / (g.torque_rms or math.inf) for g in drives), unit)
-        level = f'{level[:-1]}, at most {noise})'
+        shares = {x: g.noise_floor / (g.torque_rms or math.inf) for x, g in d.per_drive.items()}
+        level = f'{level[:-1]}, at most {of_output(max(shares.values()), unit)})'
+        # of their mean square
+        if lost := [x for x, share in shares.items() if share**2 > 0.5]:
+            of = f'nothing can be said of {joined(lost)}: neither the model nor what came before '
+            of += f'explains most of its {compared(unit)}'
+            what = capital(of) if len(lost) == len(shares) else f'{what}; {of}'
         return what, f'; the largest of a drive is {size:.2f} times the noise floor {level}.'
     share = of_output(d.per_drive[facts.worst].share_of_output, unit)
     gap = f'{size:.2f} times the noise floor, {share}'

@@ -155,13 +155,29 @@ def test_what_the_file_states_comes_before_effects_the_smallest_share_first():
         Visible(Suspect('effect', 'backlash', 'x_axis'), 'n', 1.0, 'm', math.nan),
         Visible(Suspect('parameter', 'x_axis.mass'), 'x_axis.mass', 1.0, 'kg', 10.0),
         Visible(Suspect('constant', 'gear_factor'), 'gear_factor', 0.1, '1/m', 100.0),
+        Visible(Suspect('parameter', 'load_angle'), 'load_angle', 0.5, 'rad', 7e-4, signed=True),
     ]
     for smallest in (each, each[::-1]):
         found = Comparison((), math.nan, tuple(smallest), (), (2, 2), False, 5.0, True)
         *_, said = sentences(found)
-        order = ['gear_factor', 'x_axis.mass', 'load_mass']
+        order = ['gear_factor', 'x_axis.mass', 'load_mass', 'load_angle 0.5 rad,']
         assert sorted(order, key=said.index) == order
-        assert said.index('load_mass') < min(said.index('Stribeck'), said.index('backlash'))
+        assert said.index('load_angle') < min(said.index('Stribeck'), said.index('backlash'))
+
+
+@pytest.mark.parametrize(
+    ('size', 'told'),
+    [
+        (Size('x', -0.8, -1.0, -0.6, 'N', -3.2, signed=True), 'x by -0.8 N ± 0.2.'),
+        (Size('x', -0.8, -1.0, -0.6, 'N', 3.2), 'x by -0.8 N ± 0.2 (-25 %).'),
+        (Size('x', -0.8, -math.inf, math.inf, 'N', 3.2),
+         'x is smaller, by how much these logs do not tell.'),
+    ],
+)  # fmt: skip
+def test_a_change_is_told_by_its_share_where_that_says_something(size, told):
+    change = Change(Suspect('parameter', 'x'), (size,), 30.0, ())
+    found = Comparison((change,), 0.9, (), (), (2, 2), False, 5.0, True)
+    assert f'Changed: {told}' in sentences(found)
 
 
 def test_friction_of_another_form_by_one_per_cent_is_no_change(tmp_path):
@@ -450,3 +466,29 @@ def test_a_load_is_one_change_of_an_arm(more, suspect, true, tmp_path):
     assert found.explained > 0.95
     units = {a.text.rpartition(' ')[2]: a.unit for a in found.apart if 'stroke' in a.text}
     assert units.pop('slide') == 'm' and {*units.values()} <= {'rad'}
+
+
+@pytest.mark.parametrize(('again', 'kept'), [(2.0, True), (12.0, False)])
+def test_a_fit_that_one_without_a_change_beats_begins_anew_from_there(monkeypatch, again, kept):
+    started = []
+
+    def fitted(now, sides, start, stopped):
+        started.append(start.tolist())
+        return find._Best(start, again)
+
+    monkeypatch.setattr(find, '_fitted', fitted)
+    whole = SimpleNamespace(
+        places_of=lambda at, name: [1], start=lambda base, theta, new: np.append(theta, new)
+    )
+    now = SimpleNamespace(sides=whole, theta=np.array([5.0, 0.7]))
+    column = SimpleNamespace(at=None, suspect=Suspect('parameter', 'x'))
+    less = [(SimpleNamespace(column=column), None, find._Best(np.array([3.0]), 4.0))]
+
+    def found(loss):
+        base = find._Best(now.theta, loss)
+        return find._escaped(now, less, lambda: base, lambda: False)
+
+    assert found(4.0) is None and not started
+    better = found(9.0)
+    assert started == [[3.0, 0.7]]
+    assert (better is not None) is kept

@@ -168,6 +168,57 @@ def test_controllers_stand_in_an_mjcf_where_the_actuators_stood(tmp_path: Path, 
     assert model.actuator_forcerange[own, 1].tolist() == [9.0] * 3
 
 
+def test_a_usd_of_an_mjcf_has_drives_in_the_place_of_actuators(tmp_path: Path, mujoco) -> None:
+    pytest.importorskip('mujoco_usd_converter', reason='the extra usd is not installed')
+    from pxr import Usd, UsdPhysics
+
+    found = content(in_mjcf(tmp_path, **BOXES, **ROTOR))
+    servo = Gains(40.0, 0.0, 3.0, 0.0)
+    own = {'base': {'gains': servo, 'limit': 9.0}, 'wrist': {'limit': 7.0}}
+    joints = [replace(joint, **own.get(joint.name, {})) for joint in found.joints]
+    shapes = tmp_path / 'shapes'
+    shapes.mkdir()
+    (shapes / 'cover.obj').write_text(
+        'v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n'
+    )
+    text = MJCF.replace('<compiler ', '<compiler meshdir="shapes" ').replace(
+        '<worldbody>',
+        '<asset><mesh name="lid" file="cover.obj"/><texture name="wood" type="2d" file="no.png"/>'
+        '<material name="wood" texture="wood"/></asset><worldbody>',
+    )
+    text = text.replace(
+        '<body name="cover" pos="0 0 0.1">',
+        '<body name="cover" pos="0 0 0.1"><geom type="mesh" mesh="lid" material="wood"/>',
+    ).replace(
+        '</mujoco>',
+        """<actuator><motor name="push" joint="slide" gear="50" forcerange="-3 3"/>
+        <position name="bend" joint="elbow" gear="-2" kp="30" kv="0.5"/></actuator></mujoco>""",
+    )
+    told = replace(found, joints=tuple(joints))
+    path, _ = write(tmp_path / 'out', ('usd',), told, text, tmp_path)['usd']
+    stage = Usd.Stage.Open(str(path))
+    prims = list(stage.Traverse())
+    there = {p.GetDisplayName() or p.GetName(): p for p in prims}
+    assert not [p for p in prims if p.GetTypeName() == 'MjcActuator']
+    assert [p.GetName() for p in prims if p.GetTypeName() == 'Mesh'] == ['lid']
+    assert str(tmp_path) not in path.read_text() and 'no.png' not in path.read_text()
+    expected = {'base': (9.0, 40.0, 3.0), 'slide': (150.0, 0.0, 0.0), 'wrist': (7.0, 0.0, 0.0),
+                'elbow': (np.inf, 120.0, 2.0)}  # fmt: skip
+    for joint in joints:
+        prim, turns = there[joint.name], joint.travel == 'rad'
+        degree, axis = (np.radians(1.0), 'angular') if turns else (1.0, 'linear')
+        assert prim.GetAttribute('newton:damping').Get() == pytest.approx(joint.viscous * degree)
+        assert prim.GetAttribute('newton:friction').Get() == pytest.approx(joint.coulomb)
+        assert prim.GetAttribute('newton:armature').Get() == pytest.approx(joint.armature)
+        drive = UsdPhysics.DriveAPI(prim, axis)
+        most, p, d = expected[joint.name]
+        assert drive.GetMaxForceAttr().Get() == pytest.approx(most)
+        assert drive.GetStiffnessAttr().Get() == pytest.approx(p * degree)
+        assert drive.GetDampingAttr().Get() == pytest.approx(d * degree)
+    for name, mass, *_ in told.inertials():
+        assert there[name].GetAttribute('physics:mass').Get() == pytest.approx(mass)
+
+
 class Servo:
     """A servo with a load on its arm, identified, and the same arm in MuJoCo."""
 

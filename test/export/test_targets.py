@@ -381,7 +381,7 @@ def test_a_usd_has_what_its_converter_leaves_out(tmp_path: Path) -> None:
 
 def test_a_usd_wants_its_converter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = content(described(tmp_path, **BOXES))
-    monkeypatch.setattr('ros2_ident.export.descriptions.can_write', lambda: False)
+    monkeypatch.setattr('ros2_ident.export.targets.find_spec', lambda _: None)
     text = (tmp_path / 'arm.urdf').read_text()
     assert 'usd' not in fitting(found, text)
     with pytest.raises(IdentError, match='`pip install urdf-usd-converter`'):

@@ -147,6 +147,12 @@ def test_the_gap_is_found_where_the_axis_reverses(found) -> None:
     assert all(finding.drive == 'lift' for finding in found.localisation)
 
 
+def test_a_load_that_stays_the_same_is_no_measure_of_a_gap(found) -> None:
+    # the lift holds its weight all along
+    (drive,) = found.per_drive.values()
+    assert drive.share_of_change > 1.2 * drive.share_of_output > 0.0
+
+
 def test_nothing_is_missing_where_nothing_is() -> None:
     found = diagnose(MACHINE, [recording(4)], [recording(5)], seed=3)
     assert found.effect == 'none'

@@ -11,9 +11,10 @@ import pytest
 from values import with_bounds
 
 from ros2_ident.gates import examine, GateReport
+from ros2_ident.gates.examine import examine_models
 from ros2_ident.identify.data import gather
-from ros2_ident.models import Machine
-from ros2_ident.recording import Recording, Stream
+from ros2_ident.models import Machine, machine_from_mapping, make_model
+from ros2_ident.recording import Dataset, Recording, Stream
 
 Change = Callable[[Recording], Recording]
 
@@ -197,3 +198,32 @@ def test_delays_of_less_than_a_cycle_are_looked_for_within_it(recwarn):
     machine = replace(axis(), constants={**axis().constants, 'cycle': (0.05,)})
     report_of('axis', both(seldom, times('effort', 3.0)), machine)
     assert [str(x.message) for x in recwarn] == []
+
+
+@pytest.mark.parametrize(('ripple', 'noise', 'told'), [(2e-3, 0.0, True), (2e-4, 2e-3, False)])
+def test_an_effort_that_is_faster_than_the_positions_tell_is_named(ripple, noise, told):
+    # cogging of order 72 at 6 rad/s, or noise, beside friction; readings are off by 0.3 mrad
+    machine = machine_from_mapping(
+        {
+            'machine': 'linear_axis',
+            'drives': ['motor'],
+            'effort_unit': 'N m',
+            'controller': {'cycle': 1e-3},
+            'parameters': {
+                'moving_mass': [0.0, 1e-4, 'kg m^2'],
+                'coulomb_friction': [0.0, 0.01, 'N m'],
+            },
+        }
+    )
+    rng, time = np.random.default_rng(6), 1e-3 * np.arange(8000)
+    speed = 6.0 * np.sign(np.sin(1.6 * time))
+    place = 1e-3 * np.cumsum(speed)
+    effort = 5e-4 * np.sign(speed) + ripple * np.sin(72.0 * place)
+    effort += noise * rng.normal(size=time.size)
+    seen = place + 3e-4 * rng.normal(size=time.size)
+    log = Dataset(('motor',), 1e-3, 0, None, None, seen[None], None, effort[None])
+    gates = examine_models([make_model(machine, log)]).of('too_fast')
+    assert bool(gates) == told
+    for gate in gates:
+        assert gate.level == 'warn' and gate.drive == 'motor' and gate.number > 0.8
+        assert 'faster than the recorded positions tell' in gate.sentence

@@ -76,6 +76,13 @@ def found(
             'negate the effort or the position of elbow, wrist in the driver, and state effort_u',
         ),
         (
+            {'factors': (-1.0, -1.0, -1.7, -2.4)},
+            'weight',
+            'fail',
+            -1.0,
+            'negate the effort or the position in the driver, or write base_roll: 3.14 where the',
+        ),
+        (
             {'base_roll': 1.2, 'base_pitch': 0.3},
             'tilt',
             'fail',

@@ -510,8 +510,12 @@ def test_what_was_identified_goes_back_into_the_mjcf(folder, tmp_path, tag) -> N
     values = {p.name: SOUGHT.get(p.name.rpartition('.')[2], 0.0) for p in problem.parameters}
     estimate = Estimate(values, {}, problem.drives, {}, '', Prior(deviations={}))
     found = content_of(problem, estimate, 0.3)
-    path, words = write(tmp_path / 'out', fitting(found, text), found, text, folder)['mjcf']
+    files = write(tmp_path / 'out', fitting(found, text), found, text, folder)
+    path, words = files['mjcf']
     assert words == ('MuJoCo has no place for torque_ripple of two',)
+    if 'usd' in files:
+        lost = 'torque_ripple of two and how late controllers take their set-points up'
+        assert files['usd'][1] == (f'USD has no place for {lost}',)
     assert 'actuatorfrclimited="false"' in path.read_text()
     with pytest.raises(IdentError, match='give --to mjcf'):
         write(tmp_path / 'none', ('isaac',), found, text)

@@ -13,6 +13,7 @@ from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.recording import read_bag, Topics
 from ros2_ident.recording.matlab import arrays_of
+from ros2_ident.recording.table import array_sizes
 
 h5py = pytest.importorskip('h5py', reason='h5py is not installed; `make setup` brings it')
 pyarrow = pytest.importorskip('pyarrow', reason='pyarrow is not installed; `make setup` brings it')
@@ -155,12 +156,12 @@ def npy(path, values):
 
 def of_fields(path, values):
     rows = [(*q, *tau) for q, tau in zip(values['q'], values['tau'], strict=True)]
-    np.save(path, np.array(rows, dtype=[(x, 'f8') for x in ('q0', 'q1', 'i0', 'i1')]))
+    np.save(path, np.array(rows, dtype=[(x, 'f8') for x in ('q0', 'q1', 'u0', 'u1')]))
 
 
 @pytest.mark.parametrize(
     ('write', 'names'),
-    [(npy, ('log[0]', 'log[1]', 'log[2]', 'log[3]')), (of_fields, ('q0', 'q1', 'i0', 'i1'))],
+    [(npy, ('log[0]', 'log[1]', 'log[2]', 'log[3]')), (of_fields, ('q0', 'q1', 'u0', 'u1'))],
 )
 def test_an_array_without_a_name_is_told_by_options(tmp_path, write, names):
     values = samples()
@@ -202,6 +203,58 @@ def test_a_folder_of_arrays_is_read_as_one_file_of_them(tmp_path, capsys, suffix
     (run / 'bag.mcap').write_bytes(b'')
     with pytest.raises(IdentError, match='is empty'):
         read_bag(run)
+
+
+@pytest.mark.parametrize(
+    ('first', 'second'),
+    [
+        ('t,pos_l,pos_r', 't,eff_l,eff_r'),  # one.csv and torque.csv, whose columns say it
+        ('t,l,r', 't,l,r'),  # position.csv and torque.csv, which say it themselves
+        ('l,r', 'l,r'),
+    ],
+)
+def test_tables_that_share_a_logs_quantities_are_read_as_one(tmp_path, capsys, first, second):
+    values, run = samples(), tmp_path / 'run'
+    run.mkdir()
+    timed = first.startswith('t')
+    names = ('one.csv' if 'pos' in first else 'position.csv', first), ('torque.csv', second)
+
+    def write(name, header, table, late=0.0):
+        own = [values['time'] + late] * timed
+        np.savetxt(run / name, np.column_stack([*own, table]), '%.17g', ',', header=header,
+                   comments='')  # fmt: skip
+
+    for (name, header), table in zip(names, (values['q'], values['tau']), strict=True):
+        write(name, header, table)
+    (run / 'README.txt').write_text('the second run')
+    words = ['new-machine', '--kind', 'serial', '--bag', str(run)]
+    words += [] if timed else ['--rate', '250']
+    assert main([*words, '--out', str(tmp_path / 'm.yaml')]) == 0
+    (read,) = read_bag(run)
+    assert read.state.names == ('l', 'r')
+    np.testing.assert_array_equal(read.state.position, values['q'])
+    np.testing.assert_array_equal(read.effort.effort, values['tau'])
+    if timed:
+        write(*names[1], values['tau'], late=1e-3)
+        with pytest.raises(IdentError, match='is another time than that of the other tables'):
+            read_bag(run)
+    # the same quantity twice is two logs
+    write('torque.csv', names[0][1].replace('l,r', 'pos_l,pos_r'), values['q'])
+    write(names[0][0], names[0][1].replace('l,r', 'pos_l,pos_r'), values['q'])
+    with pytest.raises(IdentError, match='or one table'):
+        read_bag(run)
+
+
+def test_a_log_may_be_the_folder_in_which_one_is(tmp_path, monkeypatch):
+    values, run = samples(), tmp_path / 'run'
+    run.mkdir()
+    for name in ('q', 'tau', 'time'):
+        np.save(run / name, values[name])
+    monkeypatch.chdir(run)
+    words = ['new-machine', '--kind', 'serial', '--bag', '.', '--out', str(tmp_path / 'm.yaml')]
+    assert main(words) == 0
+    assert (tmp_path / 'run.columns.yaml').exists()
+    assert equal(read_bag('.'), read_bag(run))
 
 
 def test_arrays_with_a_row_for_each_quantity_are_to_be_turned_over(tmp_path, capsys):
@@ -361,6 +414,42 @@ def test_several_structures_of_matlab_are_called_by_what_tells_them_apart(tmp_pa
         'time: {column: rec.X.Data, unit: s}\njoints:\n  a:\n'
         f"    command_position: '{names[0]}'\n    position: '{names[1]}'\n"
         f"    effort: '{names[2]}'\n"
+    )
+    (log,) = read_bag(tmp_path / 'log.mat')
+    assert np.array_equal(log.state.position[:, 0], 2.0 * wave)
+    assert np.array_equal(log.effort.effort[:, 0], 3.0 * wave)
+
+
+@pytest.mark.parametrize('told', TOLD)
+def test_structures_of_matlab_7_3_are_called_as_those_of_level_5(tmp_path, told):
+    texts, called = TOLD[told]
+    wave = np.sin(0.1 * np.arange(ROWS))
+    with h5py.File(tmp_path / 'log.mat', 'w', userblock_size=512) as file:
+        fields = {x: [] for x in (*texts[0], 'Data')}
+        for k, row in enumerate(texts, 1):
+            for name, value in {**row, 'Data': k * wave}.items():
+                at = f'#refs#/{name}{k}'
+                if isinstance(value, str):
+                    codes = np.array([*map(ord, value)], dtype='u2')[:, None]
+                    file[at] = codes
+                    file[at].attrs['MATLAB_class'] = np.bytes_('char')
+                else:
+                    file[at] = np.reshape(value, (-1, 1)).astype(float)
+                fields[name].append(file[at].ref)
+        for name, links in fields.items():
+            file.create_dataset(f'rec/Y/{name}', data=np.array(links, dtype=h5py.ref_dtype))
+        file['rec/X/Data'] = 0.02 * np.arange(ROWS)[:, None]
+        cell = file.create_dataset('c', data=np.array(fields['Data'][:2], dtype=h5py.ref_dtype))
+        cell.attrs['MATLAB_class'] = np.bytes_('cell')
+    with (tmp_path / 'log.mat').open('r+b') as stream:
+        stream.write(b'MATLAB 7.3 MAT-file, Platform: GLNXA64')
+    names = [f'rec.Y{x}.Data' for x in called.split()]
+    sizes = array_sizes(tmp_path / 'log.mat')
+    assert {x for x in sizes if x.endswith('.Data')} == {'rec.X.Data', *names}
+    assert {x for x in sizes if '.' not in x} == {'c[0]', 'c[1]'}
+    (tmp_path / 'log.columns.yaml').write_text(
+        'time: {column: rec.X.Data, unit: s}\njoints:\n  a:\n'
+        f"    position: '{names[1]}'\n    effort: '{names[2]}'\n"
     )
     (log,) = read_bag(tmp_path / 'log.mat')
     assert np.array_equal(log.state.position[:, 0], 2.0 * wave)

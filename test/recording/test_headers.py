@@ -48,12 +48,17 @@ def test_each_column_is_read_as_what_its_name_says(header):
         ('torque / mNm', 1e-3), ('motor position, counts', math.nan), ('speed in deg/s', DEGREE),
         ('speed_dps', DEGREE), ('vel_rps', TURN), ('velDegPerSec', DEGREE),
         ('speedRpm', TURN / 60.0),
+        ('velocity (mm/min)', 1e-3 / 60.0), ('speed_kmh', 1 / 3.6), ('speed km/h', 1 / 3.6),
+        ('Speed rpm', TURN / 60.0), ('speed m/s', 1.0), ('torque mNm', 1e-3),
+        ('vel_rev_per_min', TURN / 60.0), ('speed_mps', 1.0), ('vel_rad_sec', 1.0),
+        ('speed [m/min]', 1 / 60.0), ('pos [inch]', 0.0254), ('speed_meters_per_sec', 1.0),
         ('velocity_degrees_per_second', DEGREE), ('current_milliamps', 1e-3), ('posMm', 1e-3),
     ],
 )  # fmt: skip
 def test_a_unit_is_a_factor_or_has_to_be_asked_for(name, scale):
     (found,) = meanings([name])
     assert found.scale == pytest.approx(scale, nan_ok=True)
+    assert found.joint in ('joint_1', 'motor')  # no unit is a joint
 
 
 @pytest.mark.parametrize(
@@ -156,6 +161,31 @@ def test_a_scale_of_one_is_a_scale_that_is_stated(tmp_path):
     assert header.map()['joints'] == {'joint_1': {'position': 'pos', 'effort': 'i [A]'}}
 
 
+@pytest.mark.parametrize(
+    ('name', 'unit'),
+    [
+        *[(x, 'A') for x in ('Iq', 'Present Current', 'axis0.motor.foc.Iq_measured', 'Strom X')],
+        *[(x, 'A') for x in ('i_measured', 'motorCurrentAmps', 'cur2')],
+        ('current_milliamps', 'milliamps'), ('i [%]', '%'),
+        *[(x, '') for x in ('current_torque', 'torque', 't_actual', 'current_position', 'load')],
+    ],
+)  # fmt: skip
+def test_a_current_is_in_ampere_where_no_unit_is_stated(name, unit):
+    (found,) = meanings([name])
+    assert (found.unit, found.quantity) == (unit, 'position' if 'pos' in name else 'effort')
+
+
+def test_a_current_is_no_torque_of_a_drive_until_its_owner_says_so(tmp_path, capsys):
+    rows(tmp_path / 'log.csv', 'Time,Position,Iq', '{t},{a},{b}')
+    words = ['new-machine', '--kind', 'linear_axis', '--bag', str(tmp_path / 'log.csv')]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert 'say how many N m or N one is: --column' in said
+    assert 'by 1 masses and friction come divided by it' in said
+    words += ['--column', 'Iq=joint_1.effort*0.025', '--out', str(tmp_path / 'm.yaml')]
+    assert main(words) == 0
+
+
 def test_an_effort_of_a_joint_that_no_column_moves_is_refused(tmp_path):
     rows(tmp_path / 'log.csv', 'time,q11,Im1 (A)', '{t},{a},{b}')
     with pytest.raises(IdentError, match="effort of 'joint_1', which no .* one of joint_11"):
@@ -252,6 +282,48 @@ def test_what_has_no_set_point_beside_others_is_no_servo(tmp_path, capsys):
     assert main(['new-machine', '--kind', 'servo', '--bag', str(log), '--out', str(out)]) == 0
     assert "- (no effort and no set-point of 'hip_delta')" in capsys.readouterr().err
     assert read_bag(log)[0].state.names == ('hip',)
+
+
+def test_joints_of_options_are_in_the_order_of_these(tmp_path, capsys):
+    log, out = tmp_path / 'log.csv', tmp_path / 'm.yaml'
+    rows(log, 'time,q_up,q_base,tau_base,tau_up', '{t},{a},{b},{b},{a}')
+    words = ['new-machine', '--kind', 'serial', '--bag', str(log), '--out', str(out)]
+    assert main([*words, '--column', 'q_base=base.position', '--column', 'q_up=up.position']) == 0
+    assert load_machine(out).drives == read_bag(log)[0].state.names == ('base', 'up')
+    assert "state its geometry, which is an example's, change" in capsys.readouterr().out
+
+
+def test_joints_with_numbers_are_offered_the_names_of_the_description(tmp_path, capsys):
+    log, out, arm = tmp_path / 'log.csv', tmp_path / 'm.yaml', tmp_path / 'arm.urdf'
+    rows(log, 'time,q1,q2,tau1,tau2', '{t},{a},{b},{b},{a}')
+    link = '<link name="l{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+    link += 'ixz="0" iyz="0"/></inertial></link>'
+    joint = '<joint name="{0}" type="continuous"><parent link="l{1}"/><child link="l{2}"/></joint>'
+    names = ('left hip', 'knee')
+    parts = [*(link.format(n) for n in range(3)), *map(joint.format, names, (0, 1), (1, 2))]
+    arm.write_text(f'<robot name="leg">{"".join(parts)}</robot>')
+    words = ['new-machine', '--description', str(arm), '--bag', str(log), '--out', str(out)]
+    assert main([*words, '--kind', 'serial']) == 2
+    said = capsys.readouterr().err.partition('in the order of the joints? if so, give ')[2]
+    assert main([*words, '--kind', 'serial', *shlex.split(said.splitlines()[0])]) == 0
+    assert load_machine(out).drives == names
+
+
+@pytest.mark.parametrize(
+    ('units', 'stands'), [('[mm] [deg]', False), ('[mm] [mm]', True), ('[deg] [deg]', True)]
+)
+def test_strokes_of_different_units_are_not_compared(tmp_path, capsys, units, stands):
+    # a table's 57 mm beside its spindle's fourteen turns
+    log = tmp_path / 'log.csv'
+    first, second = units.split()
+    time = 0.01 * np.arange(500)
+    table = np.stack([time, 28.5 * np.sin(time), np.cos(time), 4977 * time, np.sin(time)], axis=1)
+    header = f'time,x_pos {first},x_torque [Nm],spindle_pos {second},spindle_torque [Nm]'
+    np.savetxt(log, table, delimiter=',', header=header, comments='')
+    chart = yaml.safe_dump(header_of(log).map(), sort_keys=False)
+    (tmp_path / 'log.columns.yaml').write_text(chart)
+    main(['check', str(log)])
+    assert ('x: stood still' in capsys.readouterr().out) == stands
 
 
 def test_a_motion_alone_is_refused(tmp_path, capsys):

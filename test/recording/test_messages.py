@@ -560,6 +560,30 @@ def test_joint_states_of_foxglove_need_no_map(tmp_path, form):
     assert (mapped.state.stamp == read.state.stamp).all()
 
 
+@pytest.mark.parametrize('fields', ['position effort', 'position velocity effort'])
+def test_joint_states_of_ros_in_json_are_those_of_their_bytes(tmp_path, fields):
+    # as recorders in Python write them; what was not measured is an empty list
+    q, dq, tau, _ = truth(2)
+    rows = []
+    for k in range(SAMPLES):
+        when = START + k * STEP
+        stamp = {'sec': when // 10**9, 'nanosec': when % 10**9}
+        tables = {'position': q, 'velocity': dq, 'effort': tau}
+        told = {x: y[k].tolist() if x in fields and k % 9 else [] for x, y in tables.items()}
+        told['position'] = q[k].tolist()
+        data = {'header': {'stamp': stamp, 'frame_id': ''}, 'name': ['a', 'b'], **told}
+        rows.append(('/joint_states', when, json.dumps(data).encode()))
+    path = tmp_path / 'log.mcap'
+    write_mcap(path, 'sensor_msgs/msg/JointState', 'jsonschema', b'{}', rows, 'json')
+    (read,) = read_bag(path)
+    assert not read.warnings
+    there = np.arange(SAMPLES) % 9 > 0
+    np.testing.assert_array_equal(read.state.position, q)
+    np.testing.assert_array_equal(read.state.effort[there], tau[there])
+    assert np.isnan(read.state.effort[~there]).all()
+    assert (read.state.velocity is None) == ('velocity' not in fields)
+
+
 def test_json_without_values_or_with_an_absurd_time_is_answered(tmp_path):
     path = tmp_path / 'log.mcap'
     for joints, second, said in (

@@ -199,6 +199,16 @@ def test_excitation():
     assert ', 1 reversals' in once.of('few_reversals')[0].sentence
 
 
+@pytest.mark.parametrize('cells', [1e-6 * RNG.normal(size=TIME.size), 1e-3 * (TIME > 4.0)])
+def test_what_the_readings_of_a_joint_at_rest_make_is_no_motion(cells):
+    # the noise of an arm's encoders, or a count to and fro
+    report = check([recording(position=0.7 + cells)])
+    assert len(report.of('no_motion')) == 1
+    assert not {'excitation', 'velocity', 'effort', 'effort_unexplained'} & codes(
+        report, 'ok', 'warn', 'error'
+    )
+
+
 def test_of_several_recordings_that_counts_which_excites_a_drive_best():
     once, well = recording(position=np.sin(0.4 * TIME), velocity=None), recording()
     still = recording(position=np.zeros(TIME.size), velocity=None)

@@ -108,7 +108,10 @@ def test_a_file_of_several_drives_states_the_unit_of_the_log(tmp_path, capsys):
     assert main(words) == 0
     machine = load_machine(out)
     assert machine.effort_unit == 'A' and machine.drives == ('a', 'b')
-    assert '; state its torque_constant, as efforts are in A, ch' in capsys.readouterr().out
+    assert (
+        '; state its torque_constant, as efforts are in A, state its geom'
+        in capsys.readouterr().out
+    )
 
 
 def test_the_torque_constant_of_a_servo_is_a_parameter_of_its_own(tmp_path, capsys):
@@ -120,7 +123,7 @@ def test_the_torque_constant_of_a_servo_is_a_parameter_of_its_own(tmp_path, caps
 
 
 def test_the_file_of_a_carriage_says_that_its_effort_is_a_force(tmp_path, capsys):
-    log, out = logged(tmp_path, '', 'time,pos,current'), tmp_path / 'm.yaml'
+    log, out = logged(tmp_path, '', 'time,pos,effort'), tmp_path / 'm.yaml'
     assert new_machine(log, out, '--travel', 'm') == 0
     assert 'effort_unit: N\n' in out.read_text()
     assert main(['check', '--machine', str(out)]) == 0

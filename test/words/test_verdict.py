@@ -39,6 +39,20 @@ def test_an_interval_is_told_by_its_ends_where_its_halves_differ(value, low, hig
     assert interval(value, low, high) == told
 
 
+def test_of_an_effort_that_is_mostly_unexplained_it_is_not_said_that_nothing_is_missing():
+    found = diagnosed()
+    drives, facts = found.per_drive, replace(found.facts, cause=Cause.NONE)
+    found = replace(found, facts=facts, evidence={**found.evidence, 'size': 0.1})
+    assert 'is missing: the residual is noise' in words.sentence(found)
+    noisy = {x: replace(g, noise_floor=0.75 * g.torque_rms) for x, g in drives.items()}
+    one = words.sentence(replace(found, per_drive={**drives, 'drive_2': noisy['drive_2']}))
+    assert 'is missing: the residual is noise' in one
+    assert '; nothing can be said of drive_2: neither the model nor what came before' in one
+    both = words.sentence(replace(found, per_drive=noisy))
+    assert both.startswith('Nothing can be said of drive_1 and drive_2: neither the model nor')
+    assert 'missing' not in both.split(';')[0] and 'at most 75 % of the effort' in both
+
+
 @pytest.mark.parametrize(
     ('effects', 'headline', 'all_of_it'),
     [
@@ -90,6 +104,9 @@ def test_a_small_gap_is_called_small():
     small = {n: replace(g, share_of_output=0.0048) for n, g in found.per_drive.items()}
     said = words.headline(replace(found, per_drive=small))
     assert said == f'The gap is small, 0.48 % of the effort. {ONE}.'
+    # a load that stays the same makes no gap small
+    held = {n: replace(g, share_of_change=0.3) for n, g in small.items()}
+    assert words.headline(replace(found, per_drive=held)) == f'{ONE}.'
 
 
 def test_advice_tells_effects_apart_and_lists_those_not_visible():
