@@ -3,6 +3,7 @@
 
 from collections.abc import Sequence
 import importlib
+from importlib.util import find_spec
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -44,7 +45,9 @@ def usd(text: str, content: Content) -> str:
     usdex.core.activateDiagnosticsDelegate()  # or every step is told on the terminal
     usdex.core.setDiagnosticsLevel(usdex.core.DiagnosticsLevel.eError)
     kind = 'urdf' if described else 'mjcf'
-    converter = importlib.import_module(CONVERTERS[kind]).Converter
+    # Either brings schemas, which count from before the first stage of a process.
+    there = [name for name in CONVERTERS.values() if find_spec(name)]
+    converter = {name: importlib.import_module(name).Converter for name in there}[CONVERTERS[kind]]
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'robot.xml'
         path.write_bytes(ET.tostring(root, encoding='utf-8'))
