@@ -53,7 +53,9 @@ def keep_all(store: Store, folder: str | Path, rows: Sequence[Mapping[str, Any]]
     keep_seals(store, to)
     labels = keep_labels(store, to)
     short = [{**row, 'ranking': row.get('ranking', [])[:RANKED]} for row in rows]
-    write_text(to / TABLE, ''.join(json.dumps(row) + '\n' for row in short), replace=True)
+    table = ''.join(json.dumps(row) + '\n' for row in short)
+    # What a command said names folders of the machine that ran it.
+    write_text(to / TABLE, table.replace(f'{store.root.resolve()}/', ''), replace=True)
     write_json(to / 'run.json', about)
     write_json(to / FIGURES, _judge(labels)[1](short))
     return to
