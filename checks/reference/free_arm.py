@@ -3,8 +3,8 @@
 
 Mass matrix and load column by column from recursive Newton-Euler in the base's frame (`arm.py`),
 linear systems by numpy, friction at rest by rounds until nothing changes. What the fast model and
-this have in common is the scheme: both take the links at a step's predicted middle and integrate
-over it with the classical Runge-Kutta formulas, so that they agree to rounding.
+this have in common is the scheme: both take the links at the mean of a step's predicted motion and
+integrate over it with the classical Runge-Kutta formulas, so that they agree to rounding.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,6 +52,9 @@ class FreeArm:
     cycle: float
     steps: int
     integral: Array = field(init=False)
+    light: Array = field(init=False)
+    load: Array = field(init=False)
+    last: float = field(init=False)
 
     def links(self, place: Array, rate: Array) -> tuple[Array, Array]:
         """Return mass matrix (D, D) and load (D,) of the links at the motors."""
@@ -73,10 +76,13 @@ class FreeArm:
             rate: (D,) their rates.
         """
         wanted, place, rate = self.motors @ target, self.motors @ place, self.motors @ rate
-        _, load = self.links(place, np.zeros_like(rate))
+        load = self.links(place, np.zeros_like(rate))[1]
         first = self.gains[0] * (wanted[:, 0] - place)
         holding = np.where(self.gains[2] > 0.0, load + self.constant - first, 0.0)
         self.integral, bend = holding, np.zeros_like(place)
+        mass, self.load = self.links(place, np.zeros_like(rate))
+        self.light = np.asarray(np.linalg.inv(mass + np.diag(self.rotor)))
+        self.last = np.inf
         positions, efforts = np.empty_like(target), np.empty_like(target)
         for k in range(target.shape[1]):
             # Friction that may turn over or let go is looked at more often.
@@ -87,7 +93,7 @@ class FreeArm:
                 torque = self._law(wanted[:, k], place, rate)
                 if step == 0:
                     positions[:, k], efforts[:, k] = place, torque
-                place, rate, bend = self._step(torque, wanted[:, k], place, rate, bend, h)
+                place, rate, bend = self._step(torque, wanted[:, k], place, rate, h)
         return np.linalg.inv(self.motors) @ positions, efforts
 
     def _law(self, wanted: Array, place: Array, rate: Array) -> Array:
@@ -96,60 +102,84 @@ class FreeArm:
         return np.asarray(self.gains[0] * error - self.gains[1] * rate + self.integral)
 
     def _step(
-        self, torque: Array, wanted: Array, place: Array, rate: Array, bend: Array, h: float
+        self, torque: Array, wanted: Array, place: Array, rate: Array, h: float
     ) -> tuple[Array, Array, Array]:
         """Return positions, rates and accelerations after a step of `h` seconds."""
-        middle = place + 0.5 * h * rate + 0.125 * h * h * bend
-        mass, load = self.links(middle, rate + 0.5 * h * bend)
-        light = np.linalg.inv(mass + np.diag(self.rotor))
         growth = self.gains[2] * h * (wanted - place - 0.5 * h * rate)
         torque = torque + 0.5 * growth
-        pushed = torque - self.constant - load - self.viscous * rate
-        friction = self.coulomb * np.copysign(1.0, rate)
+        pushed = torque - self.constant - self.viscous * rate
+        against = self.coulomb * np.copysign(1.0, rate)
+        brake = self.gains[1] + self.viscous
+        # The mean of the motion, by the links of the step before.
+        begun = self.light @ (pushed - against - self.load)
+        rests = (rate + h * begun) * np.copysign(1.0, rate) < 0.0
+        rests |= np.abs(rate) <= _RESTS * h
+        begun = np.where(rests, -rate / h, begun)
+        jerk = -self.light @ (self.gains[0] * rate + brake * begun)
+        passed = place + h / 2.0 * rate + h**2 / 6.0 * begun + h**3 / 24.0 * jerk
+        mass, load = self.links(passed, rate + h / 2.0 * begun + h**2 / 6.0 * jerk)
+        light = np.asarray(np.linalg.inv(mass + np.diag(self.rotor)))
+        grown = h / (h + self.last)
+
+        def further(force: Array) -> Array:
+            """Return by how much a force is answered otherwise at the step's ends."""
+            before = self.light @ (force - self.load)
+            return np.asarray(grown * (light @ (force - load) - before))
+
         # Controllers answer within the step, to positions and, implicitly, to rates.
         answer = 0.5 * h * self.gains[0] * rate
-        reached = rate + h * light @ (pushed - friction - answer)
-        if (reached * np.copysign(1.0, rate) < 0.0).any():
-            brake = 0.5 * h * (self.gains[1] + self.viscous)
-            slowing = np.asarray(h * np.linalg.inv(mass + np.diag(self.rotor + brake)))
-            friction = self._held(rate + slowing @ (pushed - answer), slowing)
-            # Friction of a motor that goes back all the same turns over on the way.
-            back = (np.abs(friction) >= self.coulomb) & (friction * rate < 0.0)
-            share = np.minimum(np.abs(rate) / np.maximum(np.abs(rate - reached), 1e-300), 1.0)
-            friction = np.where(back, friction * (1.0 - 2.0 * share), friction)
+        reached = rate + h * light @ (pushed - load - against - answer)
+        friction, moved = against, np.zeros_like(place)
+        back = reached * np.copysign(1.0, rate) < 0.0
+        if back.any():
+            slowing = np.asarray(h * np.linalg.inv(mass + np.diag(self.rotor + 0.5 * h * brake)))
+            free = rate + slowing @ (pushed - load - answer)
+            friction, share = self._held(rate, free, slowing)
+            moved = 0.5 * h * h * light @ (share * (friction - against))
         start, first = place, rate
 
-        def bent(at: Array, speed: Array) -> Array:
+        def force(at: Array, speed: Array) -> Array:
             law = torque - self.gains[0] * (at - start) - self.gains[1] * (speed - first)
-            left = law - self.constant - load - friction - self.viscous * speed
-            return np.asarray(light @ left)
+            return np.asarray(law - self.constant - friction - self.viscous * speed)
 
         half = 0.5 * h
         self.integral = self.integral + growth
-        a = bent(place, rate)
-        b = bent(place + half * rate, rate + half * a)
-        c = bent(place + half * rate + half * half * a, rate + half * b)
-        d = bent(place + h * rate + h * half * b, rate + h * c)
-        place = place + h * rate + h * h / 6.0 * (a + b + c)
+        a = light @ (force(place, rate) - load) - further(force(place, rate))
+        b = light @ (force(place + half * rate, rate + half * a) - load)
+        c = light @ (force(place + half * rate + half * half * a, rate + half * b) - load)
+        last = force(place + h * rate + h * half * b, rate + h * c)
+        d = light @ (last - load) + further(last)
+        self.light, self.load, self.last = light, load, h
+        place = place + h * rate + h * h / 6.0 * (a + b + c) + moved
         return place, rate + h / 6.0 * (a + 2.0 * b + 2.0 * c + d), d
 
-    def _held(self, free: Array, slowing: Array) -> Array:
-        """Return friction (D,): as much of it as stops a motor, all of it of those it cannot.
+    def _held(self, rate: Array, free: Array, slowing: Array) -> tuple[Array, Array]:
+        """Return friction and for which share of the step it is against the motion, both (D,).
+
+        It is as much as stops a motor, and all of it of those it cannot. Until a motor stops it is
+        against the motion.
 
         Args:
+            rate: (D,) rates at the step's beginning.
             free: (D,) rates at the step's end without it.
             slowing: (D, D) by how much friction slows them.
         """
-        friction = self.coulomb * np.sign(free)
+        friction, share = self.coulomb * np.sign(free), np.ones_like(free)
         for _ in range(_ROUNDS):
             before = friction.copy()
             for d in range(free.size):
                 left = free[d] - slowing[d] @ friction
+                against = np.copysign(self.coulomb[d], rate[d])
+                reached = left + slowing[d, d] * (friction[d] - against)
+                turns = reached * np.copysign(1.0, rate[d]) < 0.0
+                share[d] = abs(rate[d]) / abs(rate[d] - reached) if turns else 1.0
+                room = (1.0 - share[d]) * self.coulomb[d]
                 wanted = friction[d] + left / slowing[d, d]
-                friction[d] = min(self.coulomb[d], max(-self.coulomb[d], wanted))
+                middle = share[d] * against
+                friction[d] = np.clip(wanted, middle - room, middle + room)
             if np.abs(friction - before).max() <= _SETTLED * max(1e-300, self.coulomb.max()):
                 break
-        return friction
+        return friction, share
 
 
 def free_arm(machine: Machine, parameters: Mapping[str, float], steps: int) -> FreeArm:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """An arm under its controllers, all joints coupled, a block of candidates at once.
 
-A joint and its motor are one mass. Mass matrix and load of the links are taken once a step, at its
-predicted middle (error of second order), and the joints are integrated over it by a Runge-Kutta
-step of fourth order. A set-point holds for a cycle; what controllers ask changes with the motion,
-also where it is asked whether friction stops a joint within the step.
+A joint and its motor are one mass. Mass matrix and load of the links are taken once a step, at the
+mean of its predicted motion, and change over it as they did since the step before (error of second
+order); the joints are integrated over it by a Runge-Kutta step of fourth order. A set-point holds
+for a cycle; what controllers ask changes with the motion, also where it is asked whether friction
+stops a joint within the step.
 """
 # mypy: ignore-errors
 
@@ -23,7 +24,6 @@ from ros2_ident.lanes import (
     kernel,
     load,
     maximum,
-    minimum,
     parted,
     spread,
     store,
@@ -40,15 +40,15 @@ W = WIDTH
 ROUNDS, SETTLED = 64, 1e-9
 # Where friction of a joint may turn over or let go, a cycle has so many times as many steps: the
 # instant is known to a step, and the error of what follows falls with its square. A joint rests
-# where it is slower than this acceleration [rad/s^2 or m/s^2] makes it in a cycle. Both by hand.
+# where it is slower than this acceleration [rad/s^2 or m/s^2] makes it in so long. Both by hand.
 FINER, RESTS = 2, 1e-3
 # Numbers of each joint that only a step needs, see `_step`.
-_OF_STEP = 9 + rk.STAGES
+_OF_STEP = 11 + rk.STAGES
 
 
 def sizes(drives: int) -> tuple[int, int]:
     """Return how many numbers of a block go on from a part of the log to the next, and of room."""
-    state = drives * (4 + MEMORY_COUNT + measurement.KEPT)
+    state = drives * (5 + drives + MEMORY_COUNT + measurement.KEPT) + 1
     own = drives * (_OF_STEP + drives + (1 + measurement.MOTIONS) * measurement.PIECE + ROOM)
     return W * state, W * (state + own + measurement.ROOM)
 
@@ -188,17 +188,27 @@ def _bent(inverse, push, asked, d, size):
     return total
 
 
+@inlined
+def _times(inverse, forces, d, size):
+    """Return what forces change of the acceleration of joint `d`."""
+    total = spread(0.0)
+    for e in range(len(size)):
+        total = total + load(inverse, (d * len(size) + e) * W) * load(forces, e * W)
+    return total
+
+
 @called
 def _hold(
-    par, mem, on, mode, place, rate, carried, aim, push, pulls, most, inverse, asked, size, time,
-    since, h,
+    par, mem, on, mode, place, rate, carried, aim, shares, push, pulls, most, inverse, asked, size,
+    time, since, h,
 ):  # fmt: skip
-    """Write the directions of friction, -1..1, over a step of `h` seconds.
+    """Write the mean directions of friction, -1..1, over a step of `h` seconds.
 
-    Those that stop as many joints at the step's end as friction can, all of them together:
-    Coulomb's set-valued law in an implicit Euler step, by projected Gauss-Seidel. Source:
-    Kikuuwe et al., Fixed-step friction simulation, IROS 2005. Room: `push`, `pulls` and `most`,
-    for the largest friction [N m or N].
+    For a share of it, written to `shares`, friction is against the motion at its beginning; from
+    there on it stops as many joints at the step's end as it can, all of them together: Coulomb's
+    set-valued law in an implicit Euler step, by projected Gauss-Seidel. Source: Kikuuwe et al.,
+    Fixed-step friction simulation, IROS 2005. Room: `push`, `pulls` and `most`, for the largest
+    friction [N m or N].
     """
     drives = len(size)
     zero = spread(0.0)
@@ -221,11 +231,18 @@ def _hold(
         turn += 1
         turned = zero > zero
         for d in range(drives):
-            limit = load(most, d * W)
+            v, limit = load(rate, d * W), load(most, d * W)
             own = h * load(inverse, (d * drives + d) * W)
-            old = load(aim, d * W) * limit
-            wanted = old + load(pulls, d * W) / where(own > zero, own, spread(1.0))
-            new = clip(wanted, -limit, limit)
+            old, end = load(aim, d * W) * limit, load(pulls, d * W)
+            against = with_sign(limit, v)
+            # Until it stops friction is against the motion; that it could turn back tells when.
+            reached = end + own * (old - against)
+            share = absolute(v) / maximum(absolute(v - reached), spread(1e-300))
+            share = where(reached * with_sign(spread(1.0), v) < zero, share, spread(1.0))
+            store(shares, d * W, share)
+            left = (1.0 - share) * limit
+            wanted = old + end / where(own > zero, own, spread(1.0))
+            new = clip(wanted, share * against - left, share * against + left)
             turned = turned | (absolute(new - old) > SETTLED * limit)
             share = new / maximum(limit, spread(1e-300))
             store(aim, d * W, where(limit > zero, share, load(aim, d * W)))
@@ -238,12 +255,13 @@ def _hold(
 @inlined
 def _step(
     par, base, mem, on, mode, law, cycle, command, ahead, motion, delayed, tree, place, rate,
-    drift, carried, room, torques, k, time, since, step, active,
+    drift, carried, last, room, torques, k, time, since, step, active,
 ):  # fmt: skip
     """Integrate over `step` seconds from `since` seconds into cycle `k` on, in active lanes.
 
-    `drift` holds the accelerations at the end of the step before, `carried` what the gears carry;
-    `torques` gets what the controllers ask for at its beginning.
+    `drift` holds the accelerations at the end of the step before, `carried` what the gears carry,
+    `last` the step before: its length, inverse of the mass matrix, and load; `torques` gets what
+    the controllers ask for at its beginning.
     """
     size = tree.size
     drives = len(size)
@@ -256,27 +274,16 @@ def _step(
     first, rest = parted(rest, drives)
     commanded, rest = parted(rest, drives)
     mean, rest = parted(rest, drives)
+    slope, rest = parted(rest, drives)
+    early, rest = parted(rest, drives)
     bend, rest = parted(rest, rk.STAGES * drives)
     inverse, links = parted(rest, drives * drives)
     zero = spread(0.0)
     h = where(active, step, zero)
     half = 0.5 * h
+    before, there = parted(last[W:], drives * drives)
     for d in range(drives):
-        v = load(rate, d * W)
-        a = load(drift, d * W)
-        middle = load(place, d * W) + half * (v + 0.5 * half * a)
-        store(spare, d * W, _of_links(par, d, middle))
-        store(first, d * W, v + half * a)
-        store(aim, d * W, with_sign(spread(1.0), v))
-    mass_and_load(par, base, tree, spare, first, inverse, asked, links)
-    for d in range(drives):
-        mass = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.motor_mass) * W)
-        store(inverse, (d * drives + d) * W, load(inverse, (d * drives + d) * W) + mass)
-    _prescribed(mode, motion, k, count, inverse, asked, size)
-    heavy = links[: drives * drives * W]
-    copied(inverse, heavy)
-    inverted(inverse, size, spare)
-    for d in range(drives):
+        store(aim, d * W, with_sign(spread(1.0), load(rate, d * W)))
         if mode[d] == dk.CLOSED_LOOP:
             torque = dk.control(
                 par, MACHINE_COUNT + d * DRIVE_COUNT, mem, d * MEMORY_COUNT, on[d], law[d], cycle,
@@ -288,8 +295,44 @@ def _step(
     # Friction against the motion is right where no joint turns over. Controllers answer to the
     # motion within the step: to the positions as the rates have it, to the rates implicitly.
     _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, time, since)
+    # Accelerations, and their change by the controllers, by the links of the step before; of a
+    # joint that comes to rest those that bring it there.
     for d in range(drives):
-        store(bend, d * W, _bent(inverse, push, asked, d, size))
+        v, a = load(rate, d * W), load(drift, d * W)
+        if mode[d] == dk.CLOSED_LOOP:
+            a = _bent(before, push, there, d, size)
+        store(slope, d * W, a)
+        stops = ((v + h * a) * load(aim, d * W) < zero) | (absolute(v) <= RESTS * h)
+        a = where(stops, -v / step, a)
+        store(first, d * W, a)
+        further, faster = _answer(par, mode, torques, d)
+        store(mean, d * W, further * v + faster * a)
+    third = h * (1.0 / 3.0)
+    for d in range(drives):
+        v, a = load(rate, d * W), load(first, d * W)
+        jerk = zero
+        if mode[d] == dk.CLOSED_LOOP:
+            jerk = -_times(before, mean, d, size)
+        passed = load(place, d * W) + half * (v + third * (a + 0.25 * h * jerk))
+        store(spare, d * W, _of_links(par, d, passed))
+        store(first, d * W, v + half * (a + third * jerk))
+    mass_and_load(par, base, tree, spare, first, inverse, asked, links)
+    for d in range(drives):
+        mass = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.motor_mass) * W)
+        store(inverse, (d * drives + d) * W, load(inverse, (d * drives + d) * W) + mass)
+    _prescribed(mode, motion, k, count, inverse, asked, size)
+    heavy = links[: drives * drives * W]
+    copied(inverse, heavy)
+    inverted(inverse, size, spare)
+    # What the links make of a force differs at the step's ends from its middle by this share of
+    # the difference from the step before.
+    grown = h / (h + load(last, 0))
+    store(last, 0, where(active, step, load(last, 0)))
+    for d in range(drives):
+        a = _bent(inverse, push, asked, d, size)
+        if mode[d] == dk.CLOSED_LOOP:
+            a = a - grown * (a - load(slope, d * W))
+        store(bend, d * W, a)
         further, _ = _answer(par, mode, torques, d)
         store(mean, d * W, load(asked, d * W) + half * further * load(rate, d * W))
     turned = zero > zero
@@ -297,26 +340,30 @@ def _step(
         reached = load(rate, d * W) + h * _bent(inverse, push, mean, d, size)
         store(first, d * W, reached)
         turned = turned | (reached * load(aim, d * W) < zero)
-    if any_lane(turned):
+    over = any_lane(turned)
+    if over:
+        copied(push, early)
         for d in range(drives):
             _, faster = _answer(par, mode, torques, d)
             at = (d * drives + d) * W
             store(heavy, at, load(heavy, at) + half * faster)
         inverted(heavy, size, spare)
         _hold(
-            par, mem, on, mode, place, rate, carried, aim, push, pulls, spare, heavy, mean, size,
-            time, since, h,
+            par, mem, on, mode, place, rate, carried, aim, first, push, pulls, spare, heavy, mean,
+            size, time, since, h,
         )  # fmt: skip
-        for d in range(drives):
-            # Friction of a joint that goes back all the same turns over on the way.
-            v, end = load(rate, d * W), load(aim, d * W)
-            share = v / maximum(absolute(v - load(first, d * W)), spread(1e-300))
-            share = minimum(absolute(share), spread(1.0))
-            mixed = end + (with_sign(spread(1.0), v) - end) * share
-            store(aim, d * W, where((absolute(end) >= 1.0) & (end * v < zero), mixed, end))
+        for d in range(drives):  # whatever other candidates do
+            along = with_sign(spread(1.0), load(rate, d * W))
+            store(aim, d * W, where(turned, load(aim, d * W), along))
         _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, time, since)
         for d in range(drives):
-            store(bend, d * W, _bent(inverse, push, asked, d, size))
+            a = _bent(inverse, push, asked, d, size)
+            if mode[d] == dk.CLOSED_LOOP:
+                a = a - grown * (a - _bent(before, push, there, d, size))
+            store(bend, d * W, a)
+            # Friction acts before its mean where it turns over or comes to hold: on the way.
+            more = load(first, d * W) * (load(early, d * W) - load(push, d * W))
+            store(early, d * W, half * h * more)
     copied(push, first)
     for part in range(1, rk.STAGES):
         _stage(
@@ -324,8 +371,18 @@ def _step(
             pulls, size, time, since, part, h,
         )  # fmt: skip
         for d in range(drives):
-            store(bend, (part * drives + d) * W, _bent(inverse, push, asked, d, size))
+            a = _bent(inverse, push, asked, d, size)
+            if part == rk.STAGES - 1 and mode[d] == dk.CLOSED_LOOP:
+                a = a + grown * (a - _bent(before, push, there, d, size))
+            store(bend, (part * drives + d) * W, a)
+    for n in range(drives * drives):
+        store(before, n * W, where(active, load(inverse, n * W), load(before, n * W)))
+    for d in range(drives):
+        store(there, d * W, where(active, load(asked, d * W), load(there, d * W)))
     rk.finish(place, rate, bend, drives, drives, h)
+    if over:
+        for d in range(drives):
+            store(place, d * W, load(place, d * W) + _times(inverse, early, d, size))
     for d in range(drives):
         a = load(bend, ((rk.STAGES - 1) * drives + d) * W)
         store(drift, d * W, where(active, a, load(drift, d * W)))
@@ -350,16 +407,23 @@ def _finer(par, mode, on, rate, drift, cycle, size):
 
 
 @inlined
-def _begun(par, base, mem, start, command, ahead, tree, law, cycle, place, rate, carried, room):
+def _begun(
+    par, base, mem, start, command, ahead, tree, law, cycle, place, rate, carried, last, room
+):  # fmt: skip
     """Write the state at the log's beginning: gears carry, and integral parts ask, what holds."""
     drives = len(tree.size)
     count = command.shape[0] // (2 * drives)
-    asked, rest = parted(room, drives)
-    mass, links = parted(rest, drives * drives)
+    spare, links = parted(room, drives)
+    mass, asked = parted(last[W:], drives * drives)
+    store(last, 0, spread(1e300))  # the links' accelerations are taken to stay
     for d in range(drives):
         store(place, d * W, spread(start[d]))
         store(carried, d * W, _of_links(par, d, spread(start[d])))
     mass_and_load(par, base, tree, carried, rate, mass, asked, links)
+    for d in range(drives):
+        own = load(par, (MACHINE_COUNT + d * DRIVE_COUNT + DRIVE.motor_mass) * W)
+        store(mass, (d * drives + d) * W, load(mass, (d * drives + d) * W) + own)
+    inverted(mass, tree.size, spare)
     for d in range(drives):
         first, own = MACHINE_COUNT + d * DRIVE_COUNT, d * MEMORY_COUNT
         hold = load(asked, d * W) + load(par, (first + DRIVE.constant_load) * W)
@@ -407,6 +471,7 @@ def _build(digest):
         rate, more = parted(more, drives)
         drift, more = parted(more, drives)
         carried, more = parted(more, drives)
+        last, more = parted(more, 1 + drives * (1 + drives))
         mem, more = parted(more, drives * MEMORY_COUNT)
         kept, rest = parted(more, drives * measurement.KEPT)
         torques, rest = parted(rest, drives * measurement.PIECE)
@@ -422,7 +487,7 @@ def _build(digest):
                 going[:] = 0.0
                 _begun(
                     par, base, mem, start, command, ahead, tree, law, cycle, place, rate, carried,
-                    spare,
+                    last, spare,
                 )  # fmt: skip
             for k in range(begin, end):
                 time = spread(k * cycle)
@@ -447,8 +512,8 @@ def _build(digest):
                     since = sub * whole
                     _step(
                         par, base, mem, on, mode, law, cycle, command, ahead, motion, delayed,
-                        tree, place, rate, drift, carried, spare, logged, k, time, since, whole,
-                        active,
+                        tree, place, rate, drift, carried, last, spare, logged, k, time, since,
+                        whole, active,
                     )  # fmt: skip
                     if sub == 0.0:
                         for d in range(drives):

@@ -24,9 +24,9 @@ from ros2_ident.models.serial.log import ArmLog
 from ros2_ident.models.serial.parameters import hand_load, INERTIAL, Inertials, turned, UNITS
 from ros2_ident.recording.motion import allowed_cutoff, CUTOFF, fill_gaps, low_pass, smooth_motion
 
-# Longest step [s]: with 2 ms links alone are 4e-7 rad off on the arms of
-# `checks/benchmarks/arm.py`.
-_STEP = 0.0025
+# Longest step [s]: with 4 ms links alone are 7e-7 rad off on the arms of
+# `checks/benchmarks/arm.py`, with friction 3e-6 rad.
+_STEP = 0.005
 # Rows of what hangs at the last joint.
 _HAND = ('hand_mass', *(f'hand_moment_{axis}' for axis in 'xyz'))
 
