@@ -43,7 +43,7 @@ ROUNDS, SETTLED = 64, 1e-9
 # where it is slower than this acceleration [rad/s^2 or m/s^2] makes it in so long. Both by hand.
 FINER, RESTS = 2, 1e-3
 # Numbers of each joint that only a step needs, see `_step`.
-_OF_STEP = 11 + rk.STAGES
+_OF_STEP = 12 + rk.STAGES
 
 
 def sizes(drives: int) -> tuple[int, int]:
@@ -178,14 +178,10 @@ def _of_joint(tree, motors, d):
 
 
 @inlined
-def _bent(inverse, push, asked, d, size):
-    """Return the acceleration of joint `d`."""
-    drives = len(size)
-    total = spread(0.0)
-    for e in range(drives):
-        force = load(push, e * W) - load(asked, e * W)
-        total = total + load(inverse, (d * drives + e) * W) * force
-    return total
+def _net(push, asked, net, size):
+    """Write the forces on joints less what their links ask."""
+    for d in range(len(size)):
+        store(net, d * W, load(push, d * W) - load(asked, d * W))
 
 
 @inlined
@@ -215,16 +211,18 @@ def _hold(
     for d in range(drives):
         store(aim, d * W, zero)
     _pushes(par, mem, on, mode, place, rate, carried, aim, most, pulls, time, since)
+    _net(most, asked, shares, size)
     for d in range(drives):
-        free = load(rate, d * W) + h * _bent(inverse, most, asked, d, size)
+        free = load(rate, d * W) + h * _times(inverse, shares, d, size)
         store(aim, d * W, with_sign(spread(1.0), free))
     _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, time, since)
+    _net(push, asked, shares, size)
     for d in range(drives):
         force = absolute(load(most, d * W) - load(push, d * W))
         sticks = dk.sticks(par, MACHINE_COUNT + d * DRIVE_COUNT)
         store(most, d * W, where(sticks, force, zero))
         # Rates at the step's end with all of it in these directions.
-        store(pulls, d * W, load(rate, d * W) + h * _bent(inverse, push, asked, d, size))
+        store(pulls, d * W, load(rate, d * W) + h * _times(inverse, shares, d, size))
     turned = zero >= zero
     turn = 0
     while turn < ROUNDS and any_lane(turned):
@@ -276,6 +274,7 @@ def _step(
     mean, rest = parted(rest, drives)
     slope, rest = parted(rest, drives)
     early, rest = parted(rest, drives)
+    net, rest = parted(rest, drives)
     bend, rest = parted(rest, rk.STAGES * drives)
     inverse, links = parted(rest, drives * drives)
     zero = spread(0.0)
@@ -297,10 +296,11 @@ def _step(
     _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, time, since)
     # Accelerations, and their change by the controllers, by the links of the step before; of a
     # joint that comes to rest those that bring it there.
+    _net(push, there, net, size)
     for d in range(drives):
         v, a = load(rate, d * W), load(drift, d * W)
         if mode[d] == dk.CLOSED_LOOP:
-            a = _bent(before, push, there, d, size)
+            a = _times(before, net, d, size)
         store(slope, d * W, a)
         stops = ((v + h * a) * load(aim, d * W) < zero) | (absolute(v) <= RESTS * h)
         a = where(stops, -v / step, a)
@@ -328,16 +328,18 @@ def _step(
     # the difference from the step before.
     grown = h / (h + load(last, 0))
     store(last, 0, where(active, step, load(last, 0)))
+    _net(push, asked, net, size)
     for d in range(drives):
-        a = _bent(inverse, push, asked, d, size)
+        a = _times(inverse, net, d, size)
         if mode[d] == dk.CLOSED_LOOP:
             a = a - grown * (a - load(slope, d * W))
         store(bend, d * W, a)
         further, _ = _answer(par, mode, torques, d)
         store(mean, d * W, load(asked, d * W) + half * further * load(rate, d * W))
     turned = zero > zero
+    _net(push, mean, net, size)
     for d in range(drives):
-        reached = load(rate, d * W) + h * _bent(inverse, push, mean, d, size)
+        reached = load(rate, d * W) + h * _times(inverse, net, d, size)
         store(first, d * W, reached)
         turned = turned | (reached * load(aim, d * W) < zero)
     over = any_lane(turned)
@@ -356,10 +358,12 @@ def _step(
             along = with_sign(spread(1.0), load(rate, d * W))
             store(aim, d * W, where(turned, load(aim, d * W), along))
         _pushes(par, mem, on, mode, place, rate, carried, aim, push, pulls, time, since)
+        _net(push, asked, net, size)
+        _net(push, there, spare, size)
         for d in range(drives):
-            a = _bent(inverse, push, asked, d, size)
+            a = _times(inverse, net, d, size)
             if mode[d] == dk.CLOSED_LOOP:
-                a = a - grown * (a - _bent(before, push, there, d, size))
+                a = a - grown * (a - _times(before, spare, d, size))
             store(bend, d * W, a)
             # Friction acts before its mean where it turns over or comes to hold: on the way.
             more = load(first, d * W) * (load(early, d * W) - load(push, d * W))
@@ -370,10 +374,13 @@ def _step(
             par, mem, on, mode, place, rate, bend, carried, aim, first, torques, commanded, push,
             pulls, size, time, since, part, h,
         )  # fmt: skip
+        _net(push, asked, net, size)
+        if part == rk.STAGES - 1:
+            _net(push, there, spare, size)
         for d in range(drives):
-            a = _bent(inverse, push, asked, d, size)
+            a = _times(inverse, net, d, size)
             if part == rk.STAGES - 1 and mode[d] == dk.CLOSED_LOOP:
-                a = a + grown * (a - _bent(before, push, there, d, size))
+                a = a + grown * (a - _times(before, spare, d, size))
             store(bend, (part * drives + d) * W, a)
     for n in range(drives * drives):
         store(before, n * W, where(active, load(inverse, n * W), load(before, n * W)))
