@@ -158,7 +158,7 @@ def _facts(selector: Selector, found: Selection, verdict: Verdict, gates: Sequen
 def _traces(split: Split, found: Selection) -> tuple[Trace, ...]:
     """Return every recording beside the nominal fit and the last one."""
     base, last = found.chain[0], found.chain[-1]
-    parts = [split.fit, split.check] if split.held_out == 'check bag' else [split.fit]
+    parts = [split.fit, split.check] if split.check_bag else [split.fit]
     traces = []
     for part in parts:
         before, after = (part.with_effects(e.effects).each(e.theta) for e in (base, last))

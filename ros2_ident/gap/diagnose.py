@@ -297,8 +297,8 @@ class _Passes:
             whole = self._fitted_to_all(begun)
             left = _left_anywhere(begun.selector, whole)
             much = _RULES.closed * begun.base.size
-            if check.models and left < max(much, _RULES.material):
-                begun = self._begin(Split(fit + check, conditions=self.conditions))
+            if begun.selector.split.check_bag and left < max(much, _RULES.material):
+                begun = self._begin(Split(fit, check, self.conditions).by_blocks())
             elif left < _RULES.material:
                 begun = replace(begun, base=whole)
         watched = begun.selector.fits.missed is not None
@@ -317,6 +317,9 @@ class _Passes:
         base = Fitter(split, guess, **self._told()).nominal(SEARCH, self.seed)
         joint = split.whole.with_effects(())
         if diverged(joint.residual(base.theta[None])[0]):
+            if split.check_bag:
+                # As in a second pass, see `run`.
+                return self._begin(split.by_blocks())
             remedy = examine_models(joint.models).headline
             raise ErrorCode.DIVERGED.error(
                 'every candidate diverges on this log; '

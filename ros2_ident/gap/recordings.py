@@ -319,6 +319,16 @@ class Split:
             return self._of(models)
         return self
 
+    @property
+    def check_bag(self) -> bool:
+        """Whether recordings of their own are held out."""
+        return bool(self._given[1].models)
+
+    def by_blocks(self) -> 'Split':
+        """Return the split of all recordings whose blocks take turns."""
+        fit, check, conditions = self._given
+        return Split(fit + check, conditions=conditions)
+
     def together(self) -> 'Split':
         """Return the split that is fitted on the blocks held out as well."""
         other = copy.copy(self)

@@ -20,6 +20,7 @@ from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.recordings import recordings_of
 from ros2_ident.models import load_machine, machine_from_mapping
 from ros2_ident.recording import Dataset
+from ros2_ident.search.jacobian import diverged
 from ros2_ident.words.verdict import sentence
 
 CYCLE = 1e-3
@@ -166,6 +167,15 @@ def test_nothing_is_missing_where_the_recording_fitted_on_shows_little() -> None
     found = diagnose(MACHINE, [recording(1, scale=2e-3)], [recording(2)], seed=3)
     assert found.effect == 'none', sentence(found)
     assert found.held_out == 'blocks'
+
+
+def test_a_fit_that_runs_away_on_the_recording_held_out_is_one_to_both(monkeypatch) -> None:
+    once = iter([np.True_])
+    monkeypatch.setattr(
+        'ros2_ident.gap.diagnose.diverged', lambda values: next(once, None) or diverged(values)
+    )
+    found = diagnose(MACHINE, [recording(4)], [recording(5)], seed=3)
+    assert (found.effect, found.held_out) == ('none', 'blocks')
 
 
 def test_one_recording_is_split_into_blocks() -> None:
