@@ -20,7 +20,8 @@ from ros2_ident.gap.result import Facts, Misfit, WrongConstant
 from ros2_ident.gap.rules import Rules, Temperatures, TIE
 from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
-from ros2_ident.gates.scale import near
+from ros2_ident.gates.asked import Asked, Event
+from ros2_ident.gates.scale import MOSTLY, near, STEP
 
 
 def of_gates(
@@ -126,6 +127,43 @@ def of_what_is_left(
         extended=len(found.chain) > 1,
     )
     return found.nominal(), _without_effects(WRONG_MODEL, names, misfit=misfit)
+
+
+def unexplained(split: Split, found: Selection, report: GateReport) -> GateReport:
+    """Return the report without efforts beyond the commanded that effects found explain.
+
+    A limited drive makes another effort than its law asks for. Effects explain the events of a
+    drive where their simulation has most of them (`MOSTLY`).
+    """
+    last = found.chain[-1]
+    if not last.effects or not any(asked.pushes for drives in report.asked for asked in drives):
+        return report
+    models = [
+        (model, model.measured - model.simulate(own[None])[0])
+        for model, own in split.whole.with_effects(last.effects).each(last.theta)
+    ]
+
+    def left(event: Event) -> float:
+        model, rest = models[event.recording - 1]
+        drive = model.places.index(event.drive)
+        if model.outputs[drive].quantity != 'effort':
+            return math.inf
+        until = event.time if math.isnan(event.end) else event.end
+        seen = rest[drive, int((event.time - STEP) / model.cycle) :][
+            : 1 + int((until - event.time + 2.0 * STEP) / model.cycle)
+        ]
+        seen = seen[~np.isnan(seen)]
+        return abs(float(seen.mean())) if seen.size else math.inf
+
+    def beside(asked: Asked) -> Asked:
+        sizes = sum(abs(event.effort) for event in asked.pushes)
+        made = sum(left(event) for event in asked.pushes) < (1.0 - MOSTLY) * sizes
+        return replace(asked, pushes=()) if made else asked
+
+    kept = tuple(tuple(map(beside, drives)) for drives in report.asked)
+    added = {asked.drive for drives in kept for asked in drives if asked.pushes}
+    gates = tuple(g for g in report.gates if g.gate != 'not_asked' or g.drive in added)
+    return replace(report, gates=gates, asked=kept)
 
 
 def of_events(verdict: Verdict, report: GateReport) -> Verdict:

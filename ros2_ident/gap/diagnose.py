@@ -15,7 +15,13 @@ from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.errors import ErrorCode
 from ros2_ident.gap.assemble import assemble, may_close_nothing
-from ros2_ident.gap.contradictions import of_events, of_gates, of_the_file, of_what_is_left
+from ros2_ident.gap.contradictions import (
+    of_events,
+    of_gates,
+    of_the_file,
+    of_what_is_left,
+    unexplained,
+)
 from ros2_ident.gap.coordinates import motion_of
 from ros2_ident.gap.fitter import Fitter, visibility
 from ros2_ident.gap.hypothesis import Hypothesis, Selection
@@ -451,6 +457,8 @@ class _Passes:
         clock.step(0.0, 'saying where')
         where: tuple[Finding, ...] = ()
         model = begun.selector.split.fit.models[0]
+        if verdict.named and not clock.stopped():
+            begun = replace(begun, report=unexplained(begun.selector.split, found, begun.report))
         verdict = of_events(verdict, begun.report)
         if verdict.facts.events:
             # What a fit makes of efforts that others added is no finding.
