@@ -149,9 +149,8 @@ def unexplained(split: Split, found: Selection, report: GateReport) -> GateRepor
         if model.outputs[drive].quantity != 'effort':
             return math.inf
         until = event.time if math.isnan(event.end) else event.end
-        seen = rest[drive, int((event.time - STEP) / model.cycle) :][
-            : 1 + int((until - event.time + 2.0 * STEP) / model.cycle)
-        ]
+        first = max(0, int((event.time - STEP) / model.cycle))
+        seen = rest[drive, first : 1 + int((until + STEP) / model.cycle)]
         seen = seen[~np.isnan(seen)]
         return abs(float(seen.mean())) if seen.size else math.inf
 
