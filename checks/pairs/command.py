@@ -20,7 +20,7 @@ from checks.pairs.draw import draw_reference, draw_tripod
 from ros2_ident import jobs
 from ros2_ident.arrays import plain
 from ros2_ident.change.result import Comparison
-from ros2_ident.errors import IdentError
+from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.files import write_text
 from ros2_ident.models import load_machine
 from ros2_ident.report.schema import read
@@ -42,13 +42,24 @@ MACHINES: dict[str, Callable[[Path, int, int], dict[str, Any]]] = {
 }
 
 
+def _drawn(place: Path, machine: str, case: int, count: int, seed: int) -> dict[str, Any]:
+    """Return the label of the pair drawn: where a simulation lost the machine, of another one."""
+    while True:
+        try:
+            return MACHINES[machine](place, case, seed)
+        except IdentError as error:
+            if error.code is not ErrorCode.DIVERGED:
+                raise
+            case += count
+
+
 def draw(folder: Path, machines: Sequence[str], count: int, seed: int) -> None:
     """Draw pairs of machines in turns into a folder, and seal their labels."""
     seals = {}
     for case in range(count):
         place = folder / f'{case:02d}'
         place.mkdir(parents=True, exist_ok=True)
-        label = MACHINES[machines[case % len(machines)]](place, case, seed)
+        label = _drawn(place, machines[case % len(machines)], case, count, seed)
         seals[f'{case:02d}'] = close(plain(label), seed)
         print(case, 'drawn', flush=True)
     hashes = {name: seal['sha256'] for name, seal in seals.items()}
