@@ -30,6 +30,7 @@ from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.candidates import COULOMB, FRICTION
 from ros2_ident.models.registry import STATED_WITHIN
+from ros2_ident.models.trials import limits_shown
 from ros2_ident.search.changes import (
     Changes,
     evidence_of,
@@ -208,7 +209,11 @@ def _round(
         at for at in first.extensions(changed=True)
         if at not in taken and at.effect not in without
     ]  # fmt: skip
-    seen = missing_beside(sides, theta, candidates, stopped, threads)
+    # What is limited on one side is so at another effort than the other side has.
+    each = sides.each(theta)
+    parts = [[each[i] for i in numbers] for numbers in sides.groups]
+    limits = {at: [x for part in parts for x in limits_shown(at, part)] for at in candidates}
+    seen = missing_beside(sides, theta, candidates, stopped, threads, limits)
     rows, nominal = seen.rows, seen.slopes[:, : sides.nominal]
     found, logs = columns_of(sides, theta, seen, zeros), _logs(sides, rows, log, paired)
     weighed = weigh_changes(
@@ -380,10 +385,15 @@ def _begun(now: _Round, c: Column) -> Iterator[tuple[Suspect, Sides, Array]]:
         box = np.array([(p.low, p.high) for p in now.sides.models[0].scaled(c.at)]).T
         # What cannot be less than nothing on one side is on the other.
         for later, sign in ((True, 1.0), (False, -1.0)):
-            own = np.clip(c.begin + sign * estimate @ c.moved, *box)
-            if not np.array_equal(own, c.begin):
+            # Where straight lines lead, or where it was tried: a limit acts at its value alone.
+            along = np.stack([estimate, np.sign(estimate)])
+            tried = np.clip(c.begin + sign * along @ c.moved, *box)
+            if not np.array_equal(tried[0], c.begin):
                 there = replace(suspect, side='after' if later else 'before')
-                yield there, now.sides.also((c.at, later)), own
+                sides = now.sides.also((c.at, later))
+                starts = np.stack([sides.start(now.sides, now.theta, own) for own in tried])
+                left = now.marginal.sized()(residuals_at(sides, now.rows)(starts))
+                yield there, sides, tried[int(np.argmin(np.sum(left**2, axis=1)))]
     elif c.move:
         yield suspect, now.sides.also(c.move), estimate * c.scales
 

@@ -104,6 +104,11 @@ class Sides(Layout):
         self.low = np.array([p.low for p in self.parameters])
         self.high = np.array([p.high for p in self.parameters])
 
+    @property
+    def groups(self) -> list[list[int]]:
+        """Numbers of the models of each side."""
+        return [np.flatnonzero(self.after == side).tolist() for side in (False, True)]
+
     def reach(self, move: Move) -> Array:
         """Return (k,) the largest numbers of a change.
 

@@ -14,7 +14,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.effects import get_effect
@@ -24,7 +23,8 @@ from ros2_ident.gap.recordings import Split
 from ros2_ident.gates.law import Law
 from ros2_ident.identify.hidden import MATERIAL, MOST, residuals_at, rows_of, slopes_of, whitening
 from ros2_ident.identify.problem import Problem
-from ros2_ident.models import EffectAt, FullModel
+from ros2_ident.models import EffectAt
+from ros2_ident.models.trials import limits_shown, share_of_limit
 from ros2_ident.search import Progress, Threads, Workers
 from ros2_ident.search.evaluators import RunTasks
 from ros2_ident.search.fit import fit, FitSettings
@@ -36,11 +36,6 @@ _LEAST = 4
 # Every start of a round that the screen chose gets so many iterations; what is far behind then
 # gets no more. By hand.
 _HEAT = 4
-# Samples of a mean that noise hardly lifts: to a third.
-_MEAN = 9
-# Shares of the highest effort that a drive would make without a limit, to start looking below. A
-# grid.
-_BELOW = (0.92, 0.8, 0.65, 0.5)
 
 
 class Fitter:
@@ -378,51 +373,3 @@ def visibility(screened: dict[EffectAt, list[Start]]) -> dict[EffectAt, float]:
 def _named(effects: Sequence[EffectAt]) -> str:
     """Return effects at their places in words."""
     return ' and '.join(f'{at.effect} on {at.where}' for at in effects)
-
-
-def limits_shown(candidate: EffectAt, models: Sequence[tuple[FullModel, Array]]) -> list[Array]:
-    """Return (P,) parameters to start an effort's limit from; none for another effect.
-
-    It acts only below what a drive would do without it: at the highest logged effort; without one
-    below what the model makes.
-
-    Args:
-        candidate: The effect and its place.
-        models: The models without it, one a recording, with the (N,) parameters of each.
-    """
-    share = share_of_limit(candidate, models[0][0])
-    if share is None:
-        return []
-    row = models[0][0].places.index(candidate.where)
-    top = max(_highest(model, row) for model, _ in models)
-    if top:
-        return [share(top)]
-    most = max(float(np.abs(model.simulated_effort(x)[row]).max()) for model, x in models)
-    return list(np.unique([share(x * most) for x in _BELOW], axis=0)) if most > 0.0 else []
-
-
-def _highest(model: FullModel, row: int) -> float:
-    """Return the highest mean of a few samples of an output's logged effort, in size; 0 for none.
-
-    Whatever is compared.
-    """
-    effort, data = model.measured[row], model.data
-    if model.outputs[row].quantity != 'effort':
-        if data.effort is None:
-            return 0.0
-        effort = data.effort[data.names.index(model.places[row])]
-    logged = effort[np.isfinite(effort)]
-    if not logged.size:
-        return 0.0
-    return float(np.abs(scipy.ndimage.uniform_filter1d(logged, _MEAN)).max())
-
-
-def share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:
-    """Return the map from an effort to a limit's (P,) parameters; None for another effect."""
-    if get_effect(candidate.effect).shown_by != 'flat_top':
-        return None
-    (parameter, *others) = model.scaled(candidate)
-    limit = model.effort_limit(candidate.where)
-    if others or not np.isfinite(limit):
-        return None
-    return lambda effort: np.array([min(max(effort / limit, parameter.low), parameter.high)])

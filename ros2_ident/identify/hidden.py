@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise of a fit's residual, and the effects of the catalogue that can hide in it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -198,6 +198,7 @@ def missing_beside(
     candidates: Sequence[EffectAt] | None = None,
     stopped: Callable[[], bool] = lambda: False,
     threads: int | None = None,
+    more: Mapping[EffectAt, Sequence[Array]] | None = None,
 ) -> Missing:
     """Return the effects that the models of a fit may lack.
 
@@ -206,12 +207,15 @@ def missing_beside(
         candidates: Effects that the models do not have; all of the catalogue where None.
         stopped: Asked often; True leaves the rest of the candidates empty.
         threads: That simulate; one for each processor where None.
+        more: Of candidates not linear in their sizes, (P,) values that the logs suggest.
     """
     first, *others = models = fitted.models
     if candidates is None:
         candidates = [at for at in first.extensions() if at not in first.effects]
     wide = [first.extended((*first.effects, at)) for at in candidates]
-    tried = sum(len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
+    more = more or {}
+    counts = (len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
+    tried = sum((*counts, *map(len, more.values())))
     rows = rows_of(models, MOST // max(200, tried))
     residual, slopes = slopes_of(fitted, theta, rows)
     basis = np.linalg.qr(slopes)[0]
@@ -232,7 +236,7 @@ def missing_beside(
     def of(at: EffectAt, model: FullModel) -> Alternative:
         points, most, group = np.empty((0, 0)), 0.0, np.empty(0, np.int64)
         if not stopped():
-            points, most, group = _tried(model, at, orders.get(at, ()))
+            points, most, group = _tried(model, at, orders.get(at, ()), more.get(at, ()))
         out = changes_by([at])(points) if len(points) else np.empty((0, residual.size))
         there = np.isfinite(out).all(axis=1)
         out = out if there.all() else out[there]
@@ -302,13 +306,16 @@ def _answers(models: Sequence[FullModel], rows: Rows) -> Array:
 
 
 def _tried(
-    model: FullModel, at: EffectAt, orders: tuple[float, ...] = ()
+    model: FullModel,
+    at: EffectAt,
+    orders: tuple[float, ...] = (),
+    more: Sequence[Array] = (),
 ) -> tuple[Array, float, npt.NDArray[np.int64]]:
     """Return (S, P) values of a model's effect to try, and how many times its change may be.
 
     And (S,) the group of each, see `trials`.
     """
-    groups = trials(at, model, orders)
+    groups = [*trials(at, model, orders), *([point] for point in more)]
     points = np.array([point for alike in groups for point in alike])
     itself = any(p.role == 'size' and p.starts for p in model.scaled(at))
     group = np.array([n for n, alike in enumerate(groups) for _ in alike], dtype=np.int64)

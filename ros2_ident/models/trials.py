@@ -13,7 +13,7 @@ import numpy.typing as npt
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import EffectParameter
+from ros2_ident.effects import EffectParameter, get_effect
 from ros2_ident.models.protocol import EffectAt, FullModel
 
 # Share of a size's range that is tried where the output is linear in it.
@@ -25,6 +25,11 @@ LARGE = 0.17
 _PERIODS, _DENSE = 1.5, 0.5
 # So many samples are simulated in all, so many orders at once; so many are returned.
 _MOST, _AT_ONCE, _BEST = 40_000_000, 16, 3
+# Samples of a mean that noise hardly lifts: to a third.
+_MEAN = 9
+# Shares of the highest effort that a drive would make without a limit, to start looking below. A
+# grid.
+_BELOW = (0.92, 0.8, 0.65, 0.5)
 # How many orders are next to one; how often chance alone may make one stand out of all.
 _BESIDE, _CHANCE = 41, 1e-4
 
@@ -183,3 +188,51 @@ def turns_of(model: FullModel, place: str) -> float:
         return 0.0
     row = source[model.data.names.index(place)]
     return turn * float(np.ptp(row[np.isfinite(row)])) / (2.0 * np.pi)
+
+
+def limits_shown(candidate: EffectAt, models: Sequence[tuple[FullModel, Array]]) -> list[Array]:
+    """Return (P,) parameters to start an effort's limit from; none for another effect.
+
+    It acts only below what a drive would do without it: at the highest logged effort; without one
+    below what the model makes.
+
+    Args:
+        candidate: The effect and its place.
+        models: The models without it, one a recording, with the (N,) parameters of each.
+    """
+    share = share_of_limit(candidate, models[0][0])
+    if share is None:
+        return []
+    row = models[0][0].places.index(candidate.where)
+    top = max(_highest(model, row) for model, _ in models)
+    if top:
+        return [share(top)]
+    most = max(float(np.abs(model.simulated_effort(x)[row]).max()) for model, x in models)
+    return list(np.unique([share(x * most) for x in _BELOW], axis=0)) if most > 0.0 else []
+
+
+def _highest(model: FullModel, row: int) -> float:
+    """Return the highest mean of a few samples of an output's logged effort, in size; 0 for none.
+
+    Whatever is compared.
+    """
+    effort, data = model.measured[row], model.data
+    if model.outputs[row].quantity != 'effort':
+        if data.effort is None:
+            return 0.0
+        effort = data.effort[data.names.index(model.places[row])]
+    logged = effort[np.isfinite(effort)]
+    if not logged.size:
+        return 0.0
+    return float(np.abs(scipy.ndimage.uniform_filter1d(logged, _MEAN)).max())
+
+
+def share_of_limit(candidate: EffectAt, model: FullModel) -> Callable[[float], Array] | None:
+    """Return the map from an effort to a limit's (P,) parameters; None for another effect."""
+    if get_effect(candidate.effect).shown_by != 'flat_top':
+        return None
+    (parameter, *others) = model.scaled(candidate)
+    limit = model.effort_limit(candidate.where)
+    if others or not np.isfinite(limit):
+        return None
+    return lambda effort: np.array([min(max(effort / limit, parameter.low), parameter.high)])

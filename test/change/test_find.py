@@ -39,6 +39,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         'heavy': ['--set', 'moving_mass=77'],
         'worn': ['--effect', 'stribeck@emps_axis:torque=4,velocity=0.004'],
         'loaded': ['--set', 'moving_mass=170'],
+        'limited': ['--effect', 'torque_saturation@emps_axis:share=0.15'],
         'tuned': ['--effect', 'velocity_gain_error@emps_axis:factor=1.5'],
     }.items()):  # fmt: skip
         words = ['simulate', f'{folder}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
@@ -115,6 +116,15 @@ def test_an_effect_is_there_on_one_side(made):
         found = compared(made, [before], [after]).result
         assert 'stribeck' in {x.name for c in found.changes for x in (c.suspect, *c.ties)}
         assert found.changes[0].suspect.side == side
+
+
+def test_a_limit_that_acts_at_its_value_alone_is_found(made):
+    for before, after, side in (('one', 'limited', 'after'), ('limited', 'two', 'before')):
+        found = compared(made, [before], [after]).result
+        (change,) = found.changes
+        assert change.suspect == Suspect('effect', 'torque_saturation', 'emps_axis', side)
+        assert change.sizes[0].low < 0.15 < change.sizes[0].high
+        assert found.believed
 
 
 def test_changes_of_friction_that_do_opposite_things_are_told_together(made, tmp_path):
