@@ -346,6 +346,8 @@ def compare(
     after = np.repeat([False, True], [len(x.datasets) for x in sides])
     names = [(bool(s), r.source) for s, r in zip(after, data.recordings, strict=True)]
     number = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    datasets = [x.datasets for x in sides]
+    reports = [examine(request.machine, x, request.drives) for x in datasets]
     result = find_change(
         problem,
         after,
@@ -357,12 +359,12 @@ def compare(
         stopped=cancel.is_set if cancel is not None else lambda: False,
         on_step=on_step,
         threads=request.settings.threads,
+        reports=reports,
     )
-    datasets = [x.datasets for x in sides]
-    reports = [examine(request.machine, x, request.drives) for x in datasets]
+    if not result.pushed:
+        reports = [x.without('not_asked') for x in reports]
     told = apart(problem, request.machine, datasets, reports, request.drives)
-    pushed = any(x.pushes for report in reports for drives in report.asked for x in drives)
-    result = replace(result, apart=(*told, *result.apart), pushed=pushed)
+    result = replace(result, apart=(*told, *result.apart))
     seconds = time.monotonic() - logs[0].since
     return Compared(request, logs[0], result, seconds, later=tuple(later))
 

@@ -23,8 +23,10 @@ from ros2_ident.change.columns import (
 from ros2_ident.change.result import Apart, ApartKind, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
 from ros2_ident.effects import get_effect
+from ros2_ident.gap.contradictions import unexplained
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
+from ros2_ident.gates import GateReport
 from ros2_ident.identify.hidden import missing_beside, residuals_at, Rows
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
@@ -118,6 +120,7 @@ def find_change(
     stopped: Callable[[], bool] = lambda: False,
     on_step: Callable[[float, str], None] = lambda share, text: None,
     threads: int | None = None,
+    reports: Sequence[GateReport] = (),
 ) -> Comparison:
     """Say what changed between the logs before and those after.
 
@@ -133,6 +136,7 @@ def find_change(
         stopped: Asked often; True ends it with the changes found so far.
         on_step: Told the share that is done, and a sentence.
         threads: That simulate; one for each processor where None.
+        reports: The checks of the side before, and of that after.
     """
     looked = partial(
         _round, log=log, zeros=tuple(shifted(problem)), paired=paired, without=without,
@@ -189,6 +193,7 @@ def find_change(
         paired=paired,
         price=price,
         complete=not stopped(),
+        pushed=_pushed(begun, now, reports),
         friction=tuple(_all_friction(now, found, theta)) if named else (),
     )
 
@@ -470,6 +475,17 @@ def _explained(
     whole = Marginal.of(now.weighed, now.rows, now.logs, now.nominal, folded=True)
     some += whole.loss(before) - whole.loss(after)
     return some / (some + max(0.0, now.weighed.unseen())) if some > 0.0 else math.nan
+
+
+def _pushed(begun: _Round, now: _Round, reports: Sequence[GateReport]) -> bool:
+    """Return whether the logs have efforts that were not commanded, and no change explains.
+
+    Args:
+        reports: As of `find_change`, like the rounds of `_explained`.
+    """
+    fits = [x.sides.each(x.theta) for x in (begun, now)]
+    sides = [[[fit[i] for i in part] for fit in fits] for part in now.sides.groups]
+    return any(unexplained(x, *own).pushes for x, own in zip(reports, sides, strict=False))
 
 
 def _of_either_sign(sides: Sides) -> set[str]:

@@ -5,7 +5,7 @@ Each function takes what the rounds came to and what would follow, and returns b
 in their place.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 import math
 from typing import Any
@@ -22,6 +22,10 @@ from ros2_ident.gap.verdict import BOOKKEEPING, UNKNOWN, Verdict, WRONG_MODEL
 from ros2_ident.gates import GateReport
 from ros2_ident.gates.asked import Asked, Event
 from ros2_ident.gates.scale import MOSTLY, near, STEP
+from ros2_ident.models import FullModel
+
+# Models, each with its own parameters (N,).
+Fitted = Sequence[tuple[FullModel, Array]]
 
 
 def of_gates(
@@ -129,45 +133,51 @@ def of_what_is_left(
     return found.nominal(), _without_effects(WRONG_MODEL, names, misfit=misfit)
 
 
-def unexplained(split: Split, found: Selection, report: GateReport) -> GateReport:
-    """Return the report without efforts beyond the commanded that effects found explain.
+def unexplained(report: GateReport, without: Fitted, fitted: Fitted) -> GateReport:
+    """Return the report without efforts beyond the commanded that what was found explains.
 
-    A limited drive makes another effort than its law asks for. Effects explain the events of a
-    drive where their simulation has most of them (`MOSTLY`).
+    A limited drive makes another effort than its law asks for. Events that the models miss without
+    what was found are explained where most (`MOSTLY`) of that is gone.
+
+    Args:
+        report: Of some recordings.
+        without: Their models with their own parameters (N,), without what was found.
+        fitted: The same with it.
     """
-    last = found.chain[-1]
-    if not last.effects or not any(asked.pushes for drives in report.asked for asked in drives):
+    if not report.pushes:
         return report
-    models = [
-        (model, model.measured - model.simulate(own[None])[0])
-        for model, own in split.whole.with_effects(last.effects).each(last.theta)
+    rests = [
+        [(m, m.measured - m.simulate(own[None])[0]) for m, own in one] for one in (without, fitted)
     ]
 
-    def left(event: Event) -> float:
-        model, rest = models[event.recording - 1]
-        drive = model.places.index(event.drive)
-        if model.outputs[drive].quantity != 'effort':
-            return math.inf
-        until = event.time if math.isnan(event.end) else event.end
-        first = max(0, int((event.time - STEP) / model.cycle))
-        seen = rest[drive, first : 1 + int((until + STEP) / model.cycle)]
-        seen = seen[~np.isnan(seen)]
-        return abs(float(seen.mean())) if seen.size else math.inf
+    def kept(drives: tuple[Asked, ...], *both: tuple[FullModel, Array]) -> Iterator[Asked]:
+        for asked in drives:
+            before, left = (sum(_missed(m, rest, e) for e in asked.pushes) for m, rest in both)
+            few = 1.0 - MOSTLY
+            missed = before > few * sum(abs(e.effort) for e in asked.pushes)
+            made = missed and left < few * before
+            yield replace(asked, pushes=()) if made else asked
 
-    def beside(asked: Asked) -> Asked:
-        sizes = sum(abs(event.effort) for event in asked.pushes)
-        made = sum(left(event) for event in asked.pushes) < (1.0 - MOSTLY) * sizes
-        return replace(asked, pushes=()) if made else asked
+    told = tuple(tuple(kept(*one)) for one in zip(report.asked, *rests, strict=True))
+    added = {asked.drive for drives in told for asked in drives if asked.pushes}
+    return replace(report.without('not_asked', added), asked=told)
 
-    kept = tuple(tuple(map(beside, drives)) for drives in report.asked)
-    added = {asked.drive for drives in kept for asked in drives if asked.pushes}
-    gates = tuple(g for g in report.gates if g.gate != 'not_asked' or g.drive in added)
-    return replace(report, gates=gates, asked=kept)
+
+def _missed(model: FullModel, rest: Array, event: Event) -> float:
+    """Return the size of a residual's mean (D, K) over an event; 0 where it has no effort."""
+    drive = model.places.index(event.drive)
+    if model.outputs[drive].quantity != 'effort':
+        return 0.0
+    until = event.time if math.isnan(event.end) else event.end
+    first = max(0, int((event.time - STEP) / model.cycle))
+    seen = rest[drive, first : 1 + int((until + STEP) / model.cycle)]
+    seen = seen[~np.isnan(seen)]
+    return abs(float(seen.mean())) if seen.size else 0.0
 
 
 def of_events(verdict: Verdict, report: GateReport) -> Verdict:
     """Return the answer, or that effort was produced which was not commanded."""
-    found = tuple(e for recording in report.asked for asked in recording for e in asked.pushes)
+    found = report.pushes
     if not found or verdict.effect == BOOKKEEPING:
         return verdict
     return replace(

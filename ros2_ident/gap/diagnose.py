@@ -458,7 +458,9 @@ class _Passes:
         where: tuple[Finding, ...] = ()
         model = begun.selector.split.fit.models[0]
         if verdict.named and not clock.stopped():
-            begun = replace(begun, report=unexplained(begun.selector.split, found, begun.report))
+            whole = begun.selector.split.whole
+            fits = [whole.with_effects(x.effects).each(x.theta) for x in (base, found.chain[-1])]
+            begun = replace(begun, report=unexplained(begun.report, *fits))
         verdict = of_events(verdict, begun.report)
         if verdict.facts.events:
             # What a fit makes of efforts that others added is no finding.

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Findings of the checks: values and the words for them."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from ros2_ident.gates.asked import Asked
+from ros2_ident.gates.asked import Asked, Event
 from ros2_ident.gates.law import Law
 from ros2_ident.gates.scale import ANOTHER, near
 from ros2_ident.recording.limits import likewise
@@ -67,6 +67,11 @@ class GateReport:
         object.__setattr__(self, 'gates', tuple(ordered))
 
     @property
+    def pushes(self) -> tuple[Event, ...]:
+        """Efforts that were not commanded, of all recordings and drives."""
+        return tuple(e for drives in self.asked for asked in drives for e in asked.pushes)
+
+    @property
     def contradictions(self) -> tuple[Gate, ...]:
         """Contradictions between log and machine file, the worst first."""
         return tuple(g for g in self.gates if g.contradicts)
@@ -90,6 +95,11 @@ class GateReport:
             return ''
         more = f' ({len(found) - 1} more like it below.)' if len(found) > 1 else ''
         return f'{found[0].sentence.rstrip(".")}.{more}'
+
+    def without(self, gate: str, keep: Collection[str] = ()) -> 'GateReport':
+        """Return the report without the findings of a check, but for some drives."""
+        kept = [g for g in self.gates if g.gate != gate or g.drive in keep]
+        return replace(self, gates=tuple(kept))
 
     def of(self, gate: str) -> tuple[Gate, ...]:
         """Return the findings of one check."""

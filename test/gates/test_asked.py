@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from ros2_ident.gap.contradictions import of_events, unexplained
-from ros2_ident.gap.hypothesis import Selection
 from ros2_ident.gap.result import Facts, Misfit
 from ros2_ident.gap.verdict import BOOKKEEPING, Verdict
 from ros2_ident.gates import examine, Gate, GateReport
@@ -141,22 +140,25 @@ def test_pushes_come_before_what_a_model_misses() -> None:
     assert of_events(verdict('none'), GateReport(asked=((),))).effect == 'none'
 
 
-@pytest.mark.parametrize(('made', 'events'), [(0.0, 2), (0.5, 2), (0.9, 0)])
-def test_efforts_that_effects_found_make_are_none_that_somebody_added(made, events) -> None:
+@pytest.mark.parametrize(
+    ('before', 'after', 'events'),
+    [(0.0, 0.0, 2), (0.0, 0.5, 2), (0.0, 0.9, 0), (-0.4, 0.75, 0), (1.0, 1.0, 2), (0.9, 1.0, 2)],
+)
+def test_efforts_that_what_was_found_makes_are_none_that_somebody_added(
+    before: float, after: float, events: int
+) -> None:
+    """Share of them that the models make without and with it; where both do, it says nothing."""
     # a drive that is limited makes less than its law asks for
     pushes = (Event('knee', 1, 0.3, -0.8, 0.4), Event('knee', 1, 0.7, -0.8))
     effort = np.zeros((1, 1000))
     effort[0, 290:410] = effort[0, 690:711] = -0.8
-    model = SimpleNamespace(
+    model: Any = SimpleNamespace(
         cycle=0.001, places=('knee',), outputs=(SimpleNamespace(quantity='effort'),),
-        measured=effort, simulate=lambda theta: made * effort[None],
+        measured=effort, simulate=lambda theta: theta[:, :, None] * effort[None],
     )  # fmt: skip
-    whole = SimpleNamespace(each=lambda theta: [(model, theta)])
-    split: Any = SimpleNamespace(whole=SimpleNamespace(with_effects=lambda effects: whole))
-    chain: Any = [SimpleNamespace(effects=('torque_saturation',), theta=np.zeros(1))]
     gate = Gate('not_asked', 'knee', 'warn', 0.3, 's', 'knee: effort that was not commanded')
     asked = Asked('knee', 0.0, np.nan, 0.02, pushes, 0.9, 0.2, 12.0, 400)
     report = GateReport((gate,), asked=((asked,),))
-    left = unexplained(split, Selection(('knee',), chain), report)
-    assert len(left.asked[0][0].pushes) == events
+    left = unexplained(report, [(model, np.array([before]))], [(model, np.array([after]))])
+    assert len(left.pushes) == events
     assert bool(left.gates) == bool(events)
