@@ -61,6 +61,16 @@ def tabled(table: dict = TABLE, tilt: dict = TILT, **parameters: object) -> Mach
     )
 
 
+def of_mjcf(folder: Path, text: str, *drives: str) -> Machine:
+    """Write and load the machine file of an MJCF's joints, their rotors alone unknown."""
+    (folder / 'arm.xml').write_text(text)
+    (folder / 'arm.yaml').write_text(
+        f'machine: serial\ndrives: [{", ".join(drives)}]\ngeometry: {{description: arm.xml}}\n'
+        'controller: {cycle: 0.01}\nparameters: {drive_inertia: [0, 1, kg m^2]}\n'
+    )
+    return load_machine(folder / 'arm.yaml')
+
+
 def motion(drives: int, count: int, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
     return rng.uniform(-2.0, 2.0, (3, drives, count))
@@ -144,22 +154,17 @@ LYING = """<mujoco><compiler angle="degree"/><worldbody>
 
 
 def test_an_mjcf_whose_base_is_turned_weighs_where_it_hangs(tmp_path: Path) -> None:
-    path = tmp_path / 'lying.yaml'
-    text = 'machine: serial\ndrives: [lies]\ngeometry: {description: lying.xml}\n'
-    path.write_text(
-        f'{text}controller: {{cycle: 0.01}}\nparameters: {{drive_inertia: [0, 1, kg m^2]}}\n'
-    )
-    (tmp_path / 'lying.xml').write_text(LYING.format(pose=''))
     nothing = np.zeros((1, 1))
     # Its axis is level, along -y of the world, and holds 3 kg at 0.2 m.
-    effort = arm_of(load_machine(path)).efforts(nothing, nothing, nothing)
+    machine = of_mjcf(tmp_path, LYING.format(pose=''), 'lies')
+    effort = arm_of(machine).efforts(nothing, nothing, nothing)
     assert effort == pytest.approx(3.0 * 9.81 * 0.2, rel=1e-12)
     # Tipped by 60 degrees about its own x, the axis is half along the world's z.
-    (tmp_path / 'lying.xml').write_text(LYING.format(pose=' axisangle="-3 0 0 60"'))
-    effort = arm_of(load_machine(path)).efforts(nothing, nothing, nothing)
+    machine = of_mjcf(tmp_path, LYING.format(pose=' axisangle="-3 0 0 60"'), 'lies')
+    effort = arm_of(machine).efforts(nothing, nothing, nothing)
     assert effort == pytest.approx(3.0 * 9.81 * 0.2 * 0.5, rel=1e-12)
-    (tmp_path / 'lying.xml').write_text(LYING.format(pose='><frame/></body><body name="more"'))
-    said = refused(arm_of, load_machine(path)).message
+    machine = of_mjcf(tmp_path, LYING.format(pose='><frame/></body><body name="more"'), 'lies')
+    said = refused(arm_of, machine).message
     assert 'frame, which pinocchio passes over' in said
 
 
@@ -170,14 +175,8 @@ def test_joints_of_one_body_are_joints_one_after_the_other(tmp_path: Path) -> No
       <inertial mass="3" pos="0.5 0 0" diaginertia="0.1 0.1 0.1"/><site name="stands"/>
       <body name="stands"><joint name="stands"/><inertial mass="1e-9" pos="0 0 0"
       diaginertia="1e-9 1e-9 1e-9"/></body></body></worldbody></mujoco>"""
-    machine = (
-        'machine: serial\ndrives: [turn, slide]\ngeometry: {description: beam.xml}\n'
-        'controller: {cycle: 0.01}\nparameters: {drive_inertia: [0, 1, kg m^2]}\n'
-    )
-    (tmp_path / 'beam.xml').write_text(text)
-    (tmp_path / 'beam.yaml').write_text(machine)
     still, place = np.zeros((2, 1)), np.array([[0.3], [0.2]])
-    effort = arm_of(load_machine(tmp_path / 'beam.yaml')).efforts(place, still, still)
+    effort = arm_of(of_mjcf(tmp_path, text, 'turn', 'slide')).efforts(place, still, still)
     weight = 3.0 * 9.81
     expected = -weight * 0.7 * np.cos(0.3), -weight * np.sin(0.3)
     np.testing.assert_allclose(effort[:, 0], expected, rtol=1e-8)
@@ -200,14 +199,9 @@ HEAVY = """<mujoco><default class="robot"><geom density="500" size="0.1"/>
     ],
 )
 def test_a_shape_of_an_mjcf_weighs_what_its_class_states(tmp_path: Path, geom, mass) -> None:
-    path = tmp_path / 'heavy.yaml'
-    text = 'machine: serial\ndrives: [lies]\ngeometry: {description: heavy.xml}\n'
-    path.write_text(
-        f'{text}controller: {{cycle: 0.01}}\nparameters: {{drive_inertia: [0, 1, kg m^2]}}\n'
-    )
-    (tmp_path / 'heavy.xml').write_text(HEAVY.format(geom=geom))
     nothing = np.zeros((1, 1))
-    effort = arm_of(load_machine(path)).efforts(nothing, nothing, nothing)
+    machine = of_mjcf(tmp_path, HEAVY.format(geom=geom), 'lies')
+    effort = arm_of(machine).efforts(nothing, nothing, nothing)
     assert effort == pytest.approx(-mass * 9.81 * 0.2, rel=1e-12)
 
 
@@ -217,12 +211,7 @@ def test_an_mjcf_is_read_and_joints_that_are_not_listed_stand_still(tmp_path: Pa
       <joint name="turn" axis="0 1 0"/>
       <body name="b" pos="0.5 0 0"><inertial mass="1" pos="0 0 0.2" diaginertia="0.1 0.1 0.1"/>
       <joint name="still" axis="1 0 0"/></body></body></worldbody></mujoco>"""
-    (tmp_path / 'arm.xml').write_text(text)
-    (tmp_path / 'arm.yaml').write_text(
-        'machine: serial\ndrives: [turn]\ngeometry: {description: arm.xml}\n'
-        'controller: {cycle: 0.01}\nparameters: {link_moment: [-1, 1, kg m]}\n'
-    )
-    arm = arm_of(load_machine(tmp_path / 'arm.yaml'))
+    arm = arm_of(of_mjcf(tmp_path, text, 'turn'))
     angle = np.array([[0.3]])
     still = np.zeros((1, 1))
     # Masses at 0.1 m and at (0.5, 0.2) m; a positive angle about y lowers x.
