@@ -58,23 +58,20 @@ class MujocoBelt:
         reference: (K,) set-point, rad.
     """
 
-    def __init__(
-        self, c: Mapping[str, float], cycle: float, reference: np.ndarray, substeps: int = SUBSTEPS
-    ) -> None:
+    def __init__(self, c: Mapping[str, float], cycle: float, reference: np.ndarray) -> None:
         self.constants = {name: float(value) for name, value in c.items()}
         self.reference = reference
-        self.substeps = substeps
-        self.step = cycle / substeps
+        self.step = cycle / SUBSTEPS
         self.spec = mujoco.MjSpec.from_string(_xml(self.constants, self.step))
         self.model = self.spec.compile()
         arc = reference[:-1] * self.constants['radius']
-        self.control = np.repeat(arc, substeps)[:, None]
+        self.control = np.repeat(arc, SUBSTEPS)[:, None]
         self.start = np.zeros(
             (1, mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
         )
 
     def _outputs(self, states: np.ndarray, gain: float) -> np.ndarray:
-        places = np.concatenate([[0.0], states[self.substeps - 1 :: self.substeps, 1]])
+        places = np.concatenate([[0.0], states[SUBSTEPS - 1 :: SUBSTEPS, 1]])
         phi1 = places / self.constants['radius']
         return np.stack([phi1, gain * (self.reference - phi1)])
 

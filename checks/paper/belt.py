@@ -77,22 +77,20 @@ def box(belt: BeltDrive) -> tuple[Array, Array]:
     )
 
 
-def step_reference(
-    *, cycle: float = 2e-4, duration: float = 1.0, steps: int = 9, height: float = np.pi / 1800.0
-) -> tuple[float, Array]:
-    """Return a step-like set-point as in Fig. 5, its steps evenly spread over the duration.
+def step_reference(*, duration: float = 1.0) -> tuple[float, Array]:
+    """Return the set-point of Fig. 5: nine steps of 0.1 degrees, evenly spread.
 
     Args:
         duration: Length, s.
-        height: Height of a step, rad; 0.1 degrees by default.
 
     Returns:
         The interval, and (K,) the set-point from 0 to `duration`, both included.
     """
+    cycle, steps = 2e-4, 9
     count = round(duration / cycle) + 1
     at = [round(duration / cycle * (i + 1) / (steps + 1)) for i in range(steps)]
     change = np.zeros(count)
-    np.add.at(change, at, height)
+    np.add.at(change, at, np.pi / 1800.0)
     return cycle, np.cumsum(change)
 
 
@@ -174,9 +172,9 @@ def trial(belt: BeltDrive, settings: GeneticSettings, seed: int, *, anywhere: bo
     return identify(belt, drawn if anywhere else TRUTH, settings, seed)
 
 
-def local_minima(belt: BeltDrive, count: int = 8001) -> int:
+def local_minima(belt: BeltDrive) -> int:
     """Return how many local minima the cost has along EA through the paper's truth."""
     low, high = box(belt)
-    line = np.column_stack([np.linspace(low[0], high[0], count), np.full(count, TRUTH[1])])
+    line = np.column_stack([np.linspace(low[0], high[0], 8001), np.full(8001, TRUTH[1])])
     cost = belt.cost(line, belt.simulate(TRUTH[None, :])[0])
     return int(((cost[1:-1] < cost[:-2]) & (cost[1:-1] < cost[2:])).sum())

@@ -36,18 +36,14 @@ def save(figure: Figure, path: Path) -> None:
         figure.savefig(file, format='png', dpi=120, metadata={'Software': None})
 
 
-def eigenfrequency(path: Path, found: Array = TRUTH) -> tuple[float, float]:
-    """Draw Fig. 4 and return the lowest and highest first eigenfrequency, Hz.
-
-    Args:
-        found: (2,) EA [N] and P [Nm/rad].
-    """
+def eigenfrequency(path: Path) -> tuple[float, float]:
+    """Draw Fig. 4 and return the lowest and highest first eigenfrequency, Hz."""
     positions = np.linspace(0.0, 0.7, 141)
-    first = eigenfrequencies_over_position(positions, found)[:, 0]
+    first = eigenfrequencies_over_position(positions)[:, 0]
     figure, axes = _axes()
     axes.plot(positions, first, color=INK, linewidth=1.8)
     axes.set(xlabel='x0 (m)', ylabel='f (Hz)', xlim=(0.0, 0.7), ylim=(65.0, 85.0))
-    title = f'First eigenfrequency over the rail position, P = {found[1]:.4g} Nm/rad'
+    title = f'First eigenfrequency over the rail position, P = {TRUTH[1]:.4g} Nm/rad'
     axes.set_title(title, fontsize=10)
     save(figure, path)
     return float(first.min()), float(first.max())
