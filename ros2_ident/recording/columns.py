@@ -43,7 +43,10 @@ for _marks, _plain in (('', 's'), ('m milli', 'ms'), ('u micro', 'us'), ('n nano
         TIME_UNITS |= dict.fromkeys((_plain, *_spelled), _plain)
 _DEGREE, _TURN = math.pi / 180.0, 2.0 * math.pi
 # Factors to m or rad, and a second; to N, N m, A or percent. NaN where only the owner knows it.
-_COUNTED = 'inc incs increments count counts cnt cts tick ticks puls pulses lsb steps raw digits'
+_COUNTED = (
+    'inc incs increments count counts cnt cts qc tick ticks puls pulse pulses lsb steps raw '
+)
+_COUNTED += 'digits'
 _RAW = dict.fromkeys(_COUNTED.split(), math.nan)
 PERMIL = ('permil', '‰', '0.1%', '0.1 %')
 OPEN = _RAW | dict.fromkeys(('%', 'percent', *PERMIL), math.nan)
@@ -60,7 +63,7 @@ _PER = dict.fromkeys(('/min', '_per_min', '_per_minute'), 60.0)
 _PER |= dict.fromkeys(('/h', '_h', 'h', 'ph', '_per_h', '_per_hour'), 3600.0)
 _LENGTH_SPEEDS = {f'{x}{per}': y / time for x, y in LENGTHS.items() for per, time in _PER.items()}
 _LENGTH_SPEEDS |= {'mps': 1.0, 'kph': 1.0 / 3.6}
-_MINUTES = 'rpm', '1/min', 'u/min', 'rev/min', 'min^-1', 'min-1'
+_MINUTES = 'rpm', '1/min', 'u/min', 'r/min', 'tr/min', 'rev/min', 'min^-1', 'min-1'
 SPEEDS = dict.fromkeys(_MINUTES, _TURN / 60.0) | dict.fromkeys(('hz', 'rps'), _TURN)
 SPEEDS |= {'dps': _DEGREE, 'radps': 1.0} | _LENGTH_SPEEDS
 SPEEDS |= {f'{x}{per}': MOTION[x] / _PER[per] for x in ('rad', 'deg', 'rev') for per in _PER}
@@ -69,7 +72,7 @@ _TORQUES = dict.fromkeys(('nm', 'n m', 'n.m', 'n*m', 'n·m', 'newton_meters'), 1
 EFFORTS: Mapping[str, Mapping[str, float]] = {
     'N m': _TORQUES | {'mnm': 1e-3, 'ncm': 1e-2, 'knm': 1e3},
     'N': {'n': 1.0, 'kn': 1e3, 'newtons': 1.0},
-    'A': {'a': 1.0, 'ma': 1e-3, 'milliamps': 1e-3},
+    'A': {'a': 1.0, 'arms': 1.0, 'a rms': 1.0, 'a_rms': 1.0, 'ma': 1e-3, 'milliamps': 1e-3},
     'percent': {'%': 1.0, 'percent': 1.0} | dict.fromkeys(PERMIL, 0.1),
 }
 EFFORT = _RAW | {unit: x for units in EFFORTS.values() for unit, x in units.items()}

@@ -55,7 +55,7 @@ class Header:
     delimiter: str  # between cells; empty for arrays
     decimal: str  # the decimal mark
     skip: int  # lines before the names
-    units: bool  # whether a line of units follows the names
+    below: int  # lines between the names and the values
     named: bool = True  # whether a line of names is there; else numbers stand for them
     words: str = ''  # said where what lacks is in a column of words
     rate: float = 0.0  # rows per second where they have no time, Hz
@@ -78,7 +78,7 @@ class Header:
         if not self.delimiter:
             return {'time': time, 'joints': joints}
         layout = {'delimiter': self.delimiter, 'decimal': self.decimal, 'skip': self.skip}
-        below = {'skip_below': int(self.units)} if self.named else {'header': False}
+        below = {'skip_below': self.below} if self.named else {'header': False}
         return {'time': time, 'joints': joints} | layout | below
 
     def timed(self, rate: float) -> 'Header':
@@ -307,10 +307,13 @@ def header_of(path: Path) -> Header:
             said = f'{usual} columns and {len(above[-1])} of names, {listed(above[-1])}'
         columns = [Meaning(str(n + 1), why=said) for n in range(usual)]
         at = (tuple(columns), tuple(range(1, usual + 1)))
-        return Header(*at, delimiter, decimal, first, units=False, named=False)
-    # Of two lines the lower one may hold units.
-    units = above[wide[-1]] if wide[1:] and any(map(is_unit, above[wide[-1]])) else []
-    top = wide[-2 if units else -1]
+        return Header(*at, delimiter, decimal, first, 0, named=False)
+    # Of several lines the one that tells most holds the names, the lowest of such; units may
+    # follow, and what a device writes beside them, as its addresses.
+    of_units = [n for n in wide[1:] if _units(above[n])]
+    named = [n for n in wide if n not in of_units]
+    top = max(named, key=lambda n: (sum(bool(x.quantity) for x in meanings(above[n])), n))
+    units = next((above[n] for n in of_units if n > top), [])
     names = above[top]
     # pandas tells names apart that stand there again, as those of a time for each channel
     again_at = [n for n, x in enumerate(names) if n and re.sub(r'\.\d+$', '', x) == names[0] != '']
@@ -324,12 +327,18 @@ def header_of(path: Path) -> Header:
     for n in again_at:
         columns[n] = columns[n].left_out('the first column again')
     _require_wide(path, columns, values)
-    unread = meanings(names, units)
+    unread = meanings(names)
     told = next((n for n in wordy if unread[n].quantity), None)
     words = '' if told is None else _wordy(((names[told], x) for x in below[told]), decimal)
     unique = {x for x in names if x and names.count(x) == 1 and names is rows[top]}
     cells = tuple(x if x in unique else n for n, x in enumerate(names, 1))
-    return Header(tuple(columns), cells, delimiter, decimal, top, bool(units), words=words)
+    return Header(tuple(columns), cells, delimiter, decimal, top, first - top - 1, words=words)
+
+
+def _units(row: Sequence[str]) -> bool:
+    """Return whether most cells of a line that are not empty are units."""
+    told = [is_unit(x.strip('[]()')) for x in row if x]
+    return 2 * sum(told) >= len(told) > 0
 
 
 def _delimiter(lines: Sequence[str]) -> str:
@@ -370,7 +379,7 @@ def _of_arrays(path: Path) -> Header:
     columns = [replace(x, name=cell) for x, cell in read]
     others = [x for x in sizes if x not in each]
     columns += [Meaning(x, why=_NO_ROWS) for x in others]
-    return Header(tuple(columns), (*cells, *others), '', '.', 0, False)
+    return Header(tuple(columns), (*cells, *others), '', '.', 0, 0)
 
 
 def _require_wide(path: Path, columns: Sequence[Meaning], values: Sequence[Sequence[str]]) -> None:

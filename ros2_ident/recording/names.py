@@ -34,15 +34,15 @@ _WORDS = {
     'other': 'ext external gravity grav coriolis ff feedforward err error following deviation '
     'temp temperature temperatures voltage volt pwm duty acc accel acceleration ddq qdd ddot jerk '
     'tcp pose kp kd ki gain limit scaling computed cmptd calculated calc ddtheta',
-    'time': 'time times t ts stamp stamps timestamp timestamps clock zeit elapsed tiempo tempo '
-    'temps',
+    'time': 'time times t ts stamp stamps timestamp timestamps clock zeit uhrzeit elapsed tiempo '
+    'tempo temps hora heure',
     'vague': 'value values point points state states data controller control trajectory mapper '
-    'foc rel header field raw',
+    'foc rel header field raw cumulative',
     'treated': 'filtered filt fil gefiltert smoothed compensated compensate',
     'place': 'joint joints j axis motor servo drive id',
 }
 _MEANT = {word: kind for kind, words in _WORDS.items() for word in words.split()}
-_FAINT = dict.fromkeys(('q', 'theta', 'encoder'), 'position')
+_FAINT = dict.fromkeys(('q', 'theta', 'encoder', 'pulse', 'pulses'), 'position')
 _FAINT |= dict.fromkeys(('current', 'cur', 'i', 'load'), 'effort')
 # Those that are a current. Where no unit is stated it is in A, and a constant makes it a torque.
 _CURRENTS = {
@@ -78,6 +78,7 @@ _KNOWN = maps.MOTION.keys() | maps.SPEEDS.keys() | maps.EFFORT.keys() | maps.TIM
 _UNITS = _KNOWN | {
     *['1', 'v', 'mv', 'w', 'kw', 'khz', '°c', 'kg', 'bar', 'pa', 'samples', 'minutes']
 }
+_OWN_UNITS = ('unit', 'units')
 _NO_TIME = 'a time is in s, ms, us or ns'
 _NAMES_NONE = 'names no position, velocity or effort'
 
@@ -114,6 +115,14 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     # of `pos_a` and `tau_a` the end is a joint, though one could be in A
     joints = {row.key for row in rows if row.quantity != 'time'}
     for row in (x for x in rows if (x.unit.lower(),) in joints and x.quantity != 'time'):
+        row.ends()
+    # A text in brackets that is no known unit tells joints apart, or is a unit unknown: no unit
+    # is one of a position and of an effort, and no quantity of one joint is there in two units.
+    for row in [x for x in rows if x.open]:
+        alike = {x.unit for x in rows if x.open and x.text == row.text}
+        kinds = {x.kind for x in rows if x.open and x.unit == row.unit}
+        row.joins = len(alike) > 1 or len(kinds) > 1
+    for row in (x for x in rows if x.joins):
         row.ends()
     # the effort that was asked for stands for the effort where there is no other
     if any(row.quantity == 'effort' and not row.wanted for row in rows):
@@ -152,7 +161,8 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
     efforts = {x.joint: n for n, x in enumerate(out) if x.quantity == 'effort'}
     apart = [n for joint, n in efforts.items() if joint not in moving]
     bare = [n for n, x in enumerate(out) if x.why == _NAMES_NONE and not moving]
-    names = [*moving] or [out[n].name for n in bare]
+    placed = [x.joint for x in out if x.quantity == 'position']
+    names = placed or [*moving] or [out[n].name for n in bare]
     if apart and len(names) == len(efforts):
         for n, name in zip(efforts.values(), names, strict=True):
             out[n] = replace(out[n], perhaps=f'{name}.effort')
@@ -206,11 +216,13 @@ class _Name:
     def __init__(self, name: str, below: str, derived: bool) -> None:
         self.name = name
         whole = re.sub(r'^#\s+', '', name)
-        text, unit, behind = _without_unit(whole)
+        self.text, unit, behind = _without_unit(whole)
         stated = below.strip('[]() ')
-        fits = self._read(text, stated or unit, derived)
+        fits = self._read(self.text, stated or unit, derived)
         # what is no unit of it is a name's end
-        self._end = (whole, '', derived) if behind and not stated else None
+        plain = re.sub(r'\s*[\[(<]([^\[\]()<>]*)[\])>]\s*$', r' \1', whole)
+        self._end = (plain, '', derived) if behind and not stated else None
+        self.open, self.joins = behind and not stated and not is_unit(unit), False
         if not fits:
             self.ends()
 
@@ -229,10 +241,16 @@ class _Name:
         plain = maps.plain_unit(self.unit)
         return 1 if not plain else 2 * (maps.si_unit('effort', plain) in ('A', 'percent'))
 
+    @property
+    def kind(self) -> str:
+        """Its quantity, whether commanded or measured."""
+        return self.quantity.removeprefix('command_')
+
     def means(self, quantity: str) -> None:
         """Let it be a quantity that its name does not say."""
         self.quantity, self.why = quantity, ''
-        self.scale = maps.units_of(quantity).get(maps.plain_unit(self.unit), 1.0)
+        known = maps.units_of(quantity)
+        self.scale = known.get(maps.plain_unit(self.unit), math.nan if self.unit else 1.0)
 
     def _read(self, text: str, unit: str, derived: bool) -> bool:
         """Take a name without its unit apart; return whether the unit is one of its quantity."""
@@ -275,7 +293,7 @@ class _Name:
         elif not fits:
             self.why = f'no {quantity} is in {unit}'
         else:
-            self.scale = maps.units_of(quantity).get(plain, 1.0)
+            self.scale = maps.units_of(quantity).get(plain, math.nan if unit else 1.0)
             asked = role == 'command' and quantity != 'effort'
             self.quantity = f'command_{quantity}' if asked else quantity
         self.wanted = role == 'command' and self.quantity == 'effort'
@@ -384,6 +402,10 @@ def _without_unit(name: str) -> tuple[str, str, bool]:
         return f'{found[1]} {found[2].strip()}', '', False
     if found and is_unit(found[2]):
         return found[1], found[2].strip(), False
+    inside = [x.lower() for x in _WORD.findall(found[2])] if found else []
+    # a drive's own, as `reference unit`, or of words that say nothing else
+    if found and inside and (inside[-1] in _OWN_UNITS or not any(map(_MEANT.get, inside))):
+        return found[1], found[2].strip(), True
     for x in _BEFORE_UNIT.finditer(name):
         before, unit = name[: x.start()], name[x.end() :]
         if maps.plain_unit(unit) in _KNOWN and _WORD.search(before):

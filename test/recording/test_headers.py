@@ -52,6 +52,8 @@ def test_each_column_is_read_as_what_its_name_says(header):
         ('Speed rpm', TURN / 60.0), ('speed m/s', 1.0), ('torque mNm', 1e-3),
         ('vel_rev_per_min', TURN / 60.0), ('speed_mps', 1.0), ('vel_rad_sec', 1.0),
         ('speed [m/min]', 1 / 60.0), ('pos [inch]', 0.0254), ('speed_meters_per_sec', 1.0),
+        ('Torque (shaft)', math.nan), ('Position [user unit]', math.nan),
+        ('Speed [r/min]', TURN / 60.0), ('current [Arms]', 1.0),
         ('velocity_degrees_per_second', DEGREE), ('current_milliamps', 1e-3), ('posMm', 1e-3),
     ],
 )  # fmt: skip
@@ -100,6 +102,27 @@ def test_lines_may_be_blank_between_the_rows(tmp_path, mark, end):
     read = read_bag(log)[0]
     assert read.state.position[:, 0] == pytest.approx(np.arange(200) / 50)
     assert read.effort.effort[:, 0] == pytest.approx(3 * np.arange(200) / 100)
+
+
+@pytest.mark.parametrize(
+    'lines',
+    [
+        ['Time ,Extension ,Load ', '(s),(mm),(kN)'],
+        ['Time,Extension,Load', 's,mm,kN', 'a0,a1,a2'],
+        ['Serial,No.,5a', 'Time,Extension,Load', 'sec,mm,kN', ''],
+        ['No.,CH1,CH2', 'Time [s],Extension [mm],Load [kN]'],
+        ['Time [s],Extension [mm],Load [kN]', 'No.,CH1,CH2'],
+    ],
+)
+def test_names_and_units_stand_in_any_of_several_lines(tmp_path, lines):
+    log = tmp_path / 'log.csv'
+    rows(log, '\n'.join(lines), '{t},{a},{b}')
+    out = str(tmp_path / 'm.yaml')
+    assert main(['new-machine', '--kind', 'linear_axis', '--bag', str(log), '--out', out]) == 0
+    read = read_bag(log)[0]
+    times = np.arange(200) / 10
+    assert read.state.position[:, 0] == pytest.approx(1e-3 * np.sin(times))
+    assert read.effort.effort[:, 0] == pytest.approx(1e3 * np.cos(times))
 
 
 def test_a_scale_that_only_the_owner_knows_is_asked_for_and_taken(tmp_path, capsys):
