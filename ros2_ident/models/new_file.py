@@ -627,10 +627,9 @@ def _joints(kind: Kind, root: ET.Element | None, states: Stream | None) -> tuple
             perhaps = f'; in their order {logged[0]} would be {known[0]}'
         raise ErrorCode.INVALID_GOAL.error(
             f'the log holds {", ".join(logged or ()) or "no joint"} and the description '
-            f'{", ".join(known) or "no joint that moves"}; give both of one machine, or name the '
-            'joints of the log as the description does: in its column map, or where they have '
-            'numbers only by --drives, of a bag in one of its fields (--columns), or where its '
-            f'messages have no names by --joint-names{perhaps}'
+            f'{", ".join(known) or "no joint that moves"}; name the joints of the log as the '
+            'description does: in its column map (--columns), or where they have numbers or no '
+            f'names by --drives or --joint-names{perhaps}'
         )
     return common
 

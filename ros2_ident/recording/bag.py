@@ -343,7 +343,8 @@ def _check_topics(
     if lacking or not any(messages.count for messages in raw.messages.values()):
         held = listed(f'{x} ({kind})' for x, kind in sorted(raw.types.items()) if raw.counts[x])
         text = f'holds no message of {", ".join(lacking or roles)}, only {held}; name the topics '
-        text += 'of state, effort and command, or `none` for one that was not recorded'
+        text += 'of state, effort and command, or `none` for one that was not recorded, or give '
+        text += 'their fields by --columns'
         raise ErrorCode.MISSING_STREAM.at(path, text)
 
 
