@@ -43,11 +43,8 @@ for _marks, _plain in (('', 's'), ('m milli', 'ms'), ('u micro', 'us'), ('n nano
         TIME_UNITS |= dict.fromkeys((_plain, *_spelled), _plain)
 _DEGREE, _TURN = math.pi / 180.0, 2.0 * math.pi
 # Factors to m or rad, and a second; to N, N m, A or percent. NaN where only the owner knows it.
-_COUNTED = (
-    'inc incs increments count counts cnt cts qc tick ticks puls pulse pulses lsb steps raw '
-)
-_COUNTED += 'digits'
-_RAW = dict.fromkeys(_COUNTED.split(), math.nan)
+_COUNTED = 'inc incs increments count counts cnt cts qc tick ticks puls pulse pulses lsb steps'
+_RAW = dict.fromkeys((*_COUNTED.split(), 'raw', 'digits'), math.nan)
 PERMIL = ('permil', '‰', '0.1%', '0.1 %')
 OPEN = _RAW | dict.fromkeys(('%', 'percent', *PERMIL), math.nan)
 LENGTHS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'km': 1e3, 'um': 1e-6, 'µm': 1e-6}

@@ -118,11 +118,8 @@ def meanings(names: Sequence[str], units: Sequence[str] = ()) -> list[Meaning]:
         row.ends()
     # A text in brackets that is no known unit tells joints apart, or is a unit unknown: no unit
     # is one of a position and of an effort, and no quantity of one joint is there in two units.
-    for row in [x for x in rows if x.open]:
-        alike = {x.unit for x in rows if x.open and x.text == row.text}
-        kinds = {x.kind for x in rows if x.open and x.unit == row.unit}
-        row.joins = len(alike) > 1 or len(kinds) > 1
-    for row in (x for x in rows if x.joins):
+    unknown = [x for x in rows if x.open]
+    for row in [x for x in unknown if any(map(x.is_beside, unknown))]:
         row.ends()
     # the effort that was asked for stands for the effort where there is no other
     if any(row.quantity == 'effort' and not row.wanted for row in rows):
@@ -222,7 +219,7 @@ class _Name:
         # what is no unit of it is a name's end
         plain = re.sub(r'\s*[\[(<]([^\[\]()<>]*)[\])>]\s*$', r' \1', whole)
         self._end = (plain, '', derived) if behind and not stated else None
-        self.open, self.joins = behind and not stated and not is_unit(unit), False
+        self.open = behind and not stated and not is_unit(unit)
         if not fits:
             self.ends()
 
@@ -241,10 +238,11 @@ class _Name:
         plain = maps.plain_unit(self.unit)
         return 1 if not plain else 2 * (maps.si_unit('effort', plain) in ('A', 'percent'))
 
-    @property
-    def kind(self) -> str:
-        """Its quantity, whether commanded or measured."""
-        return self.quantity.removeprefix('command_')
+    def is_beside(self, other: '_Name') -> bool:
+        """Return whether both are alike with other brackets, or have one bracket but no unit."""
+        kinds = {x.quantity.removeprefix('command_') for x in (self, other)}
+        same = self.unit == other.unit
+        return len(kinds) > 1 if same else self.text == other.text
 
     def means(self, quantity: str) -> None:
         """Let it be a quantity that its name does not say."""
