@@ -39,7 +39,7 @@ _WORDS = {
     'vague': 'value values point points state states data controller control trajectory mapper '
     'foc rel header field raw cumulative',
     'treated': 'filtered filt fil gefiltert smoothed compensated compensate',
-    'place': 'joint joints j axis motor servo drive id',
+    'place': 'joint joints j axis motor servo drive id achse achs gelenk antrieb antriebs',
 }
 _MEANT = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _FAINT = dict.fromkeys(('q', 'theta', 'encoder', 'pulse', 'pulses'), 'position')
@@ -182,7 +182,16 @@ def _told_by_units(rows: Sequence['_Name']) -> None:
 
     Where each is there once they are one joint's; else the names are those of joints.
     """
-    if any(row.quantity in ('position', 'velocity') for row in rows):
+    moving = {row.key for row in rows if row.quantity in ('position', 'velocity')}
+    if moving:
+        # a force or torque beside the motion of one joint alone is its effort: `theta, u [N m]`
+        forces = [
+            row for row in rows if row.why == _NAMES_NONE
+            and maps.si_unit('effort', maps.plain_unit(row.unit)) in ('N m', 'N')
+        ]  # fmt: skip
+        if len(moving) == len(forces) == 1 and not any(row.quantity == 'effort' for row in rows):
+            forces[0].means('effort')
+            (forces[0].key,) = moving
         return
     silent = ((row, _of_unit(row.unit)) for row in rows if row.why == _NAMES_NONE)
     told = {row: quantity for row, quantity in silent if quantity}
@@ -381,13 +390,19 @@ class _Part:
 
 
 def _glued(word: str) -> int:
-    """Return where a word is two known ones, one of them a role (`posdes`); 0 for nowhere."""
+    """Return where a word is two known ones; 0 for nowhere.
+
+    One of them is a role (`posdes`), or says the place of a whole word (`motorstrom`).
+    """
     if word in _MEANT or word in _FAINT:
         return 0
     known = {**_MEANT, **_FAINT}
     cuts = range(1, len(word))
     pairs = ((cut, known.get(word[:cut]), known.get(word[cut:])) for cut in cuts)
-    return next((cut for cut, *both in pairs if all(both) and set(both) & {*_ROLES}), 0)
+    return next(
+        (cut for cut, *both in pairs if all(both) and (set(both) & {*_ROLES}
+         or ('place' in both and min(cut, len(word) - cut) > 2))), 0,
+    )  # fmt: skip
 
 
 def _without_unit(name: str) -> tuple[str, str, bool]:
