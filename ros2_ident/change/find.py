@@ -104,8 +104,11 @@ class _Round:
         return [c for c in self.columns if not c.own]
 
     def evidence(self, column: Column) -> float:
-        """Return the evidence of a suspect to first order."""
-        return evidence_of(self.weighed.of(column.columns)[2], len(column.columns))
+        """Return the evidence of a suspect to first order, an effect within its box."""
+        estimate, _, gain = self.weighed.of(column.columns)
+        most = np.asarray(column.most or math.inf) / np.abs(column.scales)
+        share = 1.0 / max(1.0, float(np.max(np.abs(estimate) / most)))
+        return evidence_of(share * (2.0 - share) * gain, len(column.columns))
 
 
 def find_change(
@@ -280,18 +283,16 @@ def _step(
         key = c.suspect.name, c.suspect.where
         if key not in dropped and key not in {(x.suspect.name, x.suspect.where) for x in ordered}:
             ordered.append(c)
-    best = told[id(ordered[0])] if ordered else 0.0
-    if not best > price:
-        return None
-    # Of many that explain as much to first order none is left out: one of them may be the cause.
-    promising = [
-        c for i, c in enumerate(ordered)
-        if told[id(c)] > max(price, (PROMISING * best if i < _FITS else _nearly(best)))
-    ]  # fmt: skip
     fits: list[_Fit] = []
-    top = 0.0
-    for c in promising:
+    top = held = 0.0
+    for i, c in enumerate(ordered):
+        # Of many that explain as much to first order none is left out: one of them may be the
+        # cause. What explained nothing once fitted keeps no other back.
+        least = PROMISING * held if i < _FITS else _nearly(told[id(ordered[0])])
+        if not told[id(c)] > max(price, least):
+            break
         f = _with(now, c, base(), max(price, _nearly(top)), stopped)
+        held = max(held, min(told[id(c)], f.evidence))
         if all(f.evidence > Rules.alike * x.evidence for x in found
                if '' in (x.column.place, c.place) or x.column.place == c.place):  # fmt: skip
             fits.append(f)

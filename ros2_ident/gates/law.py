@@ -14,6 +14,7 @@ import scipy
 
 from ros2_ident.arrays import Array
 from ros2_ident.gates import scale
+from ros2_ident.gates.instants import robust_size
 from ros2_ident.gates.scale import near
 from ros2_ident.gates.signals import best_delays, Fit, LATEST_COMMAND, sane, Signals, signals_of
 from ros2_ident.models import Machine
@@ -231,7 +232,9 @@ def _limit(asked: Array, effort: Array) -> float:
         effort: (R,) what was logged.
     """
     size = np.abs(effort)
-    calm = size <= max(0.5 * float(size.max()), float(np.median(size)))
+    calm = size <= 0.5 * size.max()
+    if calm.sum() < _FEW:
+        calm = size <= np.median(size)
     asked = asked + float(np.median((effort - asked)[calm]))
     least = np.maximum(scale.MORE * size, 0.4 * size.max())
     beyond = (np.abs(asked) > least) & (size > 0.4 * size.max())
@@ -241,8 +244,8 @@ def _limit(asked: Array, effort: Array) -> float:
     much, had = np.log(np.abs(asked[beyond])), np.log(size[beyond])
     if missed[beyond].sum() < scale.MOSTLY * missed.sum() or much.std() < _SPREAD:
         return math.inf
-    # Short of its limit a drive follows its law.
-    if missed[~beyond].mean() > (1.0 - scale.STRAYS) * effort.var():
+    # Short of its limit a drive follows its law, but for samples at which it leaves the limit.
+    if robust_size((effort - asked)[~beyond]) ** 2 > (1.0 - scale.STRAYS) * effort.var():
         return math.inf
     slope = float(np.cov(much, had)[0, 1] / much.var())
     return float(np.median(size[beyond])) if abs(slope) < scale.STRAYS else math.inf

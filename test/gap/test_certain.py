@@ -68,6 +68,16 @@ def test_a_limit_that_the_file_does_not_know_is_no_other_gain() -> None:
     assert not examine(tripod(), [recording(1)]).of('limited')
 
 
+@pytest.mark.parametrize('limit', [1.0, 0.8, 0.5, 0.3])
+def test_a_limit_that_a_drive_hardly_leaves_is_told(limit: float) -> None:
+    put = Effect('torque_saturation', ('drive_2',), {'limit': limit})
+    log = tripod_log(draw_motion('mixed', tripod(), 5.0, 1), 1, (put,))
+    assert log.effort is not None
+    # it shows in no sum of squares: where it leaves one the law asks for much within a cycle
+    assert np.mean(np.abs(log.effort[1]) > 0.9 * limit) > 0.4
+    assert fit_law(tripod(), log, 'drive_2').limit == pytest.approx(limit, abs=0.02)
+
+
 def test_gains_that_differ_from_drive_to_drive_are_no_number_of_the_file() -> None:
     logs = [recording(seed, 'gain 1', 'gain 2', 'gain 3') for seed in (1, 2)]
     found = diagnose(tripod(), logs[:1], logs[1:], seed=1)
