@@ -292,7 +292,7 @@ def _step(
         if not told[id(c)] > max(price, least):
             break
         f = _with(now, c, base(), max(price, _nearly(top)), stopped)
-        held = max(held, min(told[id(c)], f.evidence))
+        held = max(held, told[id(c)] if f.evidence > price else 0.0)
         if all(f.evidence > Rules.alike * x.evidence for x in found
                if '' in (x.column.place, c.place) or x.column.place == c.place):  # fmt: skip
             fits.append(f)
