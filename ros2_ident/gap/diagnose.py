@@ -292,7 +292,8 @@ class _Passes:
 
     def run(self, fit: Part, check: Part) -> Diagnosis:
         """Diagnose; where both recordings have to take turns, block by block, once more so."""
-        begun = self._begin(Split(fit, check, self.conditions))
+        split = Split(fit, check, self.conditions)
+        begun = self._begin(split)
         # Without a gap no effect can stand for a number that the controllers' log contradicts.
         if begun.report.unfit or (begun.report.blocked and not begun.material):
             found, verdict = of_gates(begun.selector.split.drives, begun.base, begun.report)
@@ -304,7 +305,7 @@ class _Passes:
             left = _left_anywhere(begun.selector, whole)
             much = _RULES.closed * begun.base.size
             if begun.selector.split.check_bag and left < max(much, _RULES.material):
-                begun = self._begin(Split(fit, check, self.conditions).by_blocks())
+                begun = self._begin(split.by_blocks())
             elif left < _RULES.material:
                 begun = replace(begun, base=whole)
         watched = begun.selector.fits.missed is not None

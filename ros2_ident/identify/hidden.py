@@ -214,8 +214,8 @@ def missing_beside(
         candidates = [at for at in first.extensions() if at not in first.effects]
     wide = [first.extended((*first.effects, at)) for at in candidates]
     more = more or {}
-    counts = (len(_tried(w, at)[0]) for w, at in zip(wide, candidates, strict=True))
-    tried = sum((*counts, *map(len, more.values())))
+    pairs = zip(wide, candidates, strict=True)
+    tried = sum(len(_tried(w, at, more=more.get(at, ()))[0]) for w, at in pairs)
     rows = rows_of(models, MOST // max(200, tried))
     residual, slopes = slopes_of(fitted, theta, rows)
     basis = np.linalg.qr(slopes)[0]

@@ -397,12 +397,12 @@ def _glued(word: str) -> int:
     if word in _MEANT or word in _FAINT:
         return 0
     known = {**_MEANT, **_FAINT}
-    cuts = range(1, len(word))
-    pairs = ((cut, known.get(word[:cut]), known.get(word[cut:])) for cut in cuts)
-    return next(
-        (cut for cut, *both in pairs if all(both) and (set(both) & {*_ROLES}
-         or ('place' in both and min(cut, len(word) - cut) > 2))), 0,
-    )  # fmt: skip
+    for cut in range(1, len(word)):
+        both = known.get(word[:cut], ''), known.get(word[cut:], '')
+        whole = 'place' in both and min(cut, len(word) - cut) > 2
+        if all(both) and (whole or {*both} & {*_ROLES}):
+            return cut
+    return 0
 
 
 def _without_unit(name: str) -> tuple[str, str, bool]:
