@@ -125,8 +125,8 @@ class Comparison:
         paired: Whether logs were compared in pairs.
         price: Evidence that a change needs beside all that might have changed.
         complete: Whether nothing cut it short.
-        pushed: Whether others than the drives made efforts in these logs; no fit tells what that
-            did from a change.
+        pushed: Whether others than the drives made efforts in these logs that no change explains;
+            no fit tells what they did from a change.
         friction: Of drives with several changes of friction all of them together, those of `apart`
             too, as the change of their Coulomb friction that does the same along these motions.
     """
