@@ -27,7 +27,7 @@ from ros2_ident.gap.contradictions import unexplained
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
 from ros2_ident.gates import GateReport
-from ros2_ident.identify.hidden import missing_beside, residuals_at, Rows
+from ros2_ident.identify.hidden import BLOCKS, missing_beside, residuals_at, Rows
 from ros2_ident.identify.problem import Problem
 from ros2_ident.models import EffectAt
 from ros2_ident.models.drives.candidates import COULOMB, FRICTION
@@ -51,8 +51,9 @@ _STEPS = 6
 _TURNS = 2
 # Logarithm of the odds from which on a change is named: 95 of 100 are right then.
 _SURE = math.log(0.95 / 0.05)
-# Each quarter of a log is predicted from the other three.
-_PARTS = 4
+# Each part of a log is predicted from the others. Two logs have so many blocks each at least; of
+# fewer parts it is hardly known how a change scatters between them.
+_PARTS = BLOCKS // 2
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ What is between a ripple and the log turns its phase with the speed, and an orde
 turn that is missed by a little explains nothing: only a simulation of each tells.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import itertools
 
 import numpy as np
@@ -132,7 +132,7 @@ def orders_shown(
     grids = [grid[: _MOST // (len(sizes) * free.size)] for grid in grids]
     neutral = np.array([[p.neutral for p in x] for x in own])
     high = np.array([[x[i].high for i in sizes] for x in own])
-    gains: list[list[float]] = [[] for _ in several]
+    shown: list[list[Array]] = [[] for _ in several]
     longest = max(grid.size for grid in grids)
     for begin in range(0, longest, _AT_ONCE):
         count = min(_AT_ONCE, longest - begin)
@@ -146,27 +146,45 @@ def orders_shown(
         columns = np.nan_to_num(change(points.reshape(len(points), -1)), posinf=0.0, neginf=0.0).T
         columns = columns - basis @ (basis.T @ columns)
         for place, (grid, there) in enumerate(zip(grids, rows, strict=True)):
-            seen = columns[there]
-            for k in range(grid[begin : begin + count].size):
-                pair = seen[:, k * len(sizes) : (k + 1) * len(sizes)]
-                along = np.linalg.qr(pair)[0].T @ free[there]
-                gains[place].append(float(along @ along))
+            pairs = columns[there].reshape(-1, count, len(sizes)).transpose(1, 0, 2)
+            q = np.linalg.qr(pairs[: grid[begin : begin + count].size])[0]
+            shown[place].append(q.astype(np.float32))
     return [
-        _best(grid, np.array(gain), len(sizes), clear)
-        for grid, gain in zip(grids, gains, strict=True)
+        tuple(itertools.islice(_best(grid, np.concatenate(q), free[there], clear), _BEST))
+        if grid.size
+        else ()
+        for grid, q, there in zip(grids, shown, rows, strict=True)
     ]
 
 
-def _best(grid: Array, gain: Array, sizes: int, clear: bool) -> tuple[float, ...]:
-    """Return the orders of a grid (G,) with most gain (G,), as of `orders_shown`."""
-    best = np.argsort(gain)[: -_BEST - 1 : -1]
-    if clear and gain.size:
-        # Of white noise a gain is chi-square distributed, with one degree of freedom a size.
-        usual = scipy.ndimage.median_filter(gain, _BESIDE)
-        usual = usual / (2.0 * scipy.special.gammaincinv(sizes / 2, 0.5))
-        least = usual * scipy.special.chdtri(sizes, _CHANCE / gain.size)
-        best = best[gain[best] > least[best]]
-    return tuple(float(grid[i]) for i in best)
+def _best(
+    grid: Array, pairs: npt.NDArray[np.float32], left: Array, clear: bool
+) -> Iterator[float]:
+    """Yield the order with most gain, and each next one in what those before leave.
+
+    An order shows in others, too, where a motion is uneven: what is usual is told without it.
+
+    Args:
+        grid: (G,) orders.
+        pairs: (G, r, S) orthonormal columns of each.
+        left: (r,) what they are to explain.
+        clear: As of `orders_shown`.
+    """
+    sizes = pairs.shape[2]
+    # Of white noise a gain is chi-square distributed, with one degree of freedom a size.
+    median = 2.0 * scipy.special.gammaincinv(sizes / 2, 0.5)
+    least = scipy.special.chdtri(sizes, _CHANCE / grid.size) / median if clear else 0.0
+    while True:
+        gain = _gains(pairs, left)
+        k = int(np.argmax(gain))
+        left = left - pairs[k] @ (pairs[k].T @ left)
+        if not gain[k] > least * scipy.ndimage.median_filter(_gains(pairs, left), _BESIDE)[k]:
+            return
+        yield float(grid[k])
+
+
+def _gains(pairs: npt.NDArray[np.float32], left: Array) -> Array:
+    return np.asarray(np.sum((left.astype(np.float32) @ pairs) ** 2, axis=1), dtype=np.float64)
 
 
 def _grid(model: FullModel, place: str, order: EffectParameter) -> Array:

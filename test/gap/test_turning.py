@@ -13,6 +13,7 @@ from ros2_ident.gap.diagnose import diagnose
 from ros2_ident.gap.result import Diagnosis
 from ros2_ident.machine.machine import Machine
 from ros2_ident.models import EffectAt, machine_from_mapping, make_model
+from ros2_ident.models.trials import orders_shown
 from ros2_ident.recording import Dataset
 from ros2_ident.words.finding import where
 from ros2_ident.words.verdict import advice, sentence
@@ -65,13 +66,17 @@ def diagnosed(name: str, values: dict[str, float]) -> Diagnosis:
     return diagnose(JOINT, [recording(1, effect)], [recording(2, effect)], seed=1)
 
 
-def turned(cogging: Callable[[np.ndarray], np.ndarray]) -> tuple[Machine, Dataset]:
+TIME = np.arange(9000) * 2e-3
+EVEN = 2.0 * np.arcsin(0.99 * np.sin(TIME))
+
+
+def turned(
+    cogging: Callable[[np.ndarray], np.ndarray], position: np.ndarray = EVEN
+) -> tuple[Machine, Dataset]:
     """Return a motor without a load, and its log without set-points."""
-    time = np.arange(9000) * 2e-3
-    position = 2.0 * np.arcsin(0.99 * np.sin(time))
     speed = np.gradient(position, 2e-3)
     effort = cogging(position) + 0.05 * np.tanh(speed / 0.02) + 0.02 * np.gradient(speed, 2e-3)
-    effort += NOISE * np.random.default_rng(1).standard_normal(time.size)
+    effort += NOISE * np.random.default_rng(1).standard_normal(TIME.size)
     controller = {'cycle': 2e-3, 'torque_limit': 40.0}
     motor = machine_from_mapping({**PLAIN, 'controller': controller})
     return motor, Dataset(JOINT.drives, 2e-3, 0, None, None, position[None], None, effort[None])
@@ -100,6 +105,29 @@ def test_orders_that_the_band_hides_are_not_looked_for() -> None:
     shown, hidden = (np.std((x - plain)[np.isfinite(model.measured)]) for x in (low, high))
     # A hundredth of its power.
     assert shown > 0.05 and hidden < 0.1 * shown
+
+
+@pytest.mark.parametrize(('size', 'seen'), [(0.05, True), (0.0, False)])
+def test_an_order_shows_that_an_uneven_motion_shows_in_others_too(size: float, seen: bool) -> None:
+    """Most of the log is of a quarter of the stroke, where orders by the dozen look alike."""
+    position = 0.2 * np.sin(2.5 * TIME) + 1.4 * np.clip((TIME - 12.0) / 6.0, 0.0, 1.0)
+    motor, data = turned(lambda q: size * np.sin(44.76 * q + 0.4), position)
+    at = EffectAt('torque_ripple', 'joint')
+    model = make_model(motor, data).extended([at])
+    kept, nominal = model.restricted(np.isfinite(model.measured)), np.array([[0.02, 0.05, 0.0]])
+
+    def residual(points: np.ndarray) -> np.ndarray:
+        return kept.residuals(np.hstack([nominal.repeat(len(points), axis=0), points]))
+
+    left = residual(np.array([[0.0, 0.0, 1.0]]))[0]
+    own, nothing = np.ones(left.size, bool), np.empty((left.size, 0))
+    (orders,) = orders_shown(
+        model, [at], [own], lambda x: residual(x) - left, left, nothing, clear=True
+    )
+    assert bool(orders) is seen
+    # Between two orders that are looked at.
+    turns = np.ptp(position) / (2.0 * np.pi)
+    assert all(abs(n - 44.76) < 0.5 / turns for n in orders[:1])
 
 
 def test_a_ripple_comes_round_once_in_the_stroke() -> None:
