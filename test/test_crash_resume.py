@@ -122,7 +122,9 @@ def undisturbed(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         (_, whole), records = count_puts(patch, lambda: diagnosed(path, cancelled=never))
     # Along this motion acceleration does nearly what a Stribeck friction does.
-    assert whole['verdict']['effect'] in ('stribeck', 'unknown') and records > 20
+    assert whole['verdict']['effect'] in ('stribeck', 'unknown')
+    # Enough of them that half is in the midst of it.
+    assert records > 10
     return whole, records, asked
 
 
