@@ -163,6 +163,7 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
     columns: list[Column] = []
     changed: list[int] = []
     others: list[Array] = []
+    stated: list[Array] = []
     beside = sides.nominal + seen.columns.shape[1]
     # Drives are read in turns: when, within a sample, is as they were switched on (uniform).
     period = max(float(m.cycle / np.mean(np.isfinite(m.measured))) for m in sides.bare)
@@ -176,12 +177,16 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
         _loads(sides, nominal),
         _zeros(sides, theta, rows, zeros),
     ):
+        if c.suspect.name in sides.stated:
+            stated += own
+            continue
         at = [beside + i for i in _appended(others, own)]
         columns.append(replace(c, columns=_appended(changed, at)))
-    # Of parameters as on both sides, so that parts of either tell how it scatters.
+    # Of numbers as on both sides, so that parts of either tell how it scatters.
     more, width = [_of_effects(sides, theta, seen)], sides.high - sides.low
     for m in sides.moved:
         more.append(_of_move(sides, nominal, m, width[sides.places_of(None, m.name)]))
+    more.append(np.reshape(stated, (-1, residual.size)).T)
     at = [beside + i for i in _appended(others, list(np.hstack(more).T))]
     kept = _appended(changed, at)
     every = [*nominal.T, *seen.columns.T, *others]
@@ -200,7 +205,8 @@ def columns_of(sides: Sides, theta: Array, seen: Missing, zeros: Sequence[Homed]
         if of_friction(one):
             usual[[*places]] = [friction(one.where, every[changed[i]]) for i in places]
             alone[[*places]] = True
-    side = np.concatenate([np.full(kept.start, True), sides.later[sides.nominal :]])
+    side = np.full(len(changed), True)
+    side[kept.start : kept.start + sides.later.size - sides.nominal] = sides.later[sides.nominal :]
     of_others = np.reshape(others, (-1, residual.size)).T
     return Columns(columns, np.array(changed), of_others, usual, alone, side, kept)
 
@@ -287,7 +293,7 @@ def _constants(sides: Sides, theta: Array, rows: Rows, residual: Array) -> _Own:
     machine = sides.bare[-1].machine
     for name, (value, unit) in (stated_numbers(machine) if machine else {}).items():
         with suppress(IdentError):
-            moved = sides.stating(name, value * math.exp(COARSE_STEP), both=True)
+            moved = sides.times(name, math.exp(COARSE_STEP))
             slope = (residuals_at(moved, rows)(theta[None])[0] - residual) / COARSE_STEP
             if np.isfinite(slope).all():
                 c = Suspect('constant', name)

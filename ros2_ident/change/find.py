@@ -86,6 +86,27 @@ class _Fit:
 
 
 @dataclass(frozen=True)
+class _Number:
+    """Number of a change that is in a fit.
+
+    Attributes:
+        place: Which it is of all that changed.
+        name: Its name.
+        unit: Its unit.
+        none: Where there is no change; None of a shape.
+        value: What it is.
+        width: What its column is the derivative by.
+    """
+
+    place: int
+    name: str
+    unit: str
+    none: float | None
+    value: float
+    width: float
+
+
+@dataclass(frozen=True)
 class _Round:
     """All that may have changed beside what did, at one fit."""
 
@@ -103,6 +124,35 @@ class _Round:
     def suspects(self) -> list[Column]:
         """Those that may be named."""
         return [c for c in self.columns if not c.own]
+
+    def numbers_of(self, column: Column) -> list[_Number]:
+        """Return the numbers of a change that is in the fit, stated ones behind all others."""
+        sides, s, first = self.sides, column.suspect, self.sides.nominal
+        if s.kind == 'constant':
+            count = len(sides.parameters) - first
+            # The derivative is by the logarithm.
+            return [
+                _Number(count + i, name, column.units[0], before, after, after)
+                for i, (name, (before, after)) in enumerate(sides.stated.items())
+                if name == s.name
+            ]
+        wide = sides.high - sides.low
+        numbers = []
+        for i in sides.places_of(column.at, s.name):
+            p = sides.parameters[i]
+            none = p.absent if column.at else 0.0
+            name, value = p.name.removesuffix(AFTER), float(self.theta[i])
+            numbers.append(_Number(i - first, name, p.unit, none, value, float(wide[i])))
+        return numbers
+
+    def sizes_of(self, column: Column) -> dict[int, float]:
+        """Return the sizes of a change that is in the fit, in shares of their widths."""
+        numbers = self.numbers_of(column)
+        return {x.place: (x.value - x.none) / x.width for x in numbers if x.none is not None}
+
+    def kept_of(self, column: Column) -> list[int]:
+        """Return the columns of the numbers of a change that is in the fit."""
+        return [self.weighed.kept[x.place] for x in self.numbers_of(column)]
 
     def evidence(self, column: Column) -> float:
         """Return the evidence of a suspect to first order, an effect within its box."""
@@ -153,10 +203,7 @@ def find_change(
     for _ in range(2 * Rules.most):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
         base = cache(partial(_fitted, now, now.sides, now.theta, stopped))
-        less = [
-            (x, *_less(now, x.column, stopped)) for x in found[:-1]
-            if now.sides.places_of(x.column.at, x.column.suspect.name)
-        ]  # fmt: skip
+        less = [(x, *_less(now, x.column, stopped)) for x in found[:-1] if now.kept_of(x.column)]
         better = _escaped(now, less, base, stopped) if less else None
         weak = next((x for x in less if not _still(now, x[0].column, x[2], price, base)), None)
         if stopped():
@@ -434,26 +481,17 @@ def _restated(now: _Round, c: Column, stopped: Callable[[], bool]) -> tuple[Side
 
 def _named(now: _Round, x: _Fit, price: float) -> bool:
     """Return whether a change is more than it differs by within a side, and friction by itself."""
-    width, sizes = now.sides.high - now.sides.low, list[int]()
-    share = (now.theta / width)[now.sides.nominal :]
-    for i, none in _sizes(now.sides, x.column):
-        sizes.append(i - now.sides.nominal)
-        share[sizes[-1]] -= none / width[i]
+    sizes = now.sizes_of(x.column)
+    if not sizes:
+        return True
+    at, kept = [*sizes], [now.weighed.kept[i] for i in sizes]
     # When it was found nothing told how the parts of one log scatter.
-    kept = [*now.weighed.kept]
     more = now.weighed.scatter[0][kept] / now.weighed.inflation[kept]
-    if not sizes or not x.evidence > price * float(more[sizes].mean()):
-        return not sizes
+    if not x.evidence > price * float(more.mean()):
+        return False
     # Of its shape nothing is asked here: that was paid for when it was found.
-    return evidence_of(now.weighed.beyond(share, sizes), len(sizes)) > price
-
-
-def _sizes(sides: Sides, c: Column) -> Iterator[tuple[int, float]]:
-    """Yield which parameters are the sizes of a change, and where each is none."""
-    for i in sides.places_of(c.at, c.suspect.name):
-        none = sides.parameters[i].absent if c.at else 0.0
-        if none is not None:
-            yield i, none
+    gain = now.weighed.beyond(np.array([*sizes.values()]), at)
+    return evidence_of(gain, len(at)) > price
 
 
 def _explained(
@@ -470,10 +508,7 @@ def _explained(
         theta = _descended(evaluate, x.sides.box, x.theta, now.marginal, stopped)
         left.append(evaluate(theta[None])[0])
     before, after = left
-    some = now.weighed.unseen([
-        now.weighed.kept[i - now.sides.nominal]
-        for x in named for i in now.sides.places_of(x.column.at, x.column.suspect.name)
-    ])  # fmt: skip
+    some = now.weighed.unseen([i for x in named for i in now.kept_of(x.column)])
     whole = Marginal.of(now.weighed, now.rows, now.logs, now.nominal, folded=True)
     some += whole.loss(before) - whole.loss(after)
     return some / (some + max(0.0, now.weighed.unseen())) if some > 0.0 else math.nan
@@ -501,23 +536,19 @@ def _changes(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[Chang
     Args:
         theta: (N,) one fit of all logs; without what the model may lack it is the plainest.
     """
-    sides, common, either = now.sides, np.zeros(now.sides.nominal), _of_either_sign(now.sides)
-    width = (sides.high - sides.low)[sides.nominal :]
-    half = np.concatenate([common, now.weighed.half_widths() * width])
+    half, either = now.weighed.half_widths(), _of_either_sign(now.sides)
     for x in found:
-        c, s = x.column, x.column.suspect
-        sizes = [
-            Size(sides.parameters[i].name.removesuffix(AFTER), value, value - half[i],
-                 value + half[i], sides.parameters[i].unit,
-                 float(theta[sides.names.index(s.name)]) if s.kind == 'parameter' else math.nan,
-                 s.name in either)
-            for i in sides.places_of(c.at, s.name) for value in [float(now.theta[i])]
-        ]  # fmt: skip
-        here = next((x for x in now.columns if x.suspect == s), None)
-        if s.kind == 'constant' and here:
-            ends = NORMAL * math.sqrt(now.weighed.of(here.columns)[1][0, 0]) * here.value
-            moved = here.value - c.value
-            sizes = [Size(s.name, moved, moved - ends, moved + ends, c.units[0], c.value)]
+        s, sizes = x.column.suspect, list[Size]()
+        for n in now.numbers_of(x.column):
+            before, more = math.nan, n.value
+            if s.kind == 'parameter':
+                before = float(theta[now.sides.names.index(s.name)])
+            elif s.kind == 'constant' and n.none is not None:
+                before, more = n.none, n.value - n.none
+            wide = abs(half[n.place] * n.width)
+            sizes.append(
+                Size(n.name, more, more - wide, more + wide, n.unit, before, s.name in either)
+            )
         yield Change(s, tuple(sizes), x.evidence, x.ties)
 
 
@@ -528,24 +559,26 @@ def _all_friction(now: _Round, found: Sequence[_Fit], theta: Array) -> Iterator[
     each side by itself.
     """
     sides, told = now.sides, dict[str, list[Column]]()
-    width, first = sides.high - sides.low, sides.nominal
+    width = sides.high - sides.low
     for c in (x.column for x in found):
         if of_friction(c.at) if c.at else c.suspect.name.rpartition('.')[2] in FRICTION:
             told.setdefault(c.place, []).append(c)
     for place, several in told.items():
         names = [f'{place}.{name}' for name in COULOMB]
-        at = next((i for i, name in enumerate(sides.names[:first]) if name in names), None)
+        at = next(
+            (i for i, name in enumerate(sides.names[: sides.nominal]) if name in names), None
+        )
         if at is None or len(several) < 2:
             continue
-        slope, share, own = now.nominal[:, at], np.zeros(width.size), np.zeros(width.size - first)
+        slope = now.nominal[:, at]
+        share, own = np.zeros((2, now.kept.shape[1]))
         for c in several:
-            places = sides.places_of(c.at, c.suspect.name)
-            own[[i - first for i in places]] = 1.0 if c.suspect.side == 'after' else -1.0
-            for i, none in _sizes(sides, c):
-                share[i] = (now.theta[i] - none) / width[i]
+            own[[x.place for x in now.numbers_of(c)]] = 1.0 if c.suspect.side == 'after' else -1.0
+            for i, size in now.sizes_of(c).items():
+                share[i] = size
         along = slope @ now.kept / np.maximum(slope**2 @ (now.kept != 0.0), 1e-300) * width[at]
         own *= along
-        more = float(own @ share[first:])
+        more = float(own @ share)
         half = NORMAL * math.sqrt(own @ now.weighed.beside()[0] @ own)
         p = sides.parameters[at]
         yield Size(p.name, more, more - half, more + half, p.unit, float(theta[at]))
@@ -591,9 +624,7 @@ def _still(
         without: The best fit without it.
     """
     gain = max(0.0, without.loss - base().loss)
-    own = now.sides.places_of(c.at, c.suspect.name)
-    kept = [now.weighed.kept[i - now.sides.nominal] for i in own]
-    return evidence_of(now.weighed.among_logs(gain, kept), c.numbers) > price
+    return evidence_of(now.weighed.among_logs(gain, now.kept_of(c)), c.numbers) > price
 
 
 def _visible(now: _Round, price: float) -> Iterator[Visible]:
@@ -645,10 +676,12 @@ def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
     """Yield what fits as a change and differs by as much itself, by what it is."""
     told: dict[ApartKind, list[Apart]] = {'timing': [], 'friction': [], 'scatter': []}
     for c in (x.column for x in several):
-        for i, none in _sizes(now.sides, c):
-            p, values = now.sides.parameters[i], (none, float(now.theta[i]))
-            one, other = values if now.sides.later[i] else values[::-1]
+        for n in now.numbers_of(c):
+            if n.none is None:
+                continue
+            values = n.none, n.value
+            one, other = values[::-1] if c.suspect.side == 'before' else values
             kind: ApartKind = 'friction' if c.at and of_friction(c.at) else 'scatter'
             kind = 'timing' if c.at and is_delay(c.at) else kind
-            told[kind].append(Apart(kind, p.name.removesuffix(AFTER), one, other, p.unit))
+            told[kind].append(Apart(kind, n.name, one, other, n.unit))
     yield from chain(*told.values())

@@ -118,7 +118,7 @@ class Comparison:
     Attributes:
         changes: What changed, the surest first; none where nothing shows.
         explained: Share of the difference that they explain on logs that were not fitted, or on
-            quarters of them where a side has one log; NaN where nothing changed.
+            parts of them where a side has one log; NaN where nothing changed.
         smallest: The smallest change of each kind that would have shown, beside those found.
         apart: How the sides differ otherwise; this comes first.
         logs: Number of logs before and after.

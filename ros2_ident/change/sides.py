@@ -14,7 +14,7 @@ from ros2_ident.identify.hidden import Rows
 from ros2_ident.identify.layout import Layout
 from ros2_ident.machine.machine import Parameter
 from ros2_ident.models import EffectAt, FullModel
-from ros2_ident.models.registry import STATED_WITHIN
+from ros2_ident.models.registry import stated_numbers, STATED_WITHIN
 from ros2_ident.search.changes import Changes, Logs
 from ros2_ident.search.evidence import SIZES, Sums
 from ros2_ident.search.jacobian import diverged
@@ -150,7 +150,9 @@ class Sides(Layout):
         return Sides(self.bare, self.after, (*self.effects, change), self.moved)
 
     def less(self, at: EffectAt | None, name: str) -> 'Sides':
-        """Return the sides without a change: an effect, or of parameters."""
+        """Return the sides without a change: an effect, of parameters, or of a stated number."""
+        if name in self.stated:
+            return self.stating(name, self.stated[name][0])
         effects = [x for x in self.effects if x[0] != at]
         return Sides(self.bare, self.after, effects, [x for x in self.moved if x.name != name])
 
@@ -165,16 +167,33 @@ class Sides(Layout):
         """Return the sides with other models of the same recordings."""
         return Sides(models, self.after, self.effects, self.moved)
 
-    def stating(self, name: str, value: float, *, both: bool = False) -> 'Sides':
-        """Return the sides whose machine file states another number: the one after, or both."""
+    def stating(self, name: str, value: float) -> 'Sides':
+        """Return the sides with another number of the machine file after."""
         pairs = zip(self.bare, self.after, strict=True)
-        return self.on([m.stating(name, value) if both or a else m for m, a in pairs])
+        return self.on([m.stating(name, value) if a else m for m, a in pairs])
+
+    def times(self, name: str, factor: float) -> 'Sides':
+        """Return the sides with a multiple of a number of the machine file, each of its own."""
+        numbers = [_stated(m)[name] for m in self.bare]
+        pairs = zip(self.bare, numbers, strict=True)
+        return self.on([m.stating(name, factor * value) for m, value in pairs])
+
+    @cached_property
+    def stated(self) -> dict[str, tuple[float, float]]:
+        """Numbers of the machine file that are others after: what they are before and after."""
+        before, after = (_stated(self.bare[i]) for i in (0, -1))
+        return {name: (before[name], x) for name, x in after.items() if x != before[name]}
 
     def start(self, base: 'Sides', theta: Array, new: Array) -> Array:
         """Return (N,) parameters from those (N',) with a change less, and its own (P,)."""
         known, more = dict(zip(base.names, theta.tolist(), strict=True)), iter(new.tolist())
         start = np.array([known[n] if n in known else next(more) for n in self.names])
         return self.inside(np.clip(start, self.low, self.high))
+
+
+def _stated(model: FullModel) -> dict[str, float]:
+    machine = model.machine
+    return {name: value for name, (value, _) in stated_numbers(machine).items()} if machine else {}
 
 
 @dataclass(frozen=True)

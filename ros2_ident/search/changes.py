@@ -173,11 +173,11 @@ class Changes:
         """Return the gain of some of those kept over differing as they do by themselves.
 
         Args:
-            estimate: (K,) all that are kept.
-            sizes: Which of them.
+            estimate: (k,) these.
+            sizes: (k,) which of all that are kept.
         """
         at, (covariance, freedom) = list(sizes), self.beside()
-        gain = estimate[at] @ np.linalg.solve(covariance[np.ix_(at, at)], estimate[at])
+        gain = estimate @ np.linalg.solve(covariance[np.ix_(at, at)], estimate)
         return _normal(float(gain), 1.0 / float(np.mean(1.0 / freedom[at])))
 
     def beside(self) -> tuple[Array, Array]:

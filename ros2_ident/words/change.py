@@ -86,7 +86,7 @@ def changed(c: Comparison) -> Iterator[str]:
     for x in c.friction:
         yield f'All changes of friction do together along these motions as one of {_other(x)}.'
     if c.changes:
-        data = 'logs' if min(c.logs) > 1 else 'quarters of the logs'
+        data = 'logs' if min(c.logs) > 1 else 'parts of the logs'
         share = 'nothing' if math.isnan(c.explained) else percent(c.explained)
         yield f'Explained by it: {share} of the difference, on {data} that were not fitted.'
 

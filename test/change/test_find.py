@@ -240,6 +240,26 @@ def test_a_large_change_is_one_change(made):
     assert 'velocity_gain_error' in {x.name for x in change.ties}
 
 
+def test_a_stated_number_is_judged_by_the_parts_of_a_log_too(made, monkeypatch):
+    monkeypatch.setattr(Changes, 'beyond', lambda *args: 0.0)
+    found = compared(made, ['one'], ['tuned']).result
+    assert not found.changes
+    (one,) = (x for x in found.apart if x.kind == 'scatter')
+    assert one.text == 'velocity_gain' and one.after / one.before == pytest.approx(1.5, rel=0.03)
+
+
+def test_the_derivative_by_a_stated_number_begins_where_each_side_is(made):
+    request = jobs.Request(load_machine(AXIS), bags=(f'{made}/one', f'{made}/tuned'))
+    problem = request.problem(jobs.read(request).fit)
+    gain = load_machine(AXIS).number('velocity_gain')
+    sides = Sides(problem.models, np.array([False, True])).stating('velocity_gain', 2.0 * gain)
+    assert sides.stated == {'velocity_gain': (gain, 2.0 * gain)}
+    assert sides.times('velocity_gain', 1.1).stated == {
+        'velocity_gain': pytest.approx((1.1 * gain, 2.2 * gain))
+    }
+    assert not sides.less(None, 'velocity_gain').stated
+
+
 def test_a_change_may_be_larger_than_the_box(made, tmp_path):
     # A box of 10 kg, and a change of 95.
     text = AXIS.read_text(encoding='utf-8').replace('[50.0, 150.0, kg]', '[70.0, 80.0, kg]')
