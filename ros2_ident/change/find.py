@@ -22,7 +22,8 @@ from ros2_ident.change.columns import (
 )
 from ros2_ident.change.result import Apart, ApartKind, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
-from ros2_ident.effects import get_effect
+from ros2_ident.change.steps import OwnSteps, steps_of_one_side
+from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.contradictions import unexplained
 from ros2_ident.gap.fits import PROMISING
 from ros2_ident.gap.rules import Rules
@@ -196,8 +197,11 @@ def find_change(
         _round, log=log, zeros=tuple(shifted(problem)), paired=paired, without=without,
         stopped=stopped, threads=threads,
     )  # fmt: skip
+    known, stepped = shown_by('reading_steps'), tuple[OwnSteps, ...]()
+    if known and known.id not in without:
+        stepped = tuple(steps_of_one_side(problem.models, after, theta))
     found: list[_Fit] = []
-    dropped: set[tuple[str, str]] = set()
+    dropped = {(x.change.suspect.name, x.change.suspect.where) for x in stepped}
     begun = now = looked(Sides(problem.models, after), theta)
     price = price_of(among * len(now.suspects)) + _SURE
     for _ in range(2 * Rules.most):
@@ -233,11 +237,14 @@ def find_change(
         for x in named:
             sides, point = _less(begun, x.column, stopped)
             begun = replace(begun, sides=sides, theta=point.theta)
-    changes = tuple(_changes(now, named, theta))
+    changes = *(x.change for x in stepped), *_changes(now, named, theta)
+    explained = min((x.explained for x in stepped), default=math.nan)
+    if named:
+        explained = _explained(begun, now, named, stopped)
     count = int(np.unique(log[~after]).size), int(np.unique(log[after]).size)
     return Comparison(
         changes=changes,
-        explained=_explained(begun, now, named, stopped) if named else math.nan,
+        explained=explained,
         smallest=tuple(_visible(now, price)),
         apart=(*_of_each_log(now, price), *_by_itself(now, [x for x in found if x not in named])),
         logs=count,

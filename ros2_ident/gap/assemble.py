@@ -227,7 +227,7 @@ def _steps(encoders: Sequence[EncoderSteps]) -> dict[str, Value]:
     out = {}
     for r in encoders:
         (step,) = get_effect(r.at.effect).parameters
-        out[f'{r.at.prefix}{step.name}'] = Value(
+        out[r.name] = Value(
             r.step, r.unit, r.step - r.error, r.step + r.error,
             lower_bound=step.low, upper_bound=step.high,
         )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from ros2_ident.arrays import Array
-from ros2_ident.effects import shown_by
+from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.recordings import Part, Split
 from ros2_ident.gates.scale import LATEST_EFFORT
 from ros2_ident.models import EffectAt
@@ -31,8 +31,11 @@ _NEAR = np.arange(-2.0, 2.1, 0.5)
 # Power of a line of white noise, in units of its mean, that one in 100,000 logs reaches anywhere:
 # ln(lines / p), of two series at half periods (Fisher 1929, Proc. R. Soc. A 125). The density of
 # coloured noise may be twice its mean: by hand. At a period that is known few lines are looked at.
-CLEAR = 2.0 * math.log(4 * (MOST - FEWEST) / 1e-5)
-_AGAIN = math.log(2 * _NEAR.size / 1e-5)
+_CHANCE = 1e-5
+CLEAR = 2.0 * math.log(4 * (MOST - FEWEST) / _CHANCE)
+_AGAIN = math.log(2 * _NEAR.size / _CHANCE)
+# Logarithm of the odds of a line that is clear in one part and there again in the other.
+SURE = -2.0 * math.log(_CHANCE)
 # What is slower is no step, s. By hand.
 _SLOW = 0.05
 # A step is a controller's from so many of those in which the log holds its positions on: theirs
@@ -73,6 +76,12 @@ class EncoderSteps:
         effect = shown_by('reading_steps')
         assert effect is not None, 'steps are looked for where the catalogue has their effect'
         return EffectAt(effect.id, self.drive)
+
+    @property
+    def name(self) -> str:
+        """Name of the step as the effect's parameter."""
+        (step,) = get_effect(self.at.effect).parameters
+        return f'{self.at.prefix}{step.name}'
 
 
 def find_encoder_steps(split: Split, theta: Array) -> tuple[EncoderSteps, ...]:
