@@ -20,9 +20,9 @@ from ros2_ident.change.columns import (
     SETTLED,
     shifted,
 )
+from ros2_ident.change.noise import noise_apart, OwnSteps, steps_of_one_side
 from ros2_ident.change.result import Apart, ApartKind, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import AFTER, Marginal, Sides
-from ros2_ident.change.steps import OwnSteps, steps_of_one_side
 from ros2_ident.effects import get_effect, shown_by
 from ros2_ident.gap.contradictions import unexplained
 from ros2_ident.gap.fits import PROMISING
@@ -197,11 +197,13 @@ def find_change(
         _round, log=log, zeros=tuple(shifted(problem)), paired=paired, without=without,
         stopped=stopped, threads=threads,
     )  # fmt: skip
+    # No fit tells them from noise.
     known, stepped = shown_by('reading_steps'), tuple[OwnSteps, ...]()
     if known and known.id not in without:
         stepped = tuple(steps_of_one_side(problem.models, after, theta))
     found: list[_Fit] = []
-    dropped = {(x.change.suspect.name, x.change.suspect.where) for x in stepped}
+    seen = {(x.change.suspect.name, x.change.suspect.where) for x in stepped}
+    dropped = set(seen)
     begun = now = looked(Sides(problem.models, after), theta)
     price = price_of(among * len(now.suspects)) + _SURE
     for _ in range(2 * Rules.most):
@@ -245,8 +247,14 @@ def find_change(
     return Comparison(
         changes=changes,
         explained=explained,
-        smallest=tuple(_visible(now, price)),
-        apart=(*_of_each_log(now, price), *_by_itself(now, [x for x in found if x not in named])),
+        smallest=tuple(
+            x for x in _visible(now, price) if (x.suspect.name, x.suspect.where) not in seen
+        ),
+        apart=(
+            *_of_each_log(now, price),
+            *_by_itself(now, [x for x in found if x not in named]),
+            *_noise(now, price, {where for _, where in seen}),
+        ),
         logs=count,
         paired=paired,
         price=price,
@@ -692,3 +700,13 @@ def _by_itself(now: _Round, several: Sequence[_Fit]) -> Iterator[Apart]:
             kind = 'timing' if c.at and is_delay(c.at) else kind
             told[kind].append(Apart(kind, n.name, one, other, n.unit))
     yield from chain(*told.values())
+
+
+def _noise(now: _Round, price: float, known: Collection[str]) -> Iterator[Apart]:
+    """Yield by what the noise of one side differs, but of drives where it is known why."""
+    residual = residuals_at(now.sides, now.rows)(now.theta[None])
+    white = now.marginal.sized(residual[0])(residual)[0][: now.rows.blocks.size]
+    outputs = now.sides.models[0].outputs
+    told = noise_apart(white, now.rows, now.logs, now.weighed.noise, outputs, price)
+    names = {output.name: output.place for output in outputs}
+    yield from (x for x in told if names[x.text] not in known)

@@ -87,7 +87,7 @@ class Visible:
     signed: bool = False
 
 
-ApartKind = Literal['check', 'timing', 'zero', 'friction', 'scatter', 'motion']
+ApartKind = Literal['check', 'timing', 'zero', 'friction', 'scatter', 'noise', 'motion']
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Apart:
     Attributes:
         kind: `check` of log and machine file that holds on one side only, `timing`, `zero` of an
             encoder, `friction` in its form, `scatter` of what fits best and differs by as much
-            within a side, or `motion`.
+            within a side, `noise` of an output, its standard deviation, or `motion`.
         text: The check's sentence, or the quantity.
         before: Value before; NaN where there is none.
         after: Value after.
@@ -118,7 +118,8 @@ class Comparison:
     Attributes:
         changes: What changed, the surest first; none where nothing shows.
         explained: Share of the difference that they explain on logs that were not fitted, or on
-            parts of them where a side has one log; NaN where nothing changed.
+            parts of them where a side has one log; where encoder steps are all, of the power of
+            what is left on one side; NaN where nothing changed.
         smallest: The smallest change of each kind that would have shown, beside those found.
         apart: How the sides differ otherwise; this comes first.
         logs: Number of logs before and after.

@@ -161,7 +161,7 @@ class Changes:
     def among_logs(self, gain: float, columns: Sequence[int]) -> float:
         """Return a gain less what it has by the scatter of few logs."""
         at = list(columns)
-        return _normal(gain / float(self.inflation[at].max()), float(self.freedom[at].min()))
+        return as_normal(gain / float(self.inflation[at].max()), float(self.freedom[at].min()))
 
     def half_widths(self) -> Array:
         """Return (K,) half the 95 % intervals of those kept, whose box is known beforehand."""
@@ -178,7 +178,7 @@ class Changes:
         """
         at, (covariance, freedom) = list(sizes), self.beside()
         gain = estimate @ np.linalg.solve(covariance[np.ix_(at, at)], estimate)
-        return _normal(float(gain), 1.0 / float(np.mean(1.0 / freedom[at])))
+        return as_normal(float(gain), 1.0 / float(np.mean(1.0 / freedom[at])))
 
     def beside(self) -> tuple[Array, Array]:
         """Return covariance (K, K) and freedom (K,) of those kept, whose box is known before."""
@@ -210,7 +210,7 @@ class Changes:
         return gain
 
 
-def _normal(gain: float, freedom: float) -> float:
+def as_normal(gain: float, freedom: float) -> float:
     """Return the square of as many standard errors as are as probable of a normal number.
 
     Reference:

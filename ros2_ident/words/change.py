@@ -22,6 +22,7 @@ _WAYS = {
     ),
     'friction': ('friction differs by', f'its form differs by that from log to log, {_NONE}'),
     'scatter': ('what fits best differs by', f'parts of one side differ by as much, {_NONE}'),
+    'noise': ('the noise differs: of', 'something shakes one side that no model repeats'),
     'motion': ('the motions differ:', 'what the model lacks may not cancel'),
 }
 

@@ -41,6 +41,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         'loaded': ['--set', 'moving_mass=170'],
         'limited': ['--effect', 'torque_saturation@emps_axis:share=0.15'],
         'tuned': ['--effect', 'velocity_gain_error@emps_axis:factor=1.5'],
+        'rough': ['--noise', '6'],
+        'coarse': ['--effect', 'encoder_quantisation@emps_axis:step=2e-5'],
     }.items()):  # fmt: skip
         words = ['simulate', f'{folder}/{name}', '--machine', str(AXIS), '--motion', 'reversals']
         assert main([*words, '--seconds', '6', '--seed', str(number), *more]) == 0
@@ -116,6 +118,30 @@ def test_an_effect_is_there_on_one_side(made):
         found = compared(made, [before], [after]).result
         assert 'stribeck' in {x.name for c in found.changes for x in (c.suspect, *c.ties)}
         assert found.changes[0].suspect.side == side
+
+
+def test_encoder_steps_are_a_change_though_no_simulation_repeats_their_course(made):
+    for before, after, side in (('one', 'coarse', 'after'), ('coarse', 'one', 'before')):
+        found = compared(made, [before], [after]).result
+        (change,) = found.changes
+        assert (change.suspect.name, change.suspect.side) == ('encoder_quantisation', side)
+        (step,) = change.sizes
+        assert step.low < 2e-5 < step.high < 1.01 * 2e-5
+        assert found.believed
+        assert change.suspect.name not in {x.suspect.name for x in found.smallest}
+    assert not compared(made, ['coarse'], ['coarse']).result.changes
+
+
+def test_noise_that_one_side_has_more_of_is_told(made):
+    usual = load_machine(AXIS).effort_noise
+    for before, after, sizes in (('one', 'rough', (usual, 6.0)), ('rough', 'one', (6.0, usual))):
+        found = compared(made, [before], [after]).result
+        assert not found.changes
+        (noise,) = (x for x in found.apart if x.kind == 'noise')
+        assert (noise.before, noise.after) == pytest.approx(sizes, rel=0.1)
+        assert any(x.startswith('The noise differs: of emps_axis ') for x in sentences(found))
+    plain = compared(made, ['one'], ['two']).result
+    assert not [x for x in plain.apart if x.kind == 'noise']
 
 
 def test_a_limit_that_acts_at_its_value_alone_is_found(made):

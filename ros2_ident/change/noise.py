@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Encoder steps that one side has, found in what its controllers miss.
+"""Noise that one side has more of, and encoder steps that make it.
 
-No simulation repeats the course of what steps make, so no fit tells them from noise: they are
-looked for where they show, see `gap.suspects.encoder_steps`.
+No fit tells the course of what steps make from noise: they are looked for where they show, see
+`gap.suspects.encoder_steps`.
 """
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+import math
 
 import numpy as np
 import numpy.typing as npt
 
 from ros2_ident.arrays import Array
-from ros2_ident.change.result import Change, Size, Suspect
+from ros2_ident.change.result import Apart, Change, Size, Suspect
 from ros2_ident.errors import IdentError
 from ros2_ident.gap.recordings import Part, Split
 from ros2_ident.gap.suspects.encoder_steps import (
@@ -22,7 +23,10 @@ from ros2_ident.gap.suspects.encoder_steps import (
     made_by_steps,
     SURE,
 )
-from ros2_ident.models import FullModel
+from ros2_ident.identify.hidden import MATERIAL, Rows
+from ros2_ident.models import FullModel, Output
+from ros2_ident.search.changes import as_normal, evidence_of, Logs
+from ros2_ident.search.noise import NoiseModel
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,49 @@ def steps_of_one_side(
                 # All that is left there is less than they would make.
                 if there > left[other][place]:
                     yield OwnSteps(_change(steps, own == 1), float(made**2 / max(more, made**2)))
+
+
+def noise_apart(
+    white: Array,
+    rows: Rows,
+    logs: Logs,
+    noise: Sequence[NoiseModel],
+    outputs: Sequence[Output],
+    price: float,
+) -> Iterator[Apart]:
+    """Yield the outputs whose noise differs between the sides, further than parts of one do.
+
+    Args:
+        white: (R,) what a fit with all that may be missing leaves, whitened by the noise.
+        rows: The R samples.
+        logs: Which rows are of which log.
+        noise: The noise of each output.
+        outputs: What they are.
+        price: Evidence that is asked for.
+    """
+    several = min(np.bincount(logs.after, minlength=2)) > 1
+    power: dict[int, dict[tuple[int, int], list[Array]]] = {}
+    for run in rows.runs:
+        log = next(i for i, there in enumerate(logs.rows) if run.start < there.stop)
+        own, fold = white[run.start : run.stop] ** 2, logs.fold[run.start : run.stop]
+        for part in [0] if several else np.unique(fold).tolist():
+            here = own if several else own[fold == part]
+            power.setdefault(run.place, {}).setdefault((log, part), []).append(here)
+    for place, parts in power.items():
+        told = np.array([math.log(np.concatenate(x).mean()) for x in parts.values()])
+        later = np.array([bool(logs.after[log]) for log, _ in parts])
+        sides = [told[~later], told[later]]
+        count = sum(1.0 / x.size for x in sides)
+        freedom = told.size - 2
+        means = [float(x.mean()) for x in sides]
+        within = sum(float(np.sum((x - x.mean()) ** 2)) for x in sides) / freedom
+        gain = as_normal((means[1] - means[0]) ** 2 / (within * count), freedom)
+        if evidence_of(gain, 1) > price and abs(means[1] - means[0]) > math.log(1.0 + MATERIAL**2):
+            one, other = (
+                math.sqrt(noise[place].variance * math.exp(x)) / outputs[place].weight
+                for x in means
+            )
+            yield Apart('noise', outputs[place].name, one, other, outputs[place].unit)
 
 
 def _left(split: Split, theta: Array) -> Array:
