@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache, partial
+from functools import cache, cached_property, lru_cache, partial
 from itertools import chain, islice
 import math
 
@@ -155,6 +155,13 @@ class _Round:
         """Return the columns of the numbers of a change that is in the fit."""
         return [self.weighed.kept[x.place] for x in self.numbers_of(column)]
 
+    @cached_property
+    def loss(self) -> float:
+        """Minus twice the logarithm of the posterior, as of `_best`."""
+        residual, box = residuals_at(self.sides, self.rows)(self.theta[None])[0], self.sides.box
+        told = self.marginal.sized(residual), self.marginal
+        return min(x.loss(residual) for x in told) + box.aside(box.inside(self.theta))
+
     def evidence(self, column: Column) -> float:
         """Return the evidence of a suspect to first order, an effect within its box."""
         estimate, _, gain = self.weighed.of(column.columns)
@@ -205,7 +212,7 @@ def find_change(
     seen = {(x.change.suspect.name, x.change.suspect.where) for x in stepped}
     dropped = set(seen)
     begun = now = looked(Sides(problem.models, after), theta)
-    price = price_of(among * len(now.suspects)) + _SURE
+    price, again = price_of(among * len(now.suspects)) + _SURE, 0
     for _ in range(2 * Rules.most):
         on_step(0.2 + 0.15 * len(found), 'fitting what may have changed')
         base = cache(partial(_fitted, now, now.sides, now.theta, stopped))
@@ -228,6 +235,9 @@ def find_change(
         ):
             found.append(step)
             sides, best = step.sides, step.theta
+        elif again < len(found) and base().loss + price < now.loss:
+            # It was fitted with the noise of the fit before.
+            sides, best, again = now.sides, base().theta, len(found)
         else:
             break
         on_step(0.2 + 0.15 * len(found), 'looking at all that may have changed beside it')

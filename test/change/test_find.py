@@ -18,6 +18,7 @@ from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, V
 from ros2_ident.change.sides import Move, Sides
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
+from ros2_ident.gap.rules import Rules
 from ros2_ident.identify import hidden
 from ros2_ident.models import EffectAt, load_machine
 from ros2_ident.recording import read_bags, write_bag
@@ -284,6 +285,27 @@ def test_the_derivative_by_a_stated_number_begins_where_each_side_is(made):
         'velocity_gain': pytest.approx((1.1 * gain, 2.2 * gain))
     }
     assert not sides.less(None, 'velocity_gain').stated
+
+
+def test_the_last_fit_is_made_with_its_own_noise(made, tmp_path, monkeypatch):
+    law = '--effect', 'degressive_friction@emps_axis:torque=20,velocity=0.03', '--seed', '7'
+    words = 'simulate', f'{tmp_path}/two', '--machine', str(AXIS), '--motion', 'reversals'
+    assert main([*words, '--seconds', '6', *law]) == 0
+    # A price of 2, for what a log of 6 s makes of it.
+    monkeypatch.setattr(find, '_SURE', 2.0)
+    monkeypatch.setattr(find, 'price_of', lambda count: 0.0)
+    monkeypatch.setattr(Rules, 'most', 1)
+    plain, rounds = find._round, list[find._Round]()
+
+    def looked(*given, **more):
+        rounds.append(plain(*given, **more))
+        return rounds[-1]
+
+    monkeypatch.setattr(find, '_round', looked)
+    compared(made, ['one'], [f'{tmp_path}/two'])
+    last = rounds[-1]
+    better = find._fitted(last, last.sides, last.theta, lambda: False)
+    assert better.loss + 2.0 > last.loss
 
 
 def test_a_change_may_be_larger_than_the_box(made, tmp_path):
