@@ -718,5 +718,5 @@ def _noise(now: _Round, price: float, known: Collection[str]) -> Iterator[Apart]
     white = now.marginal.sized(residual[0])(residual)[0][: now.rows.blocks.size]
     outputs = now.sides.models[0].outputs
     told = noise_apart(white, now.rows, now.logs, now.weighed.noise, outputs, price)
-    names = {output.name: output.place for output in outputs}
+    names = {output.name: output.place or output.name for output in outputs}
     yield from (x for x in told if names[x.text] not in known)

@@ -28,6 +28,9 @@ from ros2_ident.models import FullModel, Output
 from ros2_ident.search.changes import as_normal, evidence_of, Logs
 from ros2_ident.search.noise import NoiseModel
 
+# Of what is predicted wholly the power and its scatter are not quite nothing.
+_NOTHING = 1e-300
+
 
 @dataclass(frozen=True)
 class OwnSteps:
@@ -94,14 +97,15 @@ def noise_apart(
             here = own if several else own[fold == part]
             power.setdefault(run.place, {}).setdefault((log, part), []).append(here)
     for place, parts in power.items():
-        told = np.array([math.log(np.concatenate(x).mean()) for x in parts.values()])
+        told = np.array([math.log(np.concatenate(x).mean() or _NOTHING) for x in parts.values()])
         later = np.array([bool(logs.after[log]) for log, _ in parts])
         sides = [told[~later], told[later]]
-        count = sum(1.0 / x.size for x in sides)
-        freedom = told.size - 2
-        means = [float(x.mean()) for x in sides]
+        if min(x.size for x in sides) < 2:
+            continue
+        freedom, means = told.size - 2, [float(x.mean()) for x in sides]
         within = sum(float(np.sum((x - x.mean()) ** 2)) for x in sides) / freedom
-        gain = as_normal((means[1] - means[0]) ** 2 / (within * count), freedom)
+        square = max(within * sum(1.0 / x.size for x in sides), _NOTHING)
+        gain = as_normal((means[1] - means[0]) ** 2 / square, freedom)
         if evidence_of(gain, 1) > price and abs(means[1] - means[0]) > math.log(1.0 + MATERIAL**2):
             one, other = (
                 math.sqrt(noise[place].variance * math.exp(x)) / outputs[place].weight

@@ -14,16 +14,18 @@ import pytest
 from ros2_ident import jobs
 from ros2_ident.change import find
 from ros2_ident.change.columns import Column, columns_of, Homed, shifted
+from ros2_ident.change.noise import noise_apart
 from ros2_ident.change.result import Apart, Change, Comparison, Size, Suspect, Visible
 from ros2_ident.change.sides import Move, Sides
 from ros2_ident.cli.main import main
 from ros2_ident.errors import ErrorCode, IdentError
 from ros2_ident.gap.rules import Rules
 from ros2_ident.identify import hidden
-from ros2_ident.models import EffectAt, load_machine
+from ros2_ident.models import EffectAt, load_machine, Output
 from ros2_ident.recording import read_bags, write_bag
-from ros2_ident.search.changes import Changes, evidence_of
+from ros2_ident.search.changes import Changes, evidence_of, Logs
 from ros2_ident.search.jacobian import Box
+from ros2_ident.search.noise import NoiseModel, Run
 from ros2_ident.words.change import differing, sentences
 
 ROOT = Path(__file__).parents[2]
@@ -143,6 +145,28 @@ def test_noise_that_one_side_has_more_of_is_told(made):
         assert any(x.startswith('The noise differs: of emps_axis ') for x in sentences(found))
     plain = compared(made, ['one'], ['two']).result
     assert not [x for x in plain.apart if x.kind == 'noise']
+
+
+@pytest.mark.parametrize('logged', [True, False])
+def test_noise_is_compared_where_both_sides_have_an_output(logged):
+    """Two outputs, of which the second may be on one side only; the first is predicted wholly."""
+    runs = [Run(0, 400, 0), Run(400, 800, 1), Run(800, 1200, 0)]
+    runs += [Run(1200, 1600, 1)] if logged else []
+    count = runs[-1].stop
+    rows = hidden.Rows((), tuple(runs), np.zeros(count, int), 1.0)
+    fold = np.arange(count) % 400 // 50
+    logs = Logs(
+        (slice(0, 800), slice(800, count)), np.array([False, True]), np.zeros(2, int), fold
+    )
+    white = np.random.default_rng(1).standard_normal(count)
+    white[1200:] *= 3.0
+    white[:400] = 0.0
+    noise = [NoiseModel(np.empty(0), 4.0, 4.0, 800)] * 2
+    outputs = [Output('a', 'N'), Output('b', 'N')]
+    told = {x.text: x for x in noise_apart(white, rows, logs, noise, outputs, 7.5)}
+    assert set(told) == ({'a', 'b'} if logged else {'a'})
+    if logged:
+        assert (told['b'].before, told['b'].after) == pytest.approx((2.0, 6.0), rel=0.1)
 
 
 def test_a_limit_that_acts_at_its_value_alone_is_found(made):
